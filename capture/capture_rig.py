@@ -14,7 +14,7 @@ from capture.rig_of_nodes import ray_source
 from capture.rigfile.rigfile import RigFile
 from drivers.clock import Clock
 from drivers.gige import Network
-from imaging.files.dng import Compression
+from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.records import Subject
 

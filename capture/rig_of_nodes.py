@@ -16,7 +16,7 @@ from capture.rigfile.tables import CameraTable
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
 from imaging.errors import CaptureError, InputError
-from imaging.files.dng import Compression
+from imaging.files.tiff.dng import Compression
 from imaging.session.records import Subject
 
 

@@ -17,7 +17,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
-from imaging.files.dng import Compression
+from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.bands import in_order
 from imaging.session.records import Board, PlanRecord, Subject

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path

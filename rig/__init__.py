@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from drivers.discovery import ConnectedCamera
     from imaging.errors import InputError, PartialError, RigError, StorageError
     from imaging.exposure import Exposure
-    from imaging.files.dng import write_dng
     from imaging.files.exr import read_exr, write_exr
     from imaging.files.photo import read_photo
     from imaging.files.raw import read_raw
+    from imaging.files.tiff.dng import write_dng
     from imaging.mosaic import RawMosaic
     from imaging.session.calibration import CalibrationRecord, read_calibration
     from recon.evaluate import evaluate
@@ -148,7 +148,7 @@ _HOMES = {
     "repair": "capture.check.check",
     "trade_report": "rig.report.pages.trade",
     "trade_sweep": "recon.trade",
-    "write_dng": "imaging.files.dng",
+    "write_dng": "imaging.files.tiff.dng",
     "write_exr": "imaging.files.exr",
 }
 

@@ -20,7 +20,7 @@ from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, PartialError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.bundle_adjustment import Free
+from calib.adjustment.fisheye import may_be_fisheye
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
-from calib.poses.bundle_adjustment import Free
-from calib.poses.fisheye import may_be_fisheye
 from imaging.progress import Progress
 from imaging.session.records import Board, Rung
 from imaging.session.view_id import ViewId

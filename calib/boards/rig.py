@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
-from calib.poses.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.poses.known_rig import camera_of
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.bundle_adjustment import Free
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
-from calib.poses.bundle_adjustment import Free
 from imaging import lens as optics
 from imaging.errors import CalibrationError
 from imaging.lens import Lens

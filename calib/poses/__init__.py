@@ -1,1 +1,1 @@
-"""Lenses, poses and scene points from features: structure from motion, and how sure it is."""
+"""Poses, lenses and scene points from features: structure from motion, with the rig as a constraint."""

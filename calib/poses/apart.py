@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.observations import observations
 from calib.poses.brightness_steps import Pairs
 from calib.poses.contradictions import well_matched
 from calib.poses.hand_eye import Tie, tie
-from calib.poses.observations import observations
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.session.calibration import MOTION

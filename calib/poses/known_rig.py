@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.poses.bundle_adjustment import set_model
+from calib.adjustment.bundle_adjustment import set_model
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose

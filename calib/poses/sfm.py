@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.bundle_adjustment import Free, adjust, lens_of
+from calib.adjustment.lens_ladder import climb
+from calib.adjustment.point_refinement import refine_points
+from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import Joined, join, unjoined
-from calib.poses.bundle_adjustment import Free, adjust, lens_of
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
-from calib.poses.lens_ladder import climb
-from calib.poses.point_refinement import refine_points
 from calib.poses.refusals import require_features
 from calib.poses.tied_model import polish, tied_model
-from calib.poses.uncertainty import StandardErrors, standard_errors
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens

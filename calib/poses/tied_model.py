@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers, misses
+from calib.adjustment.lens_ladder import sees_wide
 from calib.poses.apart import Joined
-from calib.poses.bundle_adjustment import Free, adjust, drop_outliers, misses
 from calib.poses.first_model import Scene
 from calib.poses.known_rig import tie_rigs
-from calib.poses.lens_ladder import sees_wide
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.records import Rung

@@ -15,8 +15,8 @@ from capture.record.new_session import begin, is_vacant
 from capture.record.shot_files import ShotId, depth_file, mask_file, save_developed, shifted_file, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
-from imaging.files.dng import encode_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import encode_dng
 from imaging.merge.masks import read_mask
 from imaging.merge.pixel_shift import COUNT, combined
 from imaging.progress import Progress

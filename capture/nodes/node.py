@@ -27,7 +27,7 @@ from drivers.gige import Network
 from imaging.errors import CameraError, CaptureError, StorageError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import Compression, dng_pieces
+from imaging.files.tiff.dng import Compression, dng_pieces
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import Subject
 

@@ -19,7 +19,7 @@ from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
 from imaging.errors import CameraError, CaptureError
 from imaging.files import store
-from imaging.files.dng import Compression
+from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.records import CameraRecord, PlanRecord
 from imaging.session.session import Session

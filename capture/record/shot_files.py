@@ -9,7 +9,7 @@ from capture.record.exposure_step import ExposureStep, SavedShot
 from drivers.errors import CameraProtocol
 from imaging.errors import InputError
 from imaging.files import photo, raw, store
-from imaging.files.dng import Compression, dng_pieces
+from imaging.files.tiff.dng import Compression, dng_pieces
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

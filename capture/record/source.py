@@ -9,7 +9,7 @@ from capture.bracket.planner import BracketGoals
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
-from imaging.files.dng import Compression
+from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress
 from imaging.session.records import Band, Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session

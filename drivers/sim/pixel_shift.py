@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
 
 Step = tuple[float, float]

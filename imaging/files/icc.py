@@ -17,9 +17,9 @@ import numpy.typing as npt
 from PIL import ImageCms
 
 from imaging.colour import srgb_encode
-from imaging.files.exif import is_adobe_rgb
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
-from imaging.files.tiff import TiffError, TiffReader
+from imaging.files.tiff.directory import TiffError, TiffReader
+from imaging.files.tiff.exif import is_adobe_rgb
 
 Float = npt.NDArray[np.float32]
 

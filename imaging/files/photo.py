@@ -13,7 +13,6 @@ from PIL import Image
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.files.exif import decode_exif, encode_exif, read_exif
 from imaging.files.icc import profile_of
 from imaging.files.jpeg_png import (
     JPEG_MAGIC,
@@ -25,8 +24,9 @@ from imaging.files.jpeg_png import (
     png_shell,
 )
 from imaging.files.silence import quiet
-from imaging.files.tiff import TiffError, TiffReader
-from imaging.files.tiff_image import UnfitError, decode_tiff
+from imaging.files.tiff.directory import TiffError, TiffReader
+from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
+from imaging.files.tiff.image import UnfitError, decode_tiff
 from imaging.mosaic import FrameMetadata
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))

@@ -21,11 +21,11 @@ from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files import dng_colour, dng_tags
-from imaging.files.dng_pixels import read_pixels
-from imaging.files.exif import from_names, read_exif
 from imaging.files.silence import quiet
-from imaging.files.tiff import Directory, TiffError, TiffReader
+from imaging.files.tiff import dng_colour, dng_tags
+from imaging.files.tiff.directory import Directory, TiffError, TiffReader
+from imaging.files.tiff.dng_pixels import read_pixels
+from imaging.files.tiff.exif import from_names, read_exif
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 
 _MAKERS = (

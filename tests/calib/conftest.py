@@ -63,7 +63,7 @@ def make_session(
 
     cameras: of each view, frames being counted for each; one camera when None.
     """
-    from imaging.files.dng import write_dng
+    from imaging.files.tiff.dng import write_dng
 
     names = list(cameras or ["cam"] * len(views))
     kind = "raw" if isinstance(views[0][0][0], RawMosaic) else "ldr"

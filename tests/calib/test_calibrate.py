@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.adjustment.bundle_adjustment import Free
 from calib.calibrate import calibrate
 from calib.data.matching import match
 from calib.data.unfinished import KEPT
 from calib.data.views import scene_views
 from calib.light.radiometry import light_of
 from calib.poses import sfm
-from calib.poses.bundle_adjustment import Free
 from calib.view_images import ViewSummary, summarise
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ

@@ -17,7 +17,7 @@ from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import VirtualBus
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 
 PLUGIN = Path(__file__).resolve().parents[2] / "examples" / "plugin"

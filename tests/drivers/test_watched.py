@@ -13,7 +13,7 @@ from drivers.errors import CameraRefused, CameraTimeout
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "watched" / "watched.py"

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 
 from .scenes import Array

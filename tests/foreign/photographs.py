@@ -11,8 +11,8 @@ import numpy.typing as npt
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session

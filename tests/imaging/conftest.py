@@ -11,9 +11,9 @@ import pytest
 
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
-from imaging.files import dng, dng_tags
-from imaging.files.dng import write_dng
-from imaging.files.tiff import Entry
+from imaging.files.tiff import dng, dng_tags
+from imaging.files.tiff.directory import Entry
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 
 MakeRaw = Callable[..., RawMosaic]

@@ -19,7 +19,7 @@ def test_the_package_itself_is_free() -> None:
 
 
 MODULES = ["cfa", "colour", "metrics", "mosaic"]
-MODULES += [f"files.{name}" for name in ("dng", "exr", "photo", "raw", "store")]
+MODULES += [f"files.{name}" for name in ("tiff.dng", "exr", "photo", "raw", "store")]
 MODULES += [f"session.{name}" for name in ("records", "session")]
 
 

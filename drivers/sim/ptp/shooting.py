@@ -20,8 +20,8 @@ from drivers.sim.ptp.store import Photograph, Store
 from drivers.sim.usb.timeline import Timeline
 from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.adjustment.bundle_adjustment import opencv_parameters, set_model
+from calib.adjustment.fisheye import may_be_fisheye, nearest_terms
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import first_guess
-from calib.poses.bundle_adjustment import opencv_parameters, set_model
-from calib.poses.fisheye import may_be_fisheye, nearest_terms
 from calib.poses.known_rig import camera_of
 from imaging.lens import Lens
 from imaging.progress import unreported

@@ -13,8 +13,8 @@ from capture.imports.photos import import_photos
 from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import RawMosaic
 

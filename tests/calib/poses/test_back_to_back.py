@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.adjustment.bundle_adjustment import Free
 from calib.calibrate import calibrate
 from calib.light import vignetting
 from calib.poses import sfm
-from calib.poses.bundle_adjustment import Free
 from drivers.sim.mounting import look_at
 from drivers.sim.scene.scene import Builder, Scene
 from drivers.sim.scene.texture import BRICKS, SPOTS, TILES

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.adjustment.bundle_adjustment import Free
 from calib.calibrate import calibrate
 from calib.data.features import Features
 from calib.light import vignetting
 from calib.light.radiometry import light_of
 from calib.poses import sfm
-from calib.poses.bundle_adjustment import Free
 from calib.poses.rig_placement import place_by_rig
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import write_dng
 from imaging.pose import Pose
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration

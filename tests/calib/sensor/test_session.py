@@ -13,7 +13,7 @@ from drivers.sim.truth import write_truth
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import RawMosaic
 from imaging.session.calibration import CalibrationRecord, read_calibration

@@ -13,8 +13,8 @@ from calib.survey.locate import _expected
 from calib.survey.placing import Expected
 from imaging.exposure import Exposure
 from imaging.files.colmap import pycolmap
-from imaging.files.exif import decode_exif, encode_exif, from_names
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.exif import decode_exif, encode_exif, from_names
 from imaging.mosaic import FrameMetadata, GpsPosition
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -14,8 +14,8 @@ from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.cfa import Cfa, mosaic
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.dng import encode_dng
 from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord

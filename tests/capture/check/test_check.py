@@ -12,9 +12,9 @@ from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import encode_dng
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 from .index_lines import kinds, lines, tree, write

@@ -7,8 +7,8 @@ import numpy as np
 
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_jpeg
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.session import Session
 

@@ -15,7 +15,7 @@ from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.merge.masks import mask_of
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.session import Session

@@ -14,8 +14,8 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
 

@@ -13,8 +13,8 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.ptp import shooting
 from drivers.sim.ptp.profiles import CameraProfile
 from drivers.sim.ptp.store import Photograph
-from imaging.files.dng import encode_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import encode_dng
 from tests.capture.record.test_kept_shots import Capture
 
 DECODING = 1.5

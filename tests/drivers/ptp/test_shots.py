@@ -18,7 +18,7 @@ from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 EXPOSURE = Exposure(time=1 / 125, f_number=5.6, iso=200)

@@ -18,9 +18,9 @@ import tifffile
 
 from imaging.compute import memory
 from imaging.errors import InputError
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_jpeg, encode_png
-from imaging.files.tiff import BYTE, Entry, TiffError, TiffReader, encode_directory
+from imaging.files.tiff.directory import BYTE, Entry, TiffError, TiffReader, encode_directory
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 HEADROOM = 1 << 30

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageCms, PngImagePlugin
 
 from imaging.files import icc
-from imaging.files.exif import encode_exif
 from imaging.files.photo import read_photo
+from imaging.files.tiff.exif import encode_exif
 from imaging.merge.linear_frame import SATURATED_CODE
 from imaging.mosaic import FrameMetadata
 

@@ -18,8 +18,8 @@ from PIL import Image
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files.exif import encode_exif
 from imaging.files.photo import encode_jpeg, encode_png, is_photo, read_metadata, read_photo
+from imaging.files.tiff.exif import encode_exif
 from imaging.mosaic import FrameMetadata
 
 RNG = np.random.default_rng(7)

@@ -15,8 +15,8 @@ from imaging.cfa import BAYER, Cfa
 from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.pixel_shift import Shift, combined, shifts
 from imaging.mosaic import RawMosaic

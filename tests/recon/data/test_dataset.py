@@ -10,9 +10,9 @@ import pytest
 from imaging.cfa import Cfa, mosaic
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import write_dng
 from imaging.lens import Lens
 from imaging.mosaic import RawMosaic
 from imaging.session.calibration import Response

@@ -20,8 +20,8 @@ from imaging import metrics
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.files.dng import write_dng
 from imaging.files.exr import read_exr, write_exr
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session

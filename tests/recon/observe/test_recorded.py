@@ -9,7 +9,7 @@ import torch
 from bench.support import trial
 from imaging.cfa import Cfa, mosaic
 from imaging.exposure import Exposure
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.metrics import PSNR_CAP
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.sensor import Measured, SensorCalibration

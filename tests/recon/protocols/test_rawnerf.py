@@ -5,7 +5,7 @@ import pytest
 
 from imaging.cfa import Cfa, mosaic
 from imaging.errors import InputError
-from imaging.files.dng import write_dng
+from imaging.files.tiff.dng import write_dng
 from imaging.metrics import PSNR_CAP
 from imaging.mosaic import RawMosaic
 from recon.protocols.rawnerf import (

@@ -8,8 +8,8 @@ import numpy as np
 from imaging.cfa import Cfa, mosaic
 from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 
 WIDTH, HEIGHT, FOCAL, AWAY = 64, 48, 60.0, 2.0

@@ -17,8 +17,8 @@ from imaging.cfa import Cfa
 from imaging.colour import camera_from_rec709
 from imaging.errors import InputError, PartialError
 from imaging.files.colmap import pycolmap, read_points
-from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_png
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic, as_matrix
 from imaging.noise import SensorNoise
 from imaging.session.calibration import read_calibration

@@ -13,7 +13,7 @@ from imaging.cfa import Cfa
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
 from imaging.files.colmap import pycolmap, read_points
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets

@@ -16,7 +16,7 @@ from drivers.sim.ptp.ptpip import PtpIpServer, listen
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 FAST = {"generic": "0.0040s", "nikon-z6": "0.0040s", "canon-eos-6d": "1/250", "sony-a7m4": "1/250"}

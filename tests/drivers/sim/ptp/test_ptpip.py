@@ -20,7 +20,7 @@ from drivers.sim.ptp.ptpip import PtpIpServer, listen
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.timeline import LiveTimeline
-from imaging.files.dng import encode_dng
+from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 GPHOTO2 = shutil.which("gphoto2")

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.poses.fisheye import nearest_terms
-from calib.poses.observations import observations
+from calib.adjustment.fisheye import nearest_terms
+from calib.adjustment.observations import observations
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
 

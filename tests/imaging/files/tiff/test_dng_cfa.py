@@ -10,11 +10,11 @@ import rawpy
 import tifffile
 
 from imaging.cfa import Cfa, as_tile
-from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
+from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic, as_matrix
 
-from .exiftool import exiftool, needs_exiftool
+from ..exiftool import exiftool, needs_exiftool
 
 MakeRaw = Callable[..., RawMosaic]
 

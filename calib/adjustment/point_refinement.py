@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.poses.observations import observations
+from calib.adjustment.observations import observations
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.adjustment import lens_ladder
+from calib.adjustment.bundle_adjustment import Free, lens_of, set_model
 from calib.data.features import Features
-from calib.poses import lens_ladder
-from calib.poses.bundle_adjustment import Free, lens_of, set_model
 from calib.poses.sfm import solve
 from drivers.sim.camera import lens as simulated
 from imaging import lens as optics

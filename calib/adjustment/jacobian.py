@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from calib.poses.bundle_adjustment import Free, is_fisheye, opencv_parameters
-from calib.poses.observations import observations
+from calib.adjustment.bundle_adjustment import Free, is_fisheye, opencv_parameters
+from calib.adjustment.observations import observations
 from imaging.files.colmap import pycolmap
 
 Array = npt.NDArray[np.float64]

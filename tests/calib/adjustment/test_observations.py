@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.poses.bundle_adjustment import misses
-from calib.poses.observations import observations
+from calib.adjustment.bundle_adjustment import misses
+from calib.adjustment.observations import observations
 from imaging.files.colmap import pycolmap
 
 

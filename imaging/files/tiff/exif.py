@@ -8,8 +8,8 @@ from io import BytesIO
 from typing import Any
 
 from imaging.exposure import Exposure
-from imaging.files import exif_gps
-from imaging.files.tiff import (
+from imaging.files.tiff import exif_gps
+from imaging.files.tiff.directory import (
     ASCII,
     EXIF_IFD,
     LONG,

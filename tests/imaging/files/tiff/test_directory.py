@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imaging.exposure import Exposure
-from imaging.files.exif import _NAMES, decode_exif, from_names
-from imaging.files.tiff import (
+from imaging.files.tiff.directory import (
     ASCII,
     BYTE,
     DOUBLE,
@@ -30,6 +29,7 @@ from imaging.files.tiff import (
     rational,
     text,
 )
+from imaging.files.tiff.exif import _NAMES, decode_exif, from_names
 from imaging.mosaic import FrameMetadata
 
 HEAD = b"II*\0\x08\0\0\0"

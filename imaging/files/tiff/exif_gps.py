@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from imaging.files.tiff import ASCII, BYTE, RATIONAL, Directory, Entry, numbers, rational, text
+from imaging.files.tiff.directory import ASCII, BYTE, RATIONAL, Directory, Entry, numbers, rational, text
 from imaging.mosaic import GpsPosition
 
 GPS_IFD = 34853

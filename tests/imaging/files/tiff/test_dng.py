@@ -1,4 +1,4 @@
-"""What `imaging.files.dng` writes is what other people's readers read."""
+"""What `imaging.files.tiff.dng` writes is what other people's readers read."""
 
 import shutil
 import subprocess
@@ -17,13 +17,14 @@ from hypothesis import strategies as st
 from imaging.cfa import BAYER, Cfa
 from imaging.errors import StorageError
 from imaging.exposure import Exposure
-from imaging.files import dng, dng_tags, store
-from imaging.files.dng import encode_dng, write_dng
+from imaging.files import store
 from imaging.files.raw import read_raw
-from imaging.files.tiff import TiffReader
+from imaging.files.tiff import dng, dng_tags
+from imaging.files.tiff.directory import TiffReader
+from imaging.files.tiff.dng import encode_dng, write_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 
-from .exiftool import exiftool, needs_exiftool
+from ..exiftool import exiftool, needs_exiftool
 
 MakeRaw = Callable[..., RawMosaic]
 

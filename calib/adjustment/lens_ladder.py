@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.poses.bundle_adjustment import Array, Free, adjust, lens_of, misses
-from calib.poses.fisheye import may_be_fisheye
+from calib.adjustment.bundle_adjustment import Array, Free, adjust, lens_of, misses
+from calib.adjustment.fisheye import may_be_fisheye
 from imaging import lens as optics
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress

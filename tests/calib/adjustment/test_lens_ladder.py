@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.poses import lens_ladder
-from calib.poses.bundle_adjustment import Free
+from calib.adjustment import lens_ladder
+from calib.adjustment.bundle_adjustment import Free
 from imaging.files.colmap import pycolmap
 from imaging.progress import unreported
 

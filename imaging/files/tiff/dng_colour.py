@@ -6,7 +6,8 @@ Adobe DNG specification 1.7, "Mapping Camera Color Space to CIE XYZ Space".
 import numpy as np
 import numpy.typing as npt
 
-from imaging.files.dng_tags import (
+from imaging.files.tiff.directory import Directory, integers, numbers
+from imaging.files.tiff.dng_tags import (
     ANALOG_BALANCE,
     CALIBRATION_1,
     CALIBRATION_2,
@@ -20,7 +21,6 @@ from imaging.files.dng_tags import (
     MATRIX_3,
     PROFILE_SIGNATURE,
 )
-from imaging.files.tiff import Directory, integers, numbers
 from imaging.mosaic import Matrix, as_matrix
 
 _TEMPERATURES = {

@@ -5,7 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.poses.point_refinement import refine_points
+from calib.adjustment.point_refinement import refine_points
 from imaging.files.colmap import pycolmap
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.poses import uncertainty
-from calib.poses.bundle_adjustment import Free, adjust, opencv_parameters, set_model
-from calib.poses.jacobian import TERMS, linearise
+from calib.adjustment import uncertainty
+from calib.adjustment.bundle_adjustment import Free, adjust, opencv_parameters, set_model
+from calib.adjustment.jacobian import TERMS, linearise
 from imaging.files.colmap import pycolmap
 from imaging.lens import LensModel
 from imaging.progress import unreported

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa, Tile, as_tile, repeated
-from imaging.files.tiff import Directory, TiffError, TiffReader, integers, numbers
+from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integers, numbers
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 254, 256, 257, 258, 259, 262, 277
 ROWS_PER_STRIP, STRIP_OFFSETS, STRIP_SIZES, PLANAR = 278, 273, 279, 284

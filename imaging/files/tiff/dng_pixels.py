@@ -9,8 +9,8 @@ import numpy.typing as npt
 import tifffile
 
 from imaging.compute.memory import check_picture
-from imaging.files import dng_tags
-from imaging.files.tiff import Directory, TiffError, integers
+from imaging.files.tiff import dng_tags
+from imaging.files.tiff.directory import Directory, TiffError, integers
 
 
 def read_pixels(path: Path, tags: Directory) -> npt.NDArray[np.uint16]:

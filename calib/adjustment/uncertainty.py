@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from calib.poses.bundle_adjustment import Free, is_fisheye
-from calib.poses.jacobian import Linear, is_reference, linearise
+from calib.adjustment.bundle_adjustment import Free, is_fisheye
+from calib.adjustment.jacobian import Linear, is_reference, linearise
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.files.raw import read_raw
-from imaging.files.tiff import ASCII, RATIONAL, SHORT, SRATIONAL, Entry, rational
+from imaging.files.tiff.directory import ASCII, RATIONAL, SHORT, SRATIONAL, Entry, rational
 
 Write = Callable[..., Path]
 

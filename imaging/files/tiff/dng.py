@@ -14,10 +14,9 @@ import imagecodecs
 import numpy as np
 import numpy.typing as npt
 
-from imaging.files import dng_tags as tag
 from imaging.files import store
-from imaging.files.exif import CAMERA_SERIAL, camera_entries, exif_entries
-from imaging.files.tiff import (
+from imaging.files.tiff import dng_tags as tag
+from imaging.files.tiff.directory import (
     ASCII,
     BYTE,
     DOUBLE,
@@ -30,6 +29,7 @@ from imaging.files.tiff import (
     encode_directory,
     rational,
 )
+from imaging.files.tiff.exif import CAMERA_SERIAL, camera_entries, exif_entries
 from imaging.mosaic import RawMosaic
 
 Compression = Literal["none", "ljpeg"]

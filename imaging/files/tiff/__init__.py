@@ -1,0 +1,1 @@
+"""TIFF, and what is built of its directories: DNG and EXIF."""
