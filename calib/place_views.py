@@ -1,14 +1,15 @@
 """The poses of a session's views, and what these tell of lenses, falloff and colours, as its calibration."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 
+from calib import all_views
 from calib.assemble import Evidence, Placement, assemble
 from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
-from calib.data.unfinished import Arrays, Unfinished
+from calib.data.unfinished import Unfinished
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
@@ -17,8 +18,7 @@ from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
-from calib.view_images import ViewSummary, summarise
-from imaging.compute.cores import available_cores
+from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, read_calibration
@@ -34,7 +34,7 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     """
     session = evidence.session
     kept = Unfinished(session.folder, _question(evidence))
-    summaries = _summaries(evidence, kept, progress)
+    summaries = all_views.summaries(evidence, kept, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
         model = _solved(evidence, summaries, 1, kept, progress)
@@ -89,7 +89,9 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         record = with_development(record, development, evidence.views)
     record = with_luminance(record, evidence)
     factor = pictures.exposure(brightness)
-    write_calibration(session, record, _pictures(evidence, record, summaries, factor), model, progress)
+    sizes = {view: (summary.width, summary.height) for view, summary in summaries.items()}
+    shown = all_views.shown(evidence, record, sizes, factor)
+    write_calibration(session, record, shown, model, progress)
     kept.finish()
     return record
 
@@ -116,30 +118,6 @@ def _question(evidence: Evidence) -> list[object]:
         {name: response.model_dump(mode="json") for name, response in evidence.light.responses.items()},
         repr(evidence.sensors),
     ]
-
-
-def _summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict[ViewId, ViewSummary]:
-    threads = available_cores()
-    summaries = {}
-    for done, view in enumerate(evidence.views):
-        progress("finding features", done, len(evidence.views))
-        name = view.camera.name
-        find = partial(
-            summarise,
-            evidence.session,
-            view,
-            evidence.light.scale,
-            evidence.light.responses[name],
-            evidence.sensors[name].camera_from_rec709,
-            threads,
-        )
-        summaries[view.id] = ViewSummary.of(kept.large(str(view.id), partial(_arrays, find)))
-    progress("finding features", len(evidence.views), len(evidence.views))
-    return summaries
-
-
-def _arrays(find: Callable[[], ViewSummary]) -> Arrays:
-    return find().arrays()
 
 
 def _solved(
@@ -180,26 +158,6 @@ def _solved(
         exact={camera.name for camera in cameras if camera.kind == "raw"},
         kept=kept,
     )
-
-
-def _pictures(
-    evidence: Evidence, record: CalibrationRecord, summaries: Mapping[ViewId, ViewSummary], factor: float
-) -> Iterator[tuple[ViewId, pictures.Picture]]:
-    """What each view looks like, at the size that its features were found at."""
-    for view in evidence.views:
-        name = view.camera.name
-        yield (
-            view.id,
-            pictures.picture(
-                evidence.session,
-                view,
-                evidence.light.scale,
-                evidence.light.responses[name],
-                record.camera(name).camera_from_rec709,
-                (summaries[view.id].width, summaries[view.id].height),
-                factor,
-            ),
-        )
 
 
 def _measured_without_poses(evidence: Evidence) -> str:

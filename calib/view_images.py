@@ -82,7 +82,6 @@ def summarise(
     scale: Mapping[str, float],
     response: Response,
     camera_from_rec709: Matrix | None,
-    threads: int,
 ) -> ViewSummary:
     """Merge the exposures of a view, find its features and how bright the scene is around them.
 
@@ -97,7 +96,7 @@ def summarise(
     merged = mean_of_bands(bands)
     height, width = picture.shape
     blank = _blank(merged)
-    found = _unmasked(session, view, extract(picture, threads), width, height)
+    found = _unmasked(session, view, extract(picture), width, height)
     seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return ViewSummary(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),

@@ -23,7 +23,7 @@ import numpy as np
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from calib import place_views, view_images
+from calib import all_views, view_images
 from calib.calibrate import calibrate
 from calib.data import features, matching
 from calib.poses import contradictions, first_model
@@ -110,7 +110,7 @@ def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
             kept["pairs"] = verified
         return verified
 
-    stack.enter_context(patch.object(place_views, "summarise", summary))
+    stack.enter_context(patch.object(all_views, "summarise", summary))
     stack.enter_context(patch.object(first_model, "fill_database", filled))
 
 

@@ -7,12 +7,11 @@ are pieces of the photographs of `sceaux` and `monstree`, which RIG_DATA has. Er
 views against the truth. pycolmap looks for features at the size that rig does, matches each photograph with
 the ten after it and with those 2^k after it, which closes a ring, and places them by its incremental mapper;
 all else is its default. A third row adjusts that model with the axis of the lens free. rig's ladder of lenses
-was mended and its pairs were chosen on this walk. Seconds are those of the processor; finished rows are kept
-in FOLDER.
+was mended and its pairs were chosen on this walk. Memory is that of all processes at once, where what they
+share counts for each. Finished rows are kept in FOLDER.
 """
 
 import json
-import resource
 import shutil
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from bench.calibration.pose_error import Array, auc, pairs
 from bench.calibration.scene import WIDTH
 from bench.support import walk
 from bench.support.record import arguments, deliver, machine, words
+from bench.support.spent import Memory, processor_seconds
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
@@ -46,7 +46,7 @@ class Clock:
         self._part, self._since = "", self._now()
 
     def _now(self) -> tuple[float, float]:
-        return time.process_time(), time.perf_counter()
+        return processor_seconds(), time.perf_counter()
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """As a calibration reports its progress."""
@@ -144,7 +144,6 @@ def _row(
         "points": points,
         "seconds": {name: round(part[0], 1) for name, part in clock.parts.items()},
         "wall": {name: round(part[1], 1) for name, part in clock.parts.items()},
-        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
     }
 
 
@@ -178,27 +177,28 @@ def table(result: dict[str, Any]) -> str:
         f"{count} photographs of 4000x3000, poses known (`bench/support/walk.py`); features at {WIDTH} px.",
         "",
         "| by | placed | AUC@1 | rotation, degrees | direction, degrees | worst, degrees | px | points "
-        "| processor s | memory, MB |",
-        "|" + "---|" * 10,
+        "| processor s | s | memory, MB |",
+        "|" + "---|" * 11,
     ]
     for name, row in rows.items():
         errors = [f"{row[key]:.3f}" for key in ("auc_1", "rotation", "direction", "worst", "reprojection_px")]
+        seconds = [f"{sum(row[key].values()):.0f}" for key in ("seconds", "wall")]
         lines.append(
             f"| {name} | {row['placed']} of {row['views']} | {' | '.join(errors)} | {row['points']} "
-            f"| {sum(row['seconds'].values()):.0f} | {row['memory_mb']:.0f} |"
+            f"| {' | '.join(seconds)} | {row['memory_mb']:.0f} |"
         )
     lines += [
         "",
         f"{TUNED}: the model of the row above, adjusted again; its seconds are those of that alone.",
         "",
-        "## Processor seconds of each part",
+        "## Seconds of each part: of the processor, and of the clock",
         "",
         f"| part | {' | '.join(rows)} |",
         "|---" * (len(rows) + 1) + "|",
     ]
     for part in dict.fromkeys(part for row in rows.values() for part in row["seconds"]):
-        spent = [row["seconds"].get(part) for row in rows.values()]
-        cells = ("" if seconds is None else f"{seconds:.0f}" for seconds in spent)
+        spent = [(row["seconds"].get(part), row["wall"].get(part)) for row in rows.values()]
+        cells = ("" if used is None else f"{used:.0f}, {wall:.0f}" for used, wall in spent)
         lines.append(f"| {part} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
@@ -209,7 +209,9 @@ def main() -> None:
     parser.add_argument("--alone", choices=list(PROGRAMS), help="Print one row, made in this process.")
     options = parser.parse_args()
     if options.alone is not None:
-        print(json.dumps(PROGRAMS[options.alone](options.work, options.count)))
+        with Memory() as memory:
+            row = PROGRAMS[options.alone](options.work, options.count)
+        print(json.dumps(row | {"memory_mb": memory.peak / 1e6}))
         return
     walk.photographs(options.work, options.count)
     cache = Cache(options.work / "full-size.jsonl")

@@ -12,7 +12,6 @@ processor. Matches are kept from row to row, and finished rows, in FOLDER. --qui
 import argparse
 import os
 import shutil
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -26,6 +25,7 @@ import numpy as np
 from bench.calibration.pose_error import Array, auc, pairs, true_poses
 from bench.calibration.scene import plain
 from bench.support.record import arguments, deliver, machine, words
+from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from calib.data import features as matched
@@ -49,11 +49,11 @@ class Meter:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self._part, self._since = "", time.process_time()
+        self._part, self._since = "", processor_seconds()
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """As a calibration reports its progress."""
-        now = time.process_time()
+        now = processor_seconds()
         self.seconds[self._part] = self.seconds.get(self._part, 0.0) + now - self._since
         self._part, self._since = message, now
 
@@ -192,9 +192,9 @@ def whole_by_rig(work: Path) -> dict[str, Any]:
     """The castle calibrated by rig, to the last file."""
     session, _ = session_of("castle", work)
     shutil.rmtree(session / KEPT, ignore_errors=True)
-    began = time.process_time()
+    began = processor_seconds()
     record = calibrate(session)
-    seconds = time.process_time() - began
+    seconds = processor_seconds() - began
     shutil.rmtree(session / "calibration")
     return {"registered": len(record.views), "reprojection_px": record.reprojection_px, "seconds": seconds}
 
@@ -207,9 +207,9 @@ def whole_by_peer(work: Path) -> dict[str, Any]:
     pictures.mkdir(parents=True)
     for path in sorted((Path(os.environ["RIG_DATA"]) / CASTLE).glob("*.[jJ][pP][gG]")):
         shutil.copy(path, pictures / path.name)
-    began = time.process_time()
+    began = processor_seconds()
     found = plain(pictures, folder)
-    return found | {"seconds": time.process_time() - began}
+    return found | {"seconds": processor_seconds() - began}
 
 
 def table(result: dict[str, Any]) -> str:

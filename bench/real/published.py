@@ -8,7 +8,6 @@ those that it tests on, before white as it is published. Finished rows are kept 
 """
 
 import argparse
-import resource
 import time
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 from bench.real.compare import session_of
 from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
 from recon.evaluate import evaluate
 from recon.reconstruct import QualityName, reconstruct
@@ -33,9 +33,9 @@ def trained(name: str, quality: QualityName, work: Path) -> dict[str, Any]:
     """Figures of one scene; `waited` and `seconds` of the processor, from the first file to the last."""
     warm_up(lambda message, done, total: None)
     session = session_of(name, work)
-    before, began = _used(), time.monotonic()
+    before, began = processor_seconds(), time.monotonic()
     folder = reconstruct(session, quality=quality, name=f"published-{quality}", replace=True)
-    seconds, waited = _used() - before, time.monotonic() - began
+    seconds, waited = processor_seconds() - before, time.monotonic() - began
     metrics = evaluate(folder)
     scene = open_scene(folder)
     return {
@@ -50,14 +50,6 @@ def trained(name: str, quality: QualityName, work: Path) -> dict[str, Any]:
         "black": metrics.ldr_psnr_oe,
         "ssim": metrics.ssim,
     }
-
-
-def _used() -> float:
-    """Seconds of the processor that this process and its children have used."""
-    return sum(
-        usage.ru_utime + usage.ru_stime
-        for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    )
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

@@ -68,10 +68,10 @@ class MatchedPair:
         return float(np.min(values[:, 0] / np.maximum(values[:, 2], 1e-12) - 1))
 
 
-def extract(picture: Float, threads: int) -> Features:
+def extract(picture: Float) -> Features:
     """SIFT features of one picture, float32 [h, w] in 0..1."""
     options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = threads
+    options.num_threads = 1
     options.use_gpu = False
     options.sift.peak_threshold = PEAK_THRESHOLD
     most = options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))

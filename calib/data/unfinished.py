@@ -5,7 +5,6 @@ import io
 import json
 import time
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,16 +43,14 @@ class Unfinished:
         for file in sorted(self._folder.glob("few-*.npz")):
             self._known |= _read(file) or {}
 
-    def large(self, name: str, find: Callable[[], Arrays]) -> Arrays:
-        """What takes seconds to find and much room: a file of its own, and none of it in memory."""
-        if self._folder is None:
-            return find()
-        file = self._folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
-        found = _read(file)
-        if found is None:
-            found = find()
-            store.write_bytes(file, _written(found))
-        return found
+    def large(self, name: str) -> Arrays | None:
+        """What was kept of something that takes seconds to find and much room; None: nothing."""
+        return None if self._folder is None else _read(self._file(name))
+
+    def keep_large(self, name: str, found: Arrays) -> None:
+        """Keep such a thing: in a file of its own, and none of it in memory."""
+        if self._folder is not None:
+            store.write_bytes(self._file(name), _written(found))
 
     def small(self, name: str) -> npt.NDArray[Any] | None:
         """What was kept of something that is one of many; None: nothing."""
@@ -72,6 +69,10 @@ class Unfinished:
             number = len(list(self._folder.glob("few-*.npz")))
             store.write_bytes(self._folder / f"few-{number:05d}.npz", _written(self._few))
         self._few, self._since = {}, time.monotonic()
+
+    def _file(self, name: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
 
     def finish(self) -> None:
         """Forget it all, since what it was for is written."""

@@ -64,7 +64,7 @@ def sample_tracks(
         small = _reduced(pixels)
         picture = preview(merge_bracket([from_codes(small, labels[shot.file], GUESS)]))
         height, width = picture.shape
-        found = extract(picture, 1)
+        found = extract(picture)
         counts = mask_of(session, shot, *pixels.shape[:2])
         if counts is not None:
             found = unmasked(found, counts, width, height)

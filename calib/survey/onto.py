@@ -218,7 +218,7 @@ def _features_of(target: Target, view: ViewId) -> Features:
     stops = np.log2(srgb_decode(picture.astype(np.float64)).mean(-1) + _FLOOR)
     flat = stops - LOCAL_SHARE * blurred(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
-    return extract(np.asarray(np.clip((flat - low) / max(high - low, 1e-6), 0, 1), np.float32), 1)
+    return extract(np.asarray(np.clip((flat - low) / max(high - low, 1e-6), 0, 1), np.float32))
 
 
 def _verified(one: Features, other: Features, camera: Any, other_camera: Any) -> npt.NDArray[np.int64]:

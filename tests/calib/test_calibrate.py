@@ -239,7 +239,7 @@ def looks(arm: Path) -> dict[ViewId, ViewSummary]:
     record, session = read_calibration(arm), Session.open(arm)
     return {
         view.id: summarise(
-            session, view, record.exposure_scale, record.camera(view.camera.name).response, None, threads=2
+            session, view, record.exposure_scale, record.camera(view.camera.name).response, None
         )
         for view in scene_views(session)
         if view.camera.name != "cam3" and view.frame < 2
@@ -255,7 +255,7 @@ def small(own_arm: Path, looks: dict[ViewId, ViewSummary], monkeypatch: pytest.M
         if ViewId(shot["frame"], shot["camera"]) in looks:
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
-    monkeypatch.setattr("calib.place_views.summarise", lambda session, view, *rest: looks[view.id])
+    monkeypatch.setattr("calib.all_views.summarise", lambda session, view, *rest: looks[view.id])
     monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record, ()))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm

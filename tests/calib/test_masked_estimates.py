@@ -175,11 +175,11 @@ def test_no_brightness_and_no_verdict_comes_from_behind_a_mask(tmp_path: Path) -
     (view,) = scene_views(session)
     scale = {view.shots[0].file: 1.0}
     response = radiometry.measure_light(session, [view], unreported).responses["cam"]
-    seen = summarise(session, view, scale, response, None, 1)
+    seen = summarise(session, view, scale, response, None)
     assert seen.blank == "saturated"
     assert not np.isfinite(seen.brightness).any()
     bare = view.shots[0].model_copy(update={"mask": None})
-    whole = summarise(session, type(view)(view.camera, view.frame, (bare,)), scale, response, None, 1)
+    whole = summarise(session, type(view)(view.camera, view.frame, (bare,)), scale, response, None)
     assert whole.blank is None
     assert len(whole.features.points) > len(seen.features.points)
     assert np.isfinite(whole.brightness).any()

@@ -45,10 +45,10 @@ def found_once() -> Iterator[None]:
     """The features of the arm's twelve pictures are found once for both tests that are placed onto them."""
     found: dict[bytes, Features] = {}
 
-    def remembered(picture: np.ndarray, threads: int) -> Features:
+    def remembered(picture: np.ndarray) -> Features:
         known = picture.tobytes()
         if known not in found:
-            found[known] = extract(picture, threads)
+            found[known] = extract(picture)
         return found[known]
 
     with pytest.MonkeyPatch.context() as patch:

@@ -1,0 +1,101 @@
+"""Calls in processes of their own: the same answers in the same order, whatever becomes of a process."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from imaging.compute.processes import in_processes
+from imaging.errors import InputError
+
+
+def half(number: int) -> tuple[int, int]:
+    """Half of an even number, and who found it."""
+    if number % 2:
+        raise InputError(f"{number} is odd: name an even number.")
+    print("this is no answer")
+    return number // 2, os.getpid()
+
+
+def killed_there(number: int, here: int) -> int:
+    """Twice the number, unless another process than `here` is asked."""
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return 2 * number
+
+
+def marked(folder: Path, number: int) -> int:
+    """Leave a file in the folder."""
+    (folder / str(number)).touch()
+    return number
+
+
+def unsendable(number: int) -> object:
+    """What no process can send."""
+    return lambda: number
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_answers_come_in_order_from_so_many_processes(count: int) -> None:
+    found = list(in_processes(count, half, [(2 * number,) for number in range(9)]))
+    assert [answer for answer, _ in found] == list(range(9))
+    who = {process for _, process in found}
+    assert len(who) <= count
+    assert (os.getpid() in who) == (count == 1)
+
+
+def test_nothing_asked_begins_nothing() -> None:
+    assert list(in_processes(2, half, [])) == []
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_error_is_raised_in_its_turn(count: int) -> None:
+    found = in_processes(count, half, [(2,), (4,), (5,), (6,)])
+    assert [next(found)[0], next(found)[0]] == [1, 2]
+    with pytest.raises(InputError, match="5 is odd: name an even number"):
+        next(found)
+
+
+def test_what_a_killed_process_was_at_is_done_here() -> None:
+    asked = [(number, os.getpid()) for number in range(5)]
+    assert list(in_processes(2, killed_there, asked)) == [0, 2, 4, 6, 8]
+
+
+def test_what_cannot_be_sent_is_found_here() -> None:
+    (found,) = in_processes(2, unsendable, [(7,)])
+    assert callable(found)
+    assert found() == 7
+
+
+def test_who_ends_early_waits_for_no_more(tmp_path: Path) -> None:
+    found = in_processes(2, marked, [(tmp_path, number) for number in range(100)])
+    assert next(found) == 0
+    found.close()  # type: ignore[attr-defined]
+    begun = len(list(tmp_path.iterdir()))
+    assert begun < 100
+    assert len(list(tmp_path.iterdir())) == begun
+
+
+def test_a_program_of_a_few_lines_does_not_begin_anew(tmp_path: Path) -> None:
+    """It has no `if __name__ == "__main__"`, and its own modules hide none of ours in the processes."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "print('begun')\n"
+        "from math import hypot\n"
+        "from imaging.compute.processes import in_processes\n"
+        "print(list(in_processes(2, hypot, [(3, 4), (5, 12)])))\n"
+    )
+    (tmp_path / "imaging").mkdir()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(
+        [sys.executable, "-P", program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        timeout=60,
+    )
+    assert (done.stdout, done.stderr) == ("begun\n[5.0, 13.0]\n", "")
