@@ -79,7 +79,10 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
             refine=refine, width=options.width, iterations=options.iterations, gaussians=GAUSSIANS,
             degree=DEGREE,
         )  # fmt: skip
-        made = reconstruct(folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed)
+        made = reconstruct(
+            folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed,
+            replace=True,  # whatever the poses are off by, the folder is the same
+        )  # fmt: skip
         found[name] = evaluate(made).raw_psnr
     return found
 
