@@ -137,7 +137,7 @@ def peer(seed: int) -> dict[str, Any]:
     try:
         rms, _, _, turns, shifts, *_ = cv2.calibrateMultiview(
             objects, images, [(WIDTH, HEIGHT)] * len(names), mask, np.zeros((len(names), 1), np.uint8),
-            matrices, distortions, None, None,
+            matrices, distortions, [], [],
             flagsForIntrinsics=np.full(len(names), cv2.CALIB_FIX_K3, np.int32),
             flags=cv2.CALIB_USE_INTRINSIC_GUESS,
         )  # fmt: skip

@@ -29,6 +29,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
+Sites = npt.NDArray[np.bool_]
 CAMERAS, FRAMES = 2, 4
 GAIN, READ, WELL, BLACK = 0.4, 3.0, 9500.0, 256
 WHITE = BLACK + int(GAIN * WELL)
@@ -45,7 +46,7 @@ def studio() -> tuple[SimulatedRig, dict[ViewId, Array], dict[ViewId, Array]]:
     return rig, light, {view: rig.cam_from_world(int(view.camera[3:]), view.frame) for view in views}
 
 
-def exposed(light: Array, time: float, rng: np.random.Generator, hot: Array | None) -> RawMosaic:
+def exposed(light: Array, time: float, rng: np.random.Generator, hot: Sites | None) -> RawMosaic:
     """A RAW frame of a sensor of WELL electrons; hot: which sites are always white, [H, W]."""
     sites = np.empty(light.shape[:2])
     for (row, column), channel in zip(((0, 0), (0, 1), (1, 0), (1, 1)), (0, 1, 1, 2), strict=True):

@@ -14,6 +14,7 @@ best. in silence: wrong, though the poses are neither refused nor doubted. Featu
 import argparse
 import pickle
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -42,9 +43,7 @@ class Placed(Exception):
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each scene."""
     cache = Cache(options.work / "foreign_poses.jsonl")
-    rows = [
-        cache.get(name, lambda name=name: one_scene(name, options.work / name)) for name in options.scenes
-    ]
+    rows = [cache.get(name, partial(one_scene, name, options.work / name)) for name in options.scenes]
     return {"machine": machine(), "rows": rows}
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,8 @@ from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
+Name = TypeVar("Name", ViewId, str)
+"""By what views are told apart."""
 
 INSIDE = 2.8
 """Standard errors of the worst axis within which 95 % of vectors lie that err alike along three axes (the
@@ -41,7 +43,7 @@ def degrees_of(rotation: Array) -> float:
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1) / 2)))
 
 
-def pairs(estimated: Mapping[ViewId, Array], true: Mapping[ViewId, Array]) -> Array:
+def pairs(estimated: Mapping[Name, Array], true: Mapping[Name, Array]) -> Array:
     """Errors [pairs, 2], degrees, of every pair of true views: its rotation, and its translation's direction.
 
     inf for the pairs of a view that was not placed. Pairs that stand at one place have no direction.

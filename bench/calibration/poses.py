@@ -39,7 +39,9 @@ class Rows:
         code = b"".join(file.read_bytes() for file in sorted((ROOT / "calib").rglob("*.py")))
         self._code = " ".join([*(version(name) for name in VERSIONS), hashlib.sha256(code).hexdigest()])
         lines = store.read_lines(path) if path.exists() else []
-        self._known = {line["key"]: line["row"] for line in lines if line["code"] == self._code}
+        self._known: dict[str, dict[str, Any]] = {
+            line["key"]: line["row"] for line in lines if line["code"] == self._code
+        }
 
     def get(self, key: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The row of that name, made now if it is not there."""

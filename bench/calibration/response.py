@@ -242,8 +242,8 @@ def table(result: dict[str, Any]) -> str:
     ]
     for row in result["wide"]:
         shapes = ", ".join(f"{row['rungs'].count(shape)} x {shape}" for shape in sorted(set(row["rungs"])))
-        values = [row[key] for peer in PEERS for key in (peer, f"{peer} half")]
-        peers = " | ".join(f"{100 * np.median(value):.1f}" for value in values)
+        theirs = [row[key] for peer in PEERS for key in (peer, f"{peer} half")]
+        peers = " | ".join(f"{100 * np.median(value):.1f}" for value in theirs)
         lines.append(
             f"| {row['stops']} | {100 * np.median(row['ours']):.2f} | {100 * np.median(row['half']):.2f} | "
             f"{shapes} | {peers} |"

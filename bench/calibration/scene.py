@@ -44,10 +44,10 @@ def timed(session: Path) -> tuple[CalibrationRecord, dict[str, float]]:
 
 def trial(seed: int, stops: int, width: int) -> dict[str, Any]:
     """The demo rig at all its positions, with the light that many stops brighter, pictures 4:3."""
-    settings = {"light": 2.0**stops, "width": width, "height": width * 3 // 4}
     with TemporaryDirectory() as folder:
         session = Path(folder) / "session"
-        with mock.patch("capture.simulated.simulate", partial(simulate, **settings)):
+        altered = partial(simulate, light=2.0**stops, width=width, height=width * 3 // 4)
+        with mock.patch("capture.simulated.simulate", altered):
             capture_simulated("demo", session, seed=seed)
         record, seconds = timed(session)
         return of_session(session, record) | seconds

@@ -96,8 +96,8 @@ def session_of(name: str, work: Path) -> tuple[Path, dict[ViewId, Array] | None]
     folder = work / f"size-{name}"
     if name == "rig":
         if not (folder / "truth" / "truth.json").is_file():
-            settings = {"positions": POSITIONS, "width": WIDTH, "height": WIDTH * 3 // 4}
-            with mock.patch("capture.simulated.simulate", partial(simulate, **settings)):
+            altered = partial(simulate, positions=POSITIONS, width=WIDTH, height=WIDTH * 3 // 4)
+            with mock.patch("capture.simulated.simulate", altered):
                 capture_simulated("demo", folder, seed=100)
         return folder, true_poses(folder)
     if not (folder / "session.json").is_file():
@@ -260,7 +260,7 @@ def table(result: dict[str, Any]) -> str:
 
 def _matching(rows: Mapping[str, Any], case: str) -> float:
     """Seconds that the pairs of a row take to be matched where nothing was kept."""
-    first, again, own = (rows[name]["seconds"]["matching"] for name in (*CHOSEN, case))
+    first, again, own = (float(rows[name]["seconds"]["matching"]) for name in (*CHOSEN, case))
     return first if case in CHOSEN else first - again + own
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 from bench.support.record import arguments, deliver, machine, words
 from capture.record.recorder import record
+from drivers.camera import Camera
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
 from drivers.sim.ptp.profiles import PROFILES
@@ -102,7 +103,7 @@ def _captured(model: Any, lag: float, times: tuple[float, ...]) -> dict[str, Any
             cameras=(record_of.name,),
             reason="bench",
         )
-        driver = camera if own else _OneByOne(camera)
+        driver: Camera = camera if own else _OneByOne(camera)
         with TemporaryDirectory() as folder:
             identity = SessionRecord(name="bench", created=_WHEN, origin="bench", cameras=(record_of,))
             session = Session.create(Path(folder) / "S", identity)
@@ -120,8 +121,17 @@ class _OneByOne:
     """A camera without brackets of its own."""
 
     def __init__(self, camera: PtpCamera) -> None:
-        for name in ("identify", "set_exposure", "arm", "trigger", "collect", "keeps", "keep", "fetch"):
-            setattr(self, name, getattr(camera, name))
+        self._camera = camera
+        self.verified, self.identify = camera.verified, camera.identify
+        self.capabilities, self.set_exposure = camera.capabilities, camera.set_exposure
+        self.arm, self.trigger, self.collect = camera.arm, camera.trigger, camera.collect
+        self.close = camera.close
+        self.keeps, self.keep, self.fetch = camera.keeps, camera.keep, camera.fetch
+
+    @property
+    def where(self) -> str:
+        """Where it was last seen."""
+        return self._camera.where
 
 
 def report(result: dict[str, Any]) -> str:

@@ -86,7 +86,8 @@ def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.R
         device.trigger()
         frame = device.collect()
         if isinstance(frame, CameraFile):
-            seen.append(reduced.of_photo(imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255))
+            codes = imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255
+            seen.append(reduced.of_photo(np.asarray(codes, np.float32)))
         else:
             seen.append(reduced.of_raw(from_raw(frame, 1.0), frame.cfa))
     return seen

@@ -87,7 +87,7 @@ def as_table(summary: dict[str, object], trials: list[Trial]) -> str:
     return "\n".join(lines)
 
 
-def _counted(counts: Counter[object]) -> str:
+def _counted(counts: Counter[int] | Counter[str]) -> str:
     return ", ".join(f"{count} x {what}" for what, count in sorted(counts.items(), key=str))
 
 

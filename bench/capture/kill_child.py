@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from unittest.mock import patch
 
+from drivers.clock import Clock
 from drivers.sim import bus_rig
-from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.faults import Fault, FaultPlan, Kind, Mix
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from rig.__main__ import main as rig
@@ -54,15 +56,16 @@ def run(trouble: Trouble, arguments: Sequence[str], tell: Connection, out: Path,
 
     plans: list[FaultPlan] = []
 
-    def plan(clock, faults, *more):
+    def plan(clock: Clock, faults: Sequence[Fault], mix: Mix | None, seed: int) -> FaultPlan:
         if trouble.unplug is not None:
             serial, nth, count = trouble.unplug
             faults = [Fault(Kind.UNPLUG, serial, nth=nth, seconds=FOR_EVER, count=count)]
-        plans.append(FaultPlan(clock, faults, *more))
+        plans.append(FaultPlan(clock, faults, mix, seed))
         return plans[-1]
 
-    Session.append_shot = append_and_tell
-    bus_rig.FaultPlan = plan  # type: ignore[attr-defined]
+    # Nothing puts them back: the process ends with what it does here.
+    patch.object(Session, "append_shot", append_and_tell).start()
+    patch.object(bus_rig, "FaultPlan", plan).start()
     calls = _watch(trouble)
     code = rig(arguments)
     tell.send((calls[0], sum(one.operations() for one in plans)))

@@ -12,6 +12,7 @@ is as far from its data sheet as sold ones are, and of a whole simulated rig tha
 import math
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 from unittest.mock import patch
@@ -150,7 +151,7 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
         lens = body.optics.lens
         ramp = 8.0 * 2.0 ** np.linspace(-stops / 2, stops / 2, lens.width)[None, :, None]
         view = np.broadcast_to(ramp, (lens.height, lens.width, 3))
-        camera = SimulatedCamera(body, lambda frame, view=view: view)
+        camera = SimulatedCamera(body, partial(steady, view))
         exposures = exposure_list(camera.capabilities().times, (100.0,), 4.0, BracketGoals())
         targets = meter({"cam0": camera}, exposures).targets
         truth = mosaic(body.optics.exposure(view), body.cfa)
@@ -177,6 +178,11 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
                     by_label.append(snr - targets[0].noise.snr(float(light[0]), shot))
                     by_time.append(snr - targets[0].noise.snr(float(light[0]), applied))
     return np.array(by_label), np.array(by_time)
+
+
+def steady(view: Values, frame: int) -> Values:
+    """What a camera sees of a scene that is the same in every frame."""
+    return view
 
 
 def spread(differences: Values) -> dict[str, float]:
@@ -252,8 +258,8 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    size = (40, 8, 40) if options.quick else (options.scenes, 40, 240)
-    result = measure(*size, options.seed)
+    scenes, shot, takes = (40, 8, 40) if options.quick else (options.scenes, 40, 240)
+    result = measure(scenes, shot, takes, options.seed)
     deliver(options, "planner", result, report(result))
 
 

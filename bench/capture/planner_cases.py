@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from capture.bracket.code_noise import CodeNoise
 from capture.bracket.planner import SLACK, Target
 from capture.bracket.raw_noise import RawNoise
 from drivers.sim.camera.sensor import SensorModel
@@ -95,8 +96,11 @@ def _light(rng: np.random.Generator) -> Values:
     return np.asarray(2.0**stops)
 
 
-def shown(noise: RawNoise, exposure: Exposure, snr: float, radiance: Values) -> npt.NDArray[np.bool_]:
+def shown(
+    noise: RawNoise | CodeNoise, exposure: Exposure, snr: float, radiance: Values
+) -> npt.NDArray[np.bool_]:
     """Enough electrons, even if the exposure is SLACK shorter; no clipping, even if it is SLACK longer."""
+    assert isinstance(noise, RawNoise)  # photographs tell of no electrons
     gain, read, scale = noise.sensor.gain * exposure.iso_gain, noise.sensor.read_noise, exposure.scale
     few = radiance / 2.0**SLACK * scale * noise.span / gain
     many = radiance * 2.0**SLACK * scale * noise.span / gain

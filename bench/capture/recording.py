@@ -61,6 +61,15 @@ class Replaying:
         self.number, self.buffers, self.shots = number, buffers, 0
         self.exposure = Exposure(time=1 / 60)
 
+    @property
+    def where(self) -> str:
+        """Empty: it is on no bus."""
+        return ""
+
+    def verified(self) -> str:
+        """Nothing: there is no camera."""
+        return "memory"
+
     def identify(self) -> CameraIdentity:
         """Who it is."""
         return CameraIdentity(f"replay-{self.number}", "hdr-rig", "replay", "raw")

@@ -20,12 +20,13 @@ from drivers.genicam import pixels
 from drivers.genicam.pixels import BY_NAME, unpack
 
 Bytes = npt.NDArray[np.uint8]
+Pixels = npt.NDArray[np.uint16]
 FORMATS = ("BayerRG12p", "BayerRG12Packed", "BayerRG10p", "BayerRG10Packed")
 GOAL = 4.0
 """Gpixel/s of 12p on one core that the project wants."""
 
 
-def with_numpy(data: Bytes, name: str) -> npt.NDArray[np.uint16]:
+def with_numpy(data: Bytes, name: str) -> Pixels:
     """The same in numpy, as one would write it: whole groups of pixels."""
     if name == "BayerRG10p":
         five = data.reshape(-1, 5).astype(np.uint16)
@@ -55,7 +56,8 @@ def rate(name: str, megapixels: int, repetitions: int) -> dict[str, Any]:
     told, height = BY_NAME[name], 1024 * megapixels // 4
     count = 4096 * height
     data = np.random.default_rng(0).integers(0, 256, told.row_bytes(count)).astype(np.uint8)
-    kernel, out = pixels._KERNELS[told.bits, told.packing], np.empty(count, np.uint16)
+    kernel: Callable[[Bytes, Pixels], None] = pixels._KERNELS[told.bits, told.packing]
+    out = np.empty(count, np.uint16)
     acts: dict[str, Callable[[], object]] = {
         "kernel": lambda: kernel(data, out),
         "frame": lambda: unpack(data, told, 4096, height),

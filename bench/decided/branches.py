@@ -10,6 +10,7 @@ to their ends and all harmonics are on. The demo rig, calibrated by its own pict
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         return rows
 
     rows = cache.get(f"along {options.lengths}", along)
-    rows = [cache.get(f"planned {n}", lambda n=n: planned(n)) for n in options.lengths] + rows
+    rows = [cache.get(f"planned {n}", partial(planned, n)) for n in options.lengths] + rows
     result = {"machine": machine(), "seed": options.seed, "sim": options.sim, "longest": longest}
     return result | {"cap": options.cap, "rows": sorted(rows, key=lambda one: one["length"])}
 

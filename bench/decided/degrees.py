@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.autograd import backward
 
 from bench.recon import ladder_scenes
 from bench.recon.presets import SCENES, TOYS, folder_of
@@ -64,7 +65,7 @@ def one_scene(job: tuple[Any, ...], options: argparse.Namespace) -> dict[str, An
         left[order[: round(share * len(order))]] = 0
         parameters[key] = left
         _, _, figures, _ = measured(opened)
-        own = [row.get("raw_psnr", row.get("ldr_psnr_oe")) for row in figures]
+        own = [row["raw_psnr" if "raw_psnr" in row else "ldr_psnr_oe"] for row in figures]
         true = [row["hdr_psnr_mu_aligned"] for row in figures]
         steps.append({"share": share, "db": float(np.mean(own)), "truth_db": float(np.mean(true))})
     parameters[key] = rest
@@ -86,11 +87,11 @@ def effects(opened: Opened, key: str) -> torch.Tensor:
         directions = torch.nn.functional.normalize(parameters["means"] - centre, dim=1)
         colours = renderer.appearance.colours(parameters, directions, 2).requires_grad_(True)
         without = renderer.appearance.colours(plain, directions, 2)
-        places = [parameters["means"], parameters["quats"], gaussians.scales(), gaussians.opacities()]
         image = rasterize(
-            *(p.detach() for p in places), colours, view.lens, None, renderer.limits, None, None
-        ).image
-        image.sum().backward()
+            parameters["means"], parameters["quats"], gaussians.scales().detach(),
+            gaussians.opacities().detach(), colours, view.lens, limits=renderer.limits,
+        ).image  # fmt: skip
+        backward(image.sum())
         assert colours.grad is not None
         weight = colours.grad.mean(1)
         change = (colours.detach() - without).abs().sum(1) / (colours.detach() + without).sum(1).clamp_min(

@@ -79,9 +79,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache, rows = Cache(options.work / "depth.jsonl"), []
     for case in options.cases:
         own = {}
+        rig, seed, views, iterations, noise = case
         for name, weight in VARIANTS.items():
             key = " ".join(map(str, (*case, name)))
-            own[name] = cache.get(key, partial(train, options.work, *case, weight))
+            make = partial(train, options.work, rig, seed, views, iterations, noise, weight)
+            own[name] = cache.get(key, make)
         names = ("rig", "seed", "views", "iterations", "noise")
         rows.append({**dict(zip(names, case, strict=True)), "variants": own})
     return {"machine": machine(), "rows": rows}

@@ -84,7 +84,9 @@ def figures(made: Path) -> dict[str, float]:
         for suffix, one in (("", ours), ("_fitted", fitted(ours, true))):
             error = (one - true)[torch.from_numpy(shot.valid)].double().square().mean()
             row["psnr" + suffix] = -10 * float(torch.log10(error))
-            row["ssim" + suffix] = metrics.ssim(one.numpy(), true.numpy(), shot.valid)
+            ssim = metrics.ssim(one.numpy(), true.numpy(), shot.valid)
+            assert ssim is not None  # no mask hides these photographs
+            row["ssim" + suffix] = ssim
         rows.append(row)
     means = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
     return means | {"seconds": opened.record.train_seconds}

@@ -39,8 +39,7 @@ TINY = Quality(40, 300, 64)
 def train(rig: str, gloss: float | None, frames: int, work: Path) -> dict[str, Any]:
     """Held-out dB of pictures and light, by degree."""
     folder = work / f"{rig}-{gloss or 'own'}-{frames}"
-    settings = {} if gloss is None else {"gloss": gloss}
-    altered = partial(simulate, **settings)
+    altered = partial(simulate) if gloss is None else partial(simulate, gloss=gloss)
     with (
         mock.patch("capture.simulated.simulate", altered),
         mock.patch("bench.support.oracle.simulate", altered),

@@ -9,6 +9,8 @@ schedules of 25 to 1000 iterations. Finished rows are kept in --work.
 
 import argparse
 import shutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -40,15 +42,14 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for name, (session, scene, work) in folders.items():
         for iterations, factor in [(n, factor) for n, all_of in options.factors.items() for factor in all_of]:
             key = f"{name} {iterations} {factor:g}"
-            found = cache.get(
-                key, lambda s=session, a=scene, w=work, n=iterations, f=factor: one(s(a, w), n, f)
-            )
+            found = cache.get(key, partial(one, partial(session, scene, work), iterations, factor))
             rows.append({"scene": name, "iterations": iterations, "factor": factor} | found)
     return {"machine": machine(), "rows": rows}
 
 
-def one(folder: Path, iterations: int, factor: float) -> dict[str, float]:
+def one(session: Callable[[], Path], iterations: int, factor: float) -> dict[str, float]:
     """Held-out dB, and dB to the truth, of a whole training at so many times the usual rates."""
+    folder = session()
     warm_up(lambda message, done, total: None)
     with mock.patch("recon.decide.settings.rate_factor", return_value=factor):
         made = reconstruct(

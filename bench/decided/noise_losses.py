@@ -77,10 +77,12 @@ class Stabilised(_Signal):
         """Both stabilised, [4, H/2, W/2]."""
         predicted, target, noise = self.signals(image, view)
         floor, slope = noise.floor, noise.slope
+        black: float = floor**0.5
+        white: float = (slope + floor) ** 0.5
 
         def stable(signal: Tensor) -> Tensor:
-            root = (slope * signal.abs() + floor).sqrt() - floor**0.5
-            return root.copysign(signal) / ((slope + floor) ** 0.5 - floor**0.5)
+            root = (slope * signal.abs() + floor).sqrt() - black
+            return root.copysign(signal) / (white - black)
 
         return stable(predicted), stable(target)
 

@@ -138,8 +138,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                 name = f"{one.name} {iterations} {seed}"
                 cache.get(f"{now} {name}", partial(row, one, iterations, seed, options.work))
     for key, found in cache.rows.items():
-        of, name, iterations, seed = key.split()
-        rows.append(found | {"code": of, "set": name, "iterations": int(iterations), "seed": int(seed)})
+        code, name, length, number = key.split()
+        rows.append(found | {"code": code, "set": name, "iterations": int(length), "seed": int(number)})
     return {"machine": machine(), "code": now, "rows": rows}
 
 

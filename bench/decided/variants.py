@@ -93,11 +93,10 @@ def third(directions: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class LogBlended:
-    """Colours as `ln(1 + c / floor)`, to be blended as such."""
+class _OfLinear:
+    """Colours that are made of those of another appearance; all else is as that has it."""
 
     linear: Appearance
-    floor: float
 
     @property
     def rates(self) -> dict[str, Rate]:
@@ -108,10 +107,6 @@ class LogBlended:
         """As of its class."""
         return self.linear.start(rgb)
 
-    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
-        """Seen from `directions`."""
-        return torch.log1p(self.linear.colours(parameters, directions, degree) / self.floor)
-
     def luminance(self, parameters: Parameters) -> Tensor:
         """That of the linear colours."""
         return self.linear.luminance(parameters)
@@ -119,6 +114,17 @@ class LogBlended:
     def penalty(self, parameters: Parameters) -> Tensor:
         """The pull of the largest channel to the anchor."""
         return self.linear.penalty(parameters)
+
+
+@dataclass(frozen=True)
+class LogBlended(_OfLinear):
+    """Colours as `ln(1 + c / floor)`, to be blended as such."""
+
+    floor: float
+
+    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
+        """Seen from `directions`."""
+        return torch.log1p(self.linear.colours(parameters, directions, degree) / self.floor)
 
 
 @dataclass
@@ -144,18 +150,17 @@ class LogBlending(LinearLight):
 
 
 @dataclass(frozen=True)
-class Toned:
+class Toned(_OfLinear):
     """Colours that already went through a tone curve at an exposure: codes, to be blended as such."""
 
-    linear: Appearance
-    curve: ToneCurve
+    curve: "CurveOfGaussians"
     values: Tensor
     k: float
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """Codes of every Gaussian; those that the leak puts below 0 are 0."""
         light = self.linear.colours(parameters, directions, degree)
-        return self.curve.toned(light, self.values, self.k)  # type: ignore[attr-defined]
+        return self.curve.toned(light, self.values, self.k)
 
 
 @dataclass(frozen=True)
@@ -193,6 +198,7 @@ class CurveOfGaussians(ToneCurve):
             drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
         codes = self._prepared.of(view, lambda: self._weighted(view), image.device)
         beside = codes.bound(torch.cat(drawn), target).reshape(-1, 3, *target.shape[1:])
+        assert codes.weight is not None
         beside = torch.lerp(target.reshape(beside.shape), beside, codes.weight).flatten(0, 1)
         return torch.cat([prediction, beside]), torch.cat([target, target])
 

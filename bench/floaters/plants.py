@@ -52,9 +52,7 @@ def on(training: Training, dataset: Dataset, plan: Plan, until: float) -> None:
 
 def copied(training: Training) -> Training:
     """Another that goes on as this one would; what views share, once prepared, stays shared."""
-    kept = training.method.observation
-    twin = copy.deepcopy(replace(training, method=None))
-    return replace(twin, method=replace(training.method, observation=kept))
+    return copy.deepcopy(training, {id(training.method): training.method})
 
 
 def weights(gaussians: Gaussians, which: Tensor, cameras: list[SplatCamera], training: Training) -> float:
@@ -78,7 +76,7 @@ def between(dataset: Dataset) -> list[SplatCamera]:
     cameras = [view.lens for view in dataset.held_out]
     for number, view in enumerate(dataset.train):
         away = [
-            np.linalg.norm(view.centre - other.centre) if place != number else np.inf
+            float(np.linalg.norm(view.centre - other.centre)) if place != number else np.inf
             for place, other in enumerate(dataset.train)
         ]
         other = dataset.train[int(np.argmin(away))]
@@ -108,7 +106,8 @@ def plant(training: Training, dataset: Dataset, seed: int) -> Tensor:
     rng = np.random.Generator(np.random.PCG64([seed, 0xF10A7]))
     count = round(SHARE * len(training.gaussians))
     seen = [depths(training, view.lens) for view in dataset.train]
-    centres, sizes = [], []
+    centres: list[np.ndarray] = []
+    sizes: list[np.ndarray] = []
     while len(centres) < count:
         number = int(rng.integers(len(seen)))
         lens, depth = dataset.train[number].lens, seen[number]

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         folder = options.work / f"{name}-{size}"
         row = cache.get(
             f"{commit} {name} {size}",
-            lambda name=name, folder=folder: one_case(CASES[name], folder, options.quality, options.quick),
+            partial(one_case, CASES[name], folder, options.quality, options.quick),
         )
         rows.append({"scene": name, "commit": commit, "quality": options.quality} | row)
     return {"machine": machine(), "rows": rows}

@@ -104,7 +104,8 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
         return splats.drawn(in_world(view, opened.dataset.world), BLACK)
 
     def own_before_white(view: View) -> Array:
-        return _own(opened, view) + 1 - opened.scene.covered(view.lens).double().numpy()[..., None]
+        covered: Array = opened.scene.covered(view.lens).double().numpy()
+        return _own(opened, view) + 1 - covered[..., None]
 
     row["viewer"] = measured(views, [picture_of(view) for view in views], viewed).gained
     return row | before_white(views, own_before_white)

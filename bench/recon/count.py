@@ -11,7 +11,9 @@ logarithm of the number. Finished rows are kept in FOLDER. --quick takes a toy s
 import argparse
 import shutil
 import time
+from functools import partial
 from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -83,8 +85,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     cache = Cache(options.work / f"count-{options.iterations}.jsonl")
 
-    def row(key: str, *job: Any) -> dict[str, Any]:
-        return cache.get(key, lambda: train(*job))
+    def row(key: str, folder: Path, quality: Quality, seed: int, overrides: Overrides) -> dict[str, Any]:
+        found: dict[str, Any] = cache.get(key, partial(train, folder, quality, seed, overrides))
+        return found
 
     for name, width in options.scenes:
         for seed in range(options.seeds):
@@ -99,7 +102,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             ]
             rows.append({"scene": name, "width": width, "seed": seed, "chosen": chosen, "sweep": many})
             for of in MEASURES:
-                best = max(many, key=lambda one, of=of: one[of])
+                best = max(many, key=itemgetter(of))
                 rows[-1][of] = {
                     "best": best[of],
                     "best_gaussians": best["gaussians"],

@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean, median
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -22,12 +22,13 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.decide.presets import QUALITIES
 from recon.evaluate import measured
-from recon.reconstruct import reconstruct
+from recon.reconstruct import MethodName, reconstruct
 from recon.result.scene import open_model
 from recon.trade.point import MEASURES, measuring, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 from recon.trade.sweep import trade_sweep
 
+METHODS: dict[str, MethodName] = {name: name for name in get_args(MethodName)}
 PRESETS = ("standard", "best")
 LOSS, SHARE = 0.1, 0.5
 """dB that stopping may cost in the mean, and the median share of the iterations that it should take."""
@@ -47,7 +48,7 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     own = [p for p in trade.points if p.choice.quality == quality and not p.choice.overrides.words()]
     full = own[0] if own else train_point(session, choice, trade)
     made = reconstruct(
-        session, method=trade.method, quality=quality, seed=trade.seed, name="early", shelf=FOLDER,
+        session, method=METHODS[trade.method], quality=quality, seed=trade.seed, name="early", shelf=FOLDER,
         early_stop=True,
     )  # fmt: skip
     opened = open_model(made)

@@ -35,7 +35,7 @@ from imaging.session.calibration import read_calibration
 from imaging.session.records import SplitRecord
 from imaging.session.session import SPLIT, Session
 from recon.evaluate import evaluate
-from recon.reconstruct import reconstruct
+from recon.reconstruct import MethodName, reconstruct
 
 METHODS = ("vanilla", "hdr-gs", "nh-3dgs")
 TITLES = {"vanilla": "vanilla 3DGS", "hdr-gs": "HDR-GS", "nh-3dgs": "NH-3DGS on the true light"}
@@ -144,7 +144,7 @@ def _add_curve(truth: Path) -> None:
     store.write_json(truth, record)
 
 
-def row(options: argparse.Namespace, protocol: str, method: str, seed: int) -> dict[str, Any] | None:
+def row(options: argparse.Namespace, protocol: str, method: MethodName, seed: int) -> dict[str, Any] | None:
     """Train and test once; None where a scene of the data set has no true light to train on."""
     base = options.work / f"hdr-nerf-{options.name}" / str(seed)
     scene = options.scene or base / "scene"

@@ -38,7 +38,8 @@ def bilinear_image(view: View) -> tuple[Float, Bool]:
     assert sensor.cfa is not None
     found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
     rgb, known = bilinear(np.nan_to_num(found.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
-    return np.asarray(rgb @ rec709_from_camera(sensor.camera_from_rec709).T, np.float32), known.all(-1)
+    light = np.asarray(rgb @ rec709_from_camera(sensor.camera_from_rec709).T, np.float32)
+    return light, np.asarray(known.all(-1))
 
 
 def merged_mosaic(dataset: Dataset) -> Dataset:

@@ -16,6 +16,7 @@ import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -29,7 +30,7 @@ from imaging.session.session import Session
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
-from recon.reconstruct import reconstruct
+from recon.reconstruct import MethodName, reconstruct
 from recon.result.model import read_model
 from recon.train.warm_up import warm_up
 
@@ -75,10 +76,11 @@ def row(scene: Scene, work: Path) -> dict[str, Any]:
     # A finished training would be returned as it is, in no time.
     shutil.rmtree(folder / "reconstructions", ignore_errors=True)
     fares: dict[str, Any] = {"load": round(os.getloadavg()[0], 1)}
-    for name, method, overrides in (
+    ways: tuple[tuple[str, MethodName, Overrides], ...] = (
         ("ladder", "auto", Overrides()),
         ("full", "hdr-gs" if photographs else "nh-3dgs", full),
-    ):
+    )
+    for name, method, overrides in ways:
         began = time.perf_counter()
         made = reconstruct(folder, method=method, overrides=overrides, name=name)
         seconds = time.perf_counter() - began
@@ -105,7 +107,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     until = time.monotonic() + 60 * options.minutes
     for scene in options.scenes:
         if cache.has(scene.name) or time.monotonic() < until:
-            rows.append(cache.get(scene.name, lambda scene=scene: row(scene, options.work)))
+            rows.append(cache.get(scene.name, partial(row, scene, options.work)))
     kinds = [told for kind in KINDS if (told := of_kind(kind, rows))]
     return {
         "machine": machine(),

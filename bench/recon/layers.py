@@ -88,7 +88,7 @@ def true_trust(scene: Scene, view: SceneView, xyz: Array, depths: dict[str, Arra
     return counts
 
 
-def angle(a: Array, b: Array) -> Array:
+def angle(a: npt.NDArray[np.floating], b: Array) -> Array:
     """Degrees between unit vectors."""
     return np.asarray(np.degrees(np.arccos(np.clip((a * b).sum(-1), -1, 1))))
 

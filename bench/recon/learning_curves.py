@@ -16,7 +16,7 @@ test holds the curves of recon.decide.prediction against.
 import argparse
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -58,13 +58,15 @@ def measure(options: argparse.Namespace) -> Row:
     jobs = [(name, Overrides()) for name in folders if name != CASTLE.name]
     for name, overrides in [*jobs, *(job for job in CHANGED if job[0] in folders)]:
         key = ", ".join([name, *overrides.words()])
-        row = cache.get(
-            key, lambda name=name, overrides=overrides: {"curve": curve(folders[name](), overrides, options)}
-        )
+        row = cache.get(key, partial(measured, folders[name], overrides, options))
         rows.append({"scene": key, "kind": kind(name)} | row)
     for row in rows:
         row["fit"], row["rms"] = fitted(row["curve"])
     return {"machine": machine(), "rows": rows, "forecasts": forecasts(rows)}
+
+
+def measured(folder: Callable[[], Path], overrides: Overrides, options: argparse.Namespace) -> Row:
+    return {"curve": curve(folder(), overrides, options)}
 
 
 def curve(folder: Path, overrides: Overrides, options: argparse.Namespace) -> list[tuple[int, float]]:
@@ -95,7 +97,7 @@ def fitted(curve: Sequence[tuple[int, float]]) -> tuple[list[float], float]:
 
     def left(values: np.ndarray) -> np.ndarray:
         end = db + np.concatenate([lacking(values[None], n) for n in lengths])
-        return end - end.mean()
+        return np.asarray(end - end.mean())
 
     found = least_squares(left, FIRST, bounds=tuple(BOUNDS))
     return [round(float(value), 2) for value in found.x], float(np.sqrt(np.mean(found.fun**2)))

@@ -36,7 +36,7 @@ from recon.data.light import Light, light_of, radiance_image
 from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.observe.losses import Photometric
-from recon.scene.appearance import Appearance, LuminanceChromaticity, PlainHarmonics, Rate
+from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics, Rate
 
 CAP = 20_000
 PAPERS_MU = 5000.0
@@ -49,7 +49,7 @@ MEASURES = {
 }  # fmt: skip
 TITLES = ("dB", "dB, dark", "stops", "RAW dB", "RAW dB, shadows", "RAW dB, highlights", "processor s")
 
-APPEARANCES: dict[str, Appearance] = {
+APPEARANCES: dict[str, LuminanceChromaticity | SoftplusRadiance | PlainHarmonics] = {
     "luminance-chromaticity": LuminanceChromaticity(),
     "softplus of SH": SoftplusRadiance(),
     "SH of 3DGS, tuned": PlainHarmonics(dc_rate=Rate(1e-4, 1e-5), rest_rate=Rate(5e-6, 5e-7)),
@@ -107,12 +107,12 @@ ROWS = (
 def composed(row: Row, factor: float) -> Callable[[Dataset, Light], Method]:
     """The method of a row, its colour rates times a factor."""
     appearance = APPEARANCES[row.appearance]
-    rates = {
+    rates: dict[str, Any] = {
         field.name: Rate(rate.start * factor, rate.end * factor)
         for field in fields(appearance)
         if isinstance(rate := getattr(appearance, field.name), Rate)
     }
-    appearance = replace(appearance, **rates)  # type: ignore[type-var]
+    appearance = replace(appearance, **rates)
     loss = Photometric(ssim_weight=PUBLISHED_SSIM) if row.appearance == PUBLISHED else Photometric()
     return lambda dataset, light: Method(row.name, appearance, row.compared(light.normaliser), loss)
 

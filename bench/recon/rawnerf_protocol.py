@@ -62,7 +62,7 @@ class Row:
     observation: Callable[[float], LinearLight]
     loss: Any = None
     given: Callable[[Dataset], Dataset] = inputs.brackets
-    base: Any = nh_3dgs
+    compose: Callable[[Dataset, Light], Method] = nh_3dgs.compose
 
 
 ROWS = (
@@ -71,7 +71,7 @@ ROWS = (
     Row("whitened, squares at three scales", Whitened, Residual(coarse_to_fine)),
     Row("stabilised, L1 and SSIM", Stabilised),
     Row("RawNeRF: relative squares", RelativeSquares, Residual(squares)),
-    Row("3DGS, demosaicked, mu-law", LinearLight, given=inputs.demosaicked, base=vanilla),
+    Row("3DGS, demosaicked, mu-law", LinearLight, given=inputs.demosaicked, compose=vanilla.compose),
 )
 
 
@@ -103,7 +103,7 @@ class Studio:
 
 
 def _method(row: Row, dataset: Dataset, light: Light) -> Method:
-    method = replace(row.base.compose(dataset, light), observation=row.observation(light.normaliser))
+    method = replace(row.compose(dataset, light), observation=row.observation(light.normaliser))
     return method if row.loss is None else replace(method, loss=row.loss)
 
 

@@ -10,6 +10,7 @@ Finished rows are kept in FOLDER/refine.jsonl. --write puts the table into bench
 
 import argparse
 import shutil
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -62,7 +63,7 @@ def disturbed(record: CalibrationRecord, dataset: Dataset, px: float, seed: int)
 
 def made_wrong(rig: str, seed: int, px: float, options: argparse.Namespace) -> Path:
     """The session with poses off by so much."""
-    folder = options.work / f"refine-{rig}-{seed}"
+    folder: Path = options.work / f"refine-{rig}-{seed}"
     if not folder.exists():
         shutil.copytree(session(options.work, rig, seed, "truth"), folder)
     true = options.work / f"{rig}-{seed}-truth"
@@ -83,7 +84,7 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
             folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed,
             replace=True,  # whatever the poses are off by, the folder is the same
         )  # fmt: skip
-        found[name] = evaluate(made).raw_psnr
+        found[name] = evaluate(made).known()["raw_psnr"]
     return found
 
 
@@ -109,8 +110,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for rig, seed in scenes:
             name = f"{rig} {seed} {px}"
             folder = made_wrong(rig, seed, px, options)
-            one = cache.get(name, lambda folder=folder, seed=seed: trained(folder, seed, options))
-            told = cache.get(f"{name} trial", lambda folder=folder, seed=seed: trial(folder, seed, options))
+            one = cache.get(name, partial(trained, folder, seed, options))
+            told = cache.get(f"{name} trial", partial(trial, folder, seed, options))
             rows.append({"rig": rig, "seed": seed, "px": px, **one, **told})
     return {"machine": machine(), "rows": rows}
 

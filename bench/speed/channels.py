@@ -11,10 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
+from torch.autograd import backward
 
+from bench.speed.drawn import drawn
 from bench.support.record import arguments, deliver, machine, words
 from imaging.compute import threads
-from recon.splat import Limits, rasterize
+from recon.splat import Limits
 from recon.stability.workloads import view, workload
 
 CHANNELS = (1, 3, 4, 8, 16)
@@ -25,18 +27,18 @@ def render(name: str, channels: int, seed: int) -> tuple[Callable[[], None], Cal
     """Forward, and forward with backward, of a workload whose light has so many channels."""
     *shape, _ = workload(name, COUNT, seed)
     random = torch.Generator().manual_seed(seed)
-    colours = torch.rand(COUNT, channels, generator=random).requires_grad_()
+    tensors = [*shape, torch.rand(COUNT, channels, generator=random).requires_grad_()]
     camera, limits = view(name, WIDTH, HEIGHT), Limits.gsplat()
     pull = torch.randn(HEIGHT, WIDTH, channels, generator=random)
 
     def forward() -> None:
         with torch.no_grad():
-            rasterize(*shape, colours, camera, limits=limits)
+            drawn(tensors, camera, limits)
 
     def both() -> None:
-        for tensor in (*shape, colours):
+        for tensor in tensors:
             tensor.grad = None
-        rasterize(*shape, colours, camera, limits=limits).image.backward(pull)
+        backward(drawn(tensors, camera, limits).image, pull)
 
     return forward, both
 

@@ -12,14 +12,17 @@ import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from torch.autograd import backward
 
+from bench.speed.drawn import drawn
 from bench.support.record import arguments, deliver, machine, words
-from recon.splat import Limits, SplatCamera, rasterize
+from recon.splat import Limits, SplatCamera
 from recon.stability.workloads import view, workload
 
 ROOT = Path(__file__).parents[2]
@@ -33,8 +36,9 @@ Render = Callable[[], torch.Tensor]
 def milliseconds(run: Callable[[], Any], rounds: int) -> float:
     """Median time of a call on the device, after two that warm it up."""
     times = []
+    event: Callable[[], torch.cuda.Event] = partial(torch.cuda.Event, enable_timing=True)
     for number in range(rounds + 2):
-        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        begin, end = event(), event()
         begin.record()
         run()
         end.record()
@@ -54,7 +58,7 @@ def timed(render: Render, tensors: list[torch.Tensor], pull: torch.Tensor, round
     def both() -> None:
         for tensor in tensors:
             tensor.grad = None
-        render().backward(pull)
+        backward(render(), pull)
 
     return {"forward_ms": milliseconds(forward, rounds), "both_ms": milliseconds(both, rounds)}
 
@@ -69,11 +73,12 @@ def by_gsplat(tensors: list[torch.Tensor], camera: SplatCamera) -> Render:
     matrix = torch.tensor([lens], dtype=torch.float32, device=means.device)
 
     def render() -> torch.Tensor:
-        image, _, _ = rasterization(
+        images: torch.Tensor
+        images, _, _ = rasterization(
             means, quats, scales, opacities, colours, motion, matrix, camera.width, camera.height,
             packed=False,
         )  # fmt: skip
-        return image[0]
+        return images[0]
 
     render()
     return render
@@ -96,7 +101,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             def ours(
                 limits: Limits, tensors: list[torch.Tensor] = tensors, camera: SplatCamera = camera
             ) -> Render:
-                return lambda: rasterize(*tensors, camera, limits=limits).image
+                return lambda: drawn(tensors, camera, limits).image
 
             renders = {f"ours, {label}": ours(limits) for label, limits in CUTS.items()}
             if importlib.util.find_spec("gsplat"):

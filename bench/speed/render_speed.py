@@ -106,8 +106,10 @@ def sized(view: View, width: int, height: int) -> View:
     """A view of as many pixels."""
     lens = view.lens
     across, down = width / lens.width, height / lens.height
-    focus = {"fx": lens.fx * across, "fy": lens.fy * down, "cx": lens.cx * across, "cy": lens.cy * down}
-    lens = replace(lens, width=width, height=height, **focus)
+    lens = replace(
+        lens, width=width, height=height, fx=lens.fx * across, fy=lens.fy * down, cx=lens.cx * across,
+        cy=lens.cy * down,
+    )  # fmt: skip
     plain = np.ones((height, width), np.float32)
     return replace(view, lens=lens, sensor=replace(view.sensor, falloff=plain))
 

@@ -16,12 +16,14 @@ from typing import Any
 from unittest.mock import patch
 
 import torch
+from torch.autograd import backward
 
 from bench.speed import peers
+from bench.speed.drawn import drawn
 from bench.support.record import arguments, deliver, machine, words
 from imaging.compute import threads
 from imaging.files import store
-from recon.splat import Limits, Render, rasterize
+from recon.splat import Limits, Render
 from recon.splat.cpu import rasterizer
 from recon.stability.workloads import view, workload
 from recon.train.warm_up import warm_up
@@ -55,12 +57,12 @@ def ours(name: str, count: int, width: int, height: int, limits: Limits, seed: i
 
     def forward() -> None:
         with torch.no_grad():
-            found[:] = [rasterize(*tensors, camera, limits=limits)]
+            found[:] = [drawn(tensors, camera, limits)]
 
     def both() -> None:
         for tensor in tensors:
             tensor.grad = None
-        rasterize(*tensors, camera, limits=limits).image.backward(pull)
+        backward(drawn(tensors, camera, limits).image, pull)
 
     forward_ms, _ = least(forward, seconds / 2)
     both_ms, used = least(both, seconds)
@@ -83,7 +85,7 @@ def peer(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
     tensors, camera = workload("object", count, seed), view("object", width, height)
     pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
     lists = peers.tile_lists(tensors, camera)
-    image = rasterize(*tensors, camera, limits=Limits.gsplat()).image.detach()
+    image = drawn(tensors, camera, Limits.gsplat()).image.detach()
     best, difference, before = (float("inf"), 0.0, 0), 0.0, torch.get_num_threads()
     for count_threads in sorted({1, before}):
         torch.set_num_threads(count_threads)
@@ -91,7 +93,7 @@ def peer(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
             start = time.perf_counter()
             theirs = peers.torch_tiles(tensors, camera, lists)
             middle = time.perf_counter()
-            theirs.backward(pull)
+            backward(theirs, pull)
             end = time.perf_counter()
             best = min(best, (1e3 * (end - start), 1e3 * (middle - start), count_threads))
             difference = float((theirs.detach() - image).abs().mean())
@@ -118,8 +120,8 @@ def kernels(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
 
     with patch.object(rasterizer, "share", timed):
         for _ in range(rounds):
-            render = rasterize(*tensors, camera, limits=Limits.gsplat())
-            render.image.backward(pull)
+            render = drawn(tensors, camera, Limits.gsplat())
+            backward(render.image, pull)
     found = {name: min(spent) for name, spent in times.items()}
     return {
         "ms": {name: round(spent, 2) for name, spent in found.items()},

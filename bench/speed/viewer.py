@@ -150,8 +150,8 @@ def command(folder: Path, port: int) -> Iterator[tuple[int, float]]:
     """`rig view` of a scene: the number of its process, and when it was started."""
     began = time.perf_counter()
     words = [sys.executable, "-m", "rig", "view", str(folder), "--port", str(port)]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(words, **quiet) as process:
+    nowhere = subprocess.DEVNULL
+    with subprocess.Popen(words, stdout=nowhere, stderr=nowhere) as process:
         try:
             yield process.pid, began
         finally:

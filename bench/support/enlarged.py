@@ -6,6 +6,7 @@ What they show is no sharper for it; they take the memory, the disk and the seco
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ from imaging.files.tiff.dng import write_dng
 from imaging.lens import Lens
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 def enlarged(session: Path, folder: Path, factor: int, *, exposures: int | None = None) -> Path:
@@ -55,7 +58,7 @@ def enlarged(session: Path, folder: Path, factor: int, *, exposures: int | None 
     return folder
 
 
-def _repeated(pixels: npt.NDArray[np.generic], cell: tuple[int, int], factor: int) -> npt.NDArray[np.generic]:
+def _repeated(pixels: npt.NDArray[Value], cell: tuple[int, int], factor: int) -> npt.NDArray[Value]:
     """Pixels [H, W, ...], each cell of them `factor` times along both axes."""
     for axis, length in enumerate(cell):
         side = pixels.shape[axis]

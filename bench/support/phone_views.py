@@ -100,11 +100,14 @@ def phone_views(work: Path, name: str, seed: int) -> PhoneViews:
         np.savez(file, light=light, poses=poses, focal=focal, points=start.xyz)
     with np.load(file) as kept:
         light, points, cameras = kept["light"], kept["points"], _cameras(kept["poses"], float(kept["focal"]))
-    signals = [mosaic(picture @ PHONE.camera_from_rec709.T, Cfa.RGGB) for picture in light.astype(np.float64)]
+    signals = [
+        np.asarray(mosaic(picture @ PHONE.camera_from_rec709.T, Cfa.RGGB), np.float64)
+        for picture in light.astype(np.float64)
+    ]
     rng, trained = np.random.default_rng([seed, 0xDA4C]), _trained(len(light))
     views = [_view(n, cameras[n], PHONE, _shot(f"{n:04d}", signals[n], rng)) for n in trained]
     tested = [number for number in range(len(light)) if number not in trained]
-    inverse = np.linalg.inv(PHONE.camera_from_rec709)
+    inverse = np.asarray(np.linalg.inv(PHONE.camera_from_rec709), np.float64)
     references = [Reference(signals[n].clip(0, 1).astype(np.float32), Cfa.RGGB, inverse) for n in tested]
     return PhoneViews(_dataset(views, "raw", points), [cameras[number] for number in tested], references)
 

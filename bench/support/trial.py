@@ -85,7 +85,7 @@ def run(
         began, clock = time.perf_counter(), time.process_time()
         train(training, trial.dataset, plan, log=lambda line: None, save=lambda: None, until=until)
         wall, used = wall + time.perf_counter() - began, used + time.process_time() - clock
-        row = {"iterations": until, "gaussians": len(training.gaussians)}
+        row: dict[str, Any] = {"iterations": until, "gaussians": len(training.gaussians)}
         row |= {"seconds": round(wall, 2), "processor_seconds": round(used, 2)}
         rows.append(row | quality(trial, training))
     return rows

@@ -142,7 +142,7 @@ def _leaves(height: int, width: int, sources: Sequence[Bytes], rng: np.random.Ge
         if (last - first < 2).any():
             continue
         wide, tall = (last - first).tolist()
-        source = sources[rng.integers(len(sources))]
+        source = sources[int(rng.integers(len(sources)))]
         tall, wide = min(tall, source.shape[0]), min(wide, source.shape[1])
         top, side = (
             int(rng.integers(source.shape[0] - tall + 1)),

@@ -28,7 +28,7 @@ hold that it bins to a pixel."""
 _EPOCH = datetime(2026, 1, 1, 12, 0, 0)
 _FRAME_SECONDS, _LATENCY = 60.0, 250e-6
 
-View = Callable[[int], npt.NDArray[np.float32]]
+View = Callable[[int], npt.NDArray[np.floating]]
 
 
 class _Stage(Enum):
