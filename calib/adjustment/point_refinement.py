@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.adjustment.observations import observations
+from imaging.compute.threads import in_turn
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 
@@ -65,25 +66,32 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
         warps = slopes @ np.linalg.pinv(slopes[reference])
     usable = np.isfinite(warps).all((1, 2)) & (np.abs(np.linalg.det(warps)) > 0.1)
     images = np.unique(sights.image)
+    names = {image: ViewId.of_image(reconstruction.image(int(image)).name) for image in images}
     templates = np.zeros((int(sights.point.max()) + 1, len(_GRID)), np.float32)
     for image in images:
         own = np.unique(reference[sights.image[reference] == image])
-        picture = _decoded(pictures[ViewId.of_image(reconstruction.image(int(image)).name)])
+        picture = _decoded(pictures[names[image]])
         still = np.broadcast_to(np.eye(2), (len(own), 2, 2))
         templates[sights.point[own]] = _unit(_sample(picture, still, sights.place[own]))
-    for done, image in enumerate(images):
-        progress("aligning patches", done, len(images))
+
+    def found(number: int) -> tuple[Index, Array, Array]:
+        """The sights of an image, where they belong, and how much that looks like their points."""
+        image = images[number]
         own = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
-        view = reconstruction.image(int(image))
-        picture = _decoded(pictures[ViewId.of_image(view.name)])
-        places, likeness = _search(picture, templates[sights.point[own]], warps[own], sights.place[own])
+        picture = _decoded(pictures[names[image]])
+        return own, *_search(picture, templates[sights.point[own]], warps[own], sights.place[own])
+
+    for done, (own, places, likeness) in enumerate(in_turn(len(images), found)):
+        progress("aligning patches", done, len(images))
+        image = int(images[done])
+        view = reconstruction.image(image)
         moved = np.linalg.norm(places - sights.place[own], axis=1)
         good = (likeness > LEAST_LIKENESS) & (moved < FARTHEST)
         for feature, place, kept in zip(sights.feature[own].tolist(), places, good.tolist(), strict=True):
             if kept:
                 view.point2D(feature).xy = place
             elif view.point2D(feature).has_point3D():  # a point that lost all but one went with the last
-                reconstruction.delete_observation(int(image), feature)
+                reconstruction.delete_observation(image, feature)
     progress("aligning patches", len(images), len(images))
 
 
