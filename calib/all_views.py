@@ -20,8 +20,10 @@ it would be through ten million."""
 PER_SAMPLE = 40
 """Bytes that looking at a view takes for each sample of its images: 21 of a JPEG, 34 of a RAW bracket
 were measured."""
+PER_PROCESS = 400_000_000
+"""Bytes of a process besides: of its libraries and its compiled kernels; 240 million were measured."""
 ROOM = 0.5
-"""Of the free memory, what all views that are looked at together may take."""
+"""Of the free memory, what all processes together may take."""
 
 
 def summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict[ViewId, ViewSummary]:
@@ -82,5 +84,5 @@ def processes(views: Sequence[View]) -> int:
     ]
     if sum(samples) < WORTHWHILE:
         return 1
-    fit = ROOM * memory.available() / (PER_SAMPLE * max(samples))
+    fit = ROOM * memory.available() / (PER_PROCESS + PER_SAMPLE * max(samples))
     return max(min(available_cores(), len(views), int(fit)), 1)

@@ -44,7 +44,7 @@ def test_another_process_sees_what_this_one_does(arm: Path, monkeypatch: pytest.
         (8, 1e12, 10, 8),
         (1, 1e12, 10, 1),
         (100, 1e12, 10, 12),
-        (8, 5e9, 10, 2),
+        (8, 6e9, 10, 2),
         (8, 1e6, 10, 1),
     ],
     ids=[
@@ -63,3 +63,6 @@ def test_as_many_processes_as_there_are_cores_and_memory_for(
     monkeypatch.setattr(all_views, "available_cores", lambda: cores)
     monkeypatch.setattr(memory, "available", lambda: int(free))
     assert all_views.processes(views) == count
+    # Each may ask for what reading the largest picture is said to take, beside itself.
+    picture = memory.PER_SAMPLE * views[0].shots[0].width * views[0].shots[0].height
+    assert count == 1 or free / count > all_views.PER_PROCESS + picture
