@@ -92,6 +92,13 @@ CLAIMS = (
         ],
     ),
     Claim(
+        r"OpenCV, which has to be given the boards that are seen whole, places it to ([\d.]+) and ([\d.]+)\.",
+        lambda: [
+            cell("calibration", key, "calibrateMultiview", nth=2)
+            for key in ("rotation, degrees", "translation, mm")
+        ],
+    ),
+    Claim(
         r"AUC@1 of ([\d.]+) in the median, but to ([\d.]+) where",
         lambda: [cell("calibration", "AUC@1", f"320 px, {ev} EV", under="Scene") for ev in ("0", "-8")],
     ),
