@@ -9,14 +9,14 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from imaging.compute import memory
+from imaging.compute.threads import in_order
 from imaging.compute.workers import Share
 
 T = TypeVar("T")
@@ -114,23 +114,17 @@ def in_processes(count: int, function: Callable[..., T], arguments: Sequence[tup
     for process in every:
         idle.put(process)
 
-    def call(one: tuple[Any, ...]) -> T:
+    def call(number: int) -> T:
         process = idle.get()
         try:
-            return process.call(function, one)
+            return process.call(function, arguments[number])
         finally:
             idle.put(process)
 
-    ahead: deque[Future[T]] = deque()
     try:
         with ThreadPoolExecutor(count) as pool:
             try:
-                for one in arguments:
-                    ahead.append(pool.submit(call, one))
-                    if len(ahead) > 2 * count:
-                        yield ahead.popleft().result()
-                while ahead:
-                    yield ahead.popleft().result()
+                yield from in_order(pool, len(arguments), call, 2 * count)
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
                 for process in every:

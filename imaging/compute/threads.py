@@ -143,17 +143,22 @@ def in_turn(count: int, work: Callable[[int], T]) -> Iterator[T]:
     For work that leaves Python's lock most of the time; each has one thread for products of numpy. Who ends
     before the last number waits for what has begun.
     """
-    ahead: deque[Future[T]] = deque()
     with one_thread_a_product(), ThreadPoolExecutor(_threads) as pool:
         try:
-            for number in range(count):
-                ahead.append(pool.submit(work, number))
-                if len(ahead) > 2 * _threads:
-                    yield ahead.popleft().result()
-            while ahead:
-                yield ahead.popleft().result()
+            yield from in_order(pool, count, work, 2 * _threads)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def in_order(pool: ThreadPoolExecutor, count: int, work: Callable[[int], T], ahead: int) -> Iterator[T]:
+    """`work(number)` of 0..count-1 in their order, each found by the pool, at most so many of them ahead."""
+    begun: deque[Future[T]] = deque()
+    for number in range(count):
+        begun.append(pool.submit(work, number))
+        if len(begun) > ahead:
+            yield begun.popleft().result()
+    while begun:
+        yield begun.popleft().result()
 
 
 def share_pieces(count: int, stride: int, work: Callable[[int, int], None]) -> None:

@@ -74,9 +74,7 @@ def test_who_ends_early_waits_for_no_more(tmp_path: Path) -> None:
     found = in_processes(2, marked, [(tmp_path, number) for number in range(100)])
     assert next(found) == 0
     found.close()  # type: ignore[attr-defined]
-    begun = len(list(tmp_path.iterdir()))
-    assert begun < 100
-    assert len(list(tmp_path.iterdir())) == begun
+    assert len(list(tmp_path.iterdir())) <= 6  # the first, four ahead of it, and one that took its place
 
 
 def test_a_program_of_a_few_lines_does_not_begin_anew(tmp_path: Path) -> None:
