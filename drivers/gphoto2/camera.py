@@ -156,7 +156,7 @@ class Gphoto2Camera:
     def _able(self, body: BodyProcess) -> Capabilities:
         times = body.do(Body.choices, dials.TIMES, dials.seconds)[1].values()
         f_numbers = body.do(Body.choices, dials.F_NUMBERS, dials.f_number)[1].values()
-        isos = body.do(Body.choices, dials.ISOS, dials.number)[1].values()
+        isos = body.do(Body.choices, dials.ISOS, dials.iso)[1].values()
         obstacle = "" if times else "its exposure time cannot be set: turn its mode dial to M"
         if not body.do(Body.can_shoot):
             obstacle = "libgphoto2 cannot trigger it"
@@ -169,7 +169,7 @@ class Gphoto2Camera:
         return Exposure(
             time=time,
             f_number=_nearest(body, dials.F_NUMBERS, dials.f_number, exposure.f_number),
-            iso=_nearest(body, dials.ISOS, dials.number, exposure.iso),
+            iso=_nearest(body, dials.ISOS, dials.iso, exposure.iso),
         )
 
     def _fetched(self, body: BodyProcess, shot: Place) -> CameraFile:
