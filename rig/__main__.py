@@ -1,19 +1,22 @@
 """`rig` and `python -m rig`: run a command, print its result, turn every failure into one sentence."""
 
-import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
+from imaging.errors import StorageError
 from rig.cli import run
 from rig.terminal.failures import STOPPED, explained
 from rig.terminal.result import CommandResult, print_json, print_result
 from rig.terminal.start_time import set_start
-from rig.terminal.streams import debugging
+from rig.terminal.streams import debugging, mend_standard_streams, silence_stdout
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rig ARGUMENTS` (those of the process if None); the exit code."""
     set_start(process=arguments is None)
+    if arguments is None:
+        mend_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]
@@ -29,22 +32,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return print_result(result, name, as_json)
         if result == STOPPED:
             raise KeyboardInterrupt
-        sys.stdout.flush()
         return int(result or 0)
     except BaseException as error:
-        if isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError):
-            # The reader of our output has seen enough; keep Python from failing again when it flushes.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            return 0
         if isinstance(error, SystemExit):
+            if isinstance(error.__context__, BrokenPipeError):  # the reader of a help has seen enough
+                silence_stdout()
+                return 0
             # typer leaves like this once it has printed or installed a shell's completion.
             return error.code if isinstance(error.code, int) else 0
         if debugging():
             raise
-        line, code = explained(error)
-        print(line, file=sys.stderr)
+        line, code = explained(error, words)
+        if sys.stderr is not None:
+            print(line, file=sys.stderr)
         if as_json:
-            print_json({"command": name, "exit_code": code, "error": line})
+            with suppress(StorageError):  # the first failure is the one that counts
+                print_json({"command": name, "exit_code": code, "error": line})
         return code
 
 

@@ -6,8 +6,11 @@ out; 3 done in part; 130 stopped by Ctrl-C (128 + SIGINT, as shells expect).
 
 import errno
 import os
+import platform
 import tempfile
 import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,7 +18,7 @@ from typer import Abort, TyperException
 
 from imaging.errors import RigError, StorageError
 from imaging.files import store
-from rig.terminal.text import sentence
+from rig.terminal.text import command_line, sentence
 
 STOPPED = 130
 
@@ -41,8 +44,8 @@ class Stopped(RigError):
     exit_code: ClassVar[int] = STOPPED
 
 
-def explained(error: BaseException) -> tuple[str, int]:
-    """The sentence for a failure, and the exit code."""
+def explained(error: BaseException, words: Sequence[str] = ()) -> tuple[str, int]:
+    """The sentence for a failure, and the exit code. words: of the command, for the report of a defect."""
     if isinstance(error, RigError):
         return sentence(error), error.exit_code
     if isinstance(error, TyperException):
@@ -55,7 +58,7 @@ def explained(error: BaseException) -> tuple[str, int]:
             return refusal, 2
     if isinstance(error, MemoryError) or "allocate memory" in str(error):
         return "There is not enough memory: use fewer or smaller images, or --quality draft.", 2
-    return _defect(error), 1
+    return _defect(error, words), 1
 
 
 def _usage(error: TyperException) -> str:
@@ -77,13 +80,30 @@ def _disk(error: OSError) -> str | None:
     return None
 
 
-def _defect(error: BaseException) -> str:
-    """Our own fault: the traceback goes to a file, for the report to us."""
+def _defect(error: BaseException, words: Sequence[str]) -> str:
+    """Our own fault: the traceback goes to a file, with what was done, for the report to us."""
     path = Path(tempfile.gettempdir()) / f"rig-defect-{os.getpid()}.txt"
-    text = "".join(traceback.format_exception(error))
+    doing = "; ".join(getattr(error, "__notes__", ()))
+    head = (
+        f"command: {command_line('rig', *words)}",
+        f"folder: {_folder()}",
+        f"doing: {doing or 'before the work or after it'}",
+        f"rig {version('hdr-rig')}, Python {platform.python_version()}, {platform.platform()}",
+    )
+    text = "\n".join((*head, "", "".join(traceback.format_exception(error))))
     try:
         store.write_bytes(path, text.encode("utf-8", "backslashreplace"))
         where = f"the details are in {path}"
     except StorageError:
         where = "run it again with RIG_DEBUG=1 for the details"
-    return sentence(f"This is a defect of rig, not of your input ({type(error).__name__}): {where}")
+    while_doing = f" in {doing}" if doing else ""
+    return sentence(
+        f"This is a defect of rig, not of your input ({type(error).__name__}{while_doing}): {where}"
+    )
+
+
+def _folder() -> str:
+    try:
+        return os.getcwd()
+    except OSError:  # it was removed
+        return "one that is no longer there"

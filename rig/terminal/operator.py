@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Literal
 
 from drivers.clock import Clock
@@ -66,6 +67,7 @@ class TerminalOperator:
     def _wait(self, what: str) -> None:
         if sys.stdin is not None and sys.stdin.isatty():
             self._say(f"{what} Then press Enter.")
-            sys.stdin.readline()
+            with suppress(OSError):  # the terminal is gone
+                sys.stdin.readline()
         else:
             self._say(what)

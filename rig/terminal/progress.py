@@ -23,6 +23,8 @@ GRACE, INTERVAL = 1.0, 5.0
 class StatusLine(Protocol):
     """Where a command shows what it is doing: a line that changes, and lines that stay."""
 
+    stage: Stage
+
     def begin(self, name: str) -> None:
         """Start a stage, its clock at zero."""
         ...
@@ -100,12 +102,15 @@ class SilentStatusLine:
     """
 
     stream: TextIO | None = None
+    stage: Stage = field(default_factory=lambda: Stage(time.monotonic))
 
     def begin(self, name: str) -> None:
-        """Ignore the stage."""
+        """Start a stage."""
+        self.stage.begin(name)
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """Ignore the progress."""
+        """Note where the stage is."""
+        self.stage.move(message, done, total)
 
     def say(self, line: str) -> None:
         """Ignore the line."""

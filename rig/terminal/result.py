@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from imaging.errors import PartialError, RigError
+from imaging.files import store
 from rig.terminal.failures import Stopped
 from rig.terminal.progress import StatusLine, is_main_process, status_line
-from rig.terminal.streams import libraries_silenced
+from rig.terminal.streams import libraries_silenced, silence_stdout
 from rig.terminal.text import plain, sentence
 
 
@@ -62,6 +63,9 @@ def running(stage: str, go_on: str = "run the same command again") -> Iterator[S
             yield status
         except KeyboardInterrupt as error:
             raise Stopped(f"stopped; {go_on} to continue.") from error
+        except Exception as error:
+            error.add_note(status.stage.line())  # for the report, if it is a defect of rig
+            raise
 
 
 def for_each_scene(items: Sequence[Path], work: Callable[[Path], CommandResult], done: str) -> CommandResult:
@@ -90,15 +94,16 @@ def for_each_scene(items: Sequence[Path], work: Callable[[Path], CommandResult],
 
 
 def print_result(result: CommandResult, command: str, as_json: bool) -> int:
-    """Print the result on standard output and what is missing on standard error; the exit code."""
+    """Print the result on standard output and what is missing on standard error; the exit code.
+
+    StorageError: the file that standard output is has no room for it.
+    """
     if not is_main_process():
         return result.exit_code
     if as_json:
         print_json({"command": command, "exit_code": result.exit_code} | result.data, result.missing)
-    elif not result.quiet:
-        for line in result.lines:
-            print(plain(line))
-    sys.stdout.flush()
+    elif not result.quiet and result.lines:
+        put("\n".join(map(plain, result.lines)))
     if result.missing is not None:
         print(sentence(result.missing), file=sys.stderr)
     return result.exit_code
@@ -108,7 +113,18 @@ def print_json(value: dict[str, Any], missing: str | None = None) -> None:
     """One JSON object on standard output."""
     if missing is not None:
         value = value | {"missing": missing}
-    print(json.dumps(value, indent=1, allow_nan=False, default=str))
+    put(json.dumps(value, indent=1, allow_nan=False, default=str))
+
+
+def put(text: str) -> None:
+    """Print on standard output; a reader who has gone has seen enough. StorageError, as `print_result`."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        silence_stdout()
+    except OSError as error:
+        silence_stdout()
+        raise store.refused("standard output", error) from error
 
 
 @contextmanager

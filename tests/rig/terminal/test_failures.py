@@ -82,6 +82,12 @@ def test_a_defect_in_a_command_shows_no_traceback(rig, monkeypatch, tmp_path: Pa
     assert (code, out) == (1, "")
     assert err.count("\n") == 1
     assert "defect" in err
+    assert "IndexError in check: " in err
+    (file,) = tmp_path.glob("rig-defect-*.txt")
+    report = file.read_text()
+    assert report.startswith(f"command: rig check {tmp_path}\nfolder: {os.getcwd()}\ndoing: check: ")
+    assert "Python 3." in report
+    assert "IndexError: list index out of range" in report
 
 
 def test_rig_debug_lets_the_traceback_through(rig, monkeypatch, tmp_path: Path) -> None:
