@@ -1,7 +1,6 @@
 """The texts that libgphoto2 has for exposures, as its makers write them."""
 
 import pytest
-
 from hypothesis import given
 from hypothesis import strategies as st
 
