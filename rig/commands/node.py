@@ -45,7 +45,8 @@ def node(
         str,
         typer.Option(
             metavar="NAME",
-            help="With --sim, the cameras: generic, canon-eos-6d, nikon-z6, sony-a7m4 or usb3-vision.",
+            help="With --sim, the cameras: generic, canon-eos-6d, canon-eos-r7, nikon-z6, sony-a7m4 or "
+            "usb3-vision.",
         ),
     ] = "generic",
     seed: SeedOption = 0,

@@ -35,7 +35,8 @@ def simulate(
     profile: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="The camera to simulate: generic, canon-eos-6d, nikon-z6 or sony-a7m4."
+            metavar="NAME",
+            help="The camera to simulate: generic, canon-eos-6d, canon-eos-r7, nikon-z6 or sony-a7m4.",
         ),
     ] = "generic",
     seed: SeedOption = 0,
@@ -71,6 +72,8 @@ def simulate(
             view = rig.radiance(0, 0)
             camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
             responder = Responder(camera, body, stack.enter_context(closing(LiveTimeline())))
+            # Of its own, as several of them may be the cameras of one rig.
+            responder.serial = f"SIM-{profile.upper()}-{listening.getsockname()[1]}"
             server = stack.enter_context(PtpIpServer(responder, listening))
         with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced
             with running("simulate") as status:
@@ -80,5 +83,11 @@ def simulate(
                 )
             threading.Event().wait()
         shots = responder.shooting.shots
-    data = {"profile": profile, "host": server.host, "port": server.port, "shots": shots}
+    data = {
+        "profile": profile,
+        "serial": responder.serial,
+        "host": server.host,
+        "port": server.port,
+        "shots": shots,
+    }
     return CommandResult(data, [f"{body.model} took {counted(shots, 'shot')}"])

@@ -31,7 +31,7 @@ def of(rows: list[Examination]) -> dict[str, str]:
     return {row.name: row.verdict for row in rows}
 
 
-@pytest.mark.parametrize("model", ["generic", "canon-eos-6d", "nikon-z6", "sony-a7m4"])
+@pytest.mark.parametrize("model", ["generic", "canon-eos-6d", "canon-eos-r7", "nikon-z6", "sony-a7m4"])
 def test_simulated_bodies_pass(model: str) -> None:
     bus = BusRig(simulate("toy", seed=2, cameras=1), model=model)
     (camera,) = find_cameras(bus.backend, bus.clock)

@@ -6,17 +6,18 @@ format (choose RAW in the camera's menu), bulb, live view, autofocus and its res
 """
 
 import struct
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import replace
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Reader, Value, damaged
-from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, ObjectInfo
+from drivers.ptp.codec import Reader, Value
+from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType, Operation, ResponseCode
+from drivers.ptp.datasets import DevicePropDesc, EnumForm
 from drivers.ptp.exposure import CANON_DIALS, Dial
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download, RefusedWith
+from drivers.ptp.vendors.canon_records import OBJECTS, unpack_object, unpack_records
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import GRACE, deadline
 
@@ -27,6 +28,19 @@ _LIST = 3
 _IMAGE_FORMAT = struct.pack("<I", CanonProperty.IMAGE_FORMAT)
 """How its records begin; the number of files of a shot follows."""
 _PAUSE = 0.05
+_READERS = (
+    CanonOperation.GET_PARTIAL_OBJECT,
+    CanonOperation.GET_PARTIAL_OBJECT_64,
+    Operation.GET_PARTIAL_OBJECT,
+)
+"""What reads a piece of a file: the first that a body lists and does not refuse. All take handle, offset and
+count."""
+_NOT_THIS_WAY = {
+    ResponseCode.OPERATION_NOT_SUPPORTED,
+    ResponseCode.PARAMETER_NOT_SUPPORTED,
+    ResponseCode.INVALID_OBJECT_HANDLE,
+    ResponseCode.INVALID_PARAMETER,
+}
 _MOST_BATCHES = 64
 _READ_BACKS = 5
 _HALF, _FULL = 1, 2
@@ -37,31 +51,6 @@ _BRACKETS = tuple(
 )
 """AEB by thirds of a stop. It has three frames, unless the photographer chose another number in the camera's
 menu, which is not told."""
-
-
-def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """The records of GetEvent: type and payload, up to the empty one that ends them; CameraProtocol."""
-    reader = Reader(data)
-    while reader.remaining >= 8:
-        size, kind = reader.u32(), reader.u32()
-        if (size, kind) == (8, 0):
-            return
-        if size < 8:
-            raise damaged(f"an event record of {size} bytes")
-        yield kind, reader.take(size - 8)
-
-
-def unpack_object(kind: int, payload: bytes) -> Download:
-    """An ObjectAddedEx or RequestObjectTransfer record."""
-    reader = Reader(payload)
-    handle = reader.u32()
-    storage = reader.u32() if kind == CanonEvent.OBJECT_ADDED_EX else 0
-    form = reader.u16()
-    reader.take(10 if kind == CanonEvent.OBJECT_ADDED_EX else 6)
-    size = reader.u32()
-    reader.take(8 if kind == CanonEvent.OBJECT_ADDED_EX else 4)
-    name = reader.take(reader.remaining).partition(b"\0")[0].decode("ascii", "replace")
-    return Download(handle, ObjectInfo(storage=storage, format=form, size=size, filename=name), bytearray())
 
 
 class CanonBody(StandardBody):
@@ -80,6 +69,8 @@ class CanonBody(StandardBody):
         self._added: list[Download] = []
         self._files: int | None = None
         """Of a shot, as the image format has it; None: it has not been told."""
+        listed = tuple(reader for reader in _READERS if self.session.supports(reader))
+        self._readers: tuple[int, ...] = listed or _READERS[:1]
         self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
         self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
         self._listen()
@@ -215,7 +206,17 @@ class CanonBody(StandardBody):
             self.session.run(CanonOperation.TRANSFER_COMPLETE, file.handle, repeatable=True)
 
     def _piece(self, handle: int, offset: int, count: int) -> bytes:
-        return self.session.get(CanonOperation.GET_PARTIAL_OBJECT, handle, offset, count, most=count)
+        *others, last = self._readers
+        for reader in others:
+            try:
+                data = self.session.get(reader, handle, offset, count, most=count)
+            except RefusedWith as error:
+                if error.code not in _NOT_THIS_WAY:
+                    raise
+            else:
+                self._readers = (reader,)
+                return data
+        return self.session.get(last, handle, offset, count, most=count)
 
     def _listen(self) -> None:
         """Read all waiting event records."""
@@ -229,7 +230,7 @@ class CanonBody(StandardBody):
         raise CameraProtocol(f"{self.session.where} sends events without end: switch it off and on.")
 
     def _take(self, kind: int, payload: bytes) -> None:
-        if kind in (CanonEvent.OBJECT_ADDED_EX, CanonEvent.REQUEST_OBJECT_TRANSFER):
+        if kind in OBJECTS:
             self._added.append(unpack_object(kind, payload))
         elif kind == CanonEvent.PROP_VALUE_CHANGED and payload[:4] == _IMAGE_FORMAT and len(payload) >= 8:
             self._files = int.from_bytes(payload[4:8], "little")

@@ -5,7 +5,7 @@ Records after libgphoto2's ptp-pack.c: u32 length, u32 type, fields; an empty re
 
 import struct
 
-from drivers.ptp.codec import pack_array
+from drivers.ptp.codec import pack_array, pack_string
 from drivers.ptp.codes import (
     CanonEvent,
     CanonOperation,
@@ -57,7 +57,7 @@ class Canon(Manner):
     def operations(self) -> dict[int, Handler]:
         """Canon's own; the standard's InitiateCapture is not there."""
         done = Handler(lambda request: Reply())
-        return {
+        every: dict[int, Handler] = {
             CanonOperation.SET_REMOTE_MODE: done,
             CanonOperation.SET_EVENT_MODE: Handler(self._event_mode),
             CanonOperation.KEEP_DEVICE_ON: done,
@@ -75,6 +75,9 @@ class Canon(Manner):
             GET_DEVICE_INFO_EX: Handler(self._device_info_ex, Phase.TO_HOST),
             REQUEST_PROPERTY: Handler(self._request_property),
         }
+        if self.shooting.profile.records != "32":
+            every[CanonOperation.GET_PARTIAL_OBJECT_64] = Handler(self._partial, Phase.TO_HOST)
+        return every
 
     def device_properties(self) -> tuple[int, ...]:
         """Those that the standard's operations read; the rest comes in records."""
@@ -92,22 +95,31 @@ class Canon(Manner):
             return
         self._count_shots()
         name = info.filename.encode("ascii") + b"\0"
-        if announcement.handle in self.memory_handles:
-            fields = struct.pack("<IIIII", announcement.handle, info.format, 0, info.size, 0)
+        handle, parent = announcement.handle, info.parent
+        records = self.shooting.profile.records
+        if handle in self.memory_handles and records == "32":
+            fields = struct.pack("<IIIII", handle, info.format, 0, info.size, 0)
             self._record(CanonEvent.REQUEST_OBJECT_TRANSFER, fields + name)
-        else:
-            fields = struct.pack(
-                "<IIIIIIII",
-                announcement.handle,
-                STORAGE,
-                info.format,
-                0,
-                0,
-                info.size,
-                info.parent,
-                announcement.handle,
-            )
+        elif handle in self.memory_handles and records == "64":
+            fields = struct.pack("<IIIQ", handle, info.format, 0, info.size)
+            self._record(CanonEvent.REQUEST_OBJECT_TRANSFER_64, fields + name)
+        elif handle in self.memory_handles:  # without a name: an empty string, then the folder
+            fields = struct.pack("<IIIQBII", handle, info.format, 0, info.size, 0, parent, 6)
+            self._record(CanonEvent.REQUEST_OBJECT_TRANSFER_64_LONG_NAME, fields)
+        elif records == "32":
+            head = struct.pack("<IIIII", handle, STORAGE, info.format, 0, 0)
+            fields = head + struct.pack("<III", info.size, parent, handle)
             self._record(CanonEvent.OBJECT_ADDED_EX, fields + name)
+        else:
+            head = struct.pack("<IIIII", handle, STORAGE, info.format, 0, 0)
+            fields = head + struct.pack("<QII", info.size, parent, handle)
+            if records == "64":
+                self._record(CanonEvent.OBJECT_ADDED_EX_64, fields + name)
+            else:  # a date, then the name as a string of PTP
+                moment = struct.pack("<I", 0x66000000)
+                self._record(
+                    CanonEvent.OBJECT_ADDED_EX_64_LONG_NAME, fields + moment + pack_string(info.filename)
+                )
 
     def changed(self, code: int) -> None:
         """A record of the value."""

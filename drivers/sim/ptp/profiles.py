@@ -6,6 +6,7 @@ them; what is behind is always the simulated sensor. Verified against: gphoto2 o
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 from drivers.ptp.codes import FormatCode, NikonEvent, SonyEvent, VendorId
 from drivers.sim.ptp import dials as dials
@@ -29,7 +30,8 @@ class CameraProfile:
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
     prefix: of file names; jpeg_settings, raw_setting, raw_jpeg_settings: what CompressionSetting is when it
     shoots JPEG, RAW or both; jpeg: whether it stands at both; write: seconds from the end of an exposure
-    until the file is on the card; lag: from the order to the exposure; rate: frames a second in a burst.
+    until the file is on the card; lag: from the order to the exposure; rate: frames a second in a burst;
+    records: how a Canon tells of files, by the bits of their sizes.
     """
 
     name: str
@@ -53,6 +55,7 @@ class CameraProfile:
     jpeg: bool = False
     lag: float = 0.0
     rate: float = 10.0
+    records: Literal["32", "64", "64 long names"] = "32"
 
 
 PROFILES = {
@@ -84,6 +87,22 @@ PROFILES = {
             raw_format=FormatCode.VENDOR_RAW_2,
             folder="100CANON",
             rate=4.5,
+        ),
+        CameraProfile(
+            "canon-eos-r7",
+            Style.CANON,
+            "Canon.Inc",
+            "Canon EOS R7",
+            0x04A9,
+            0x32F7,
+            VendorId.CANON,
+            100,
+            "",
+            (dials.CANON_TIME, dials.CANON_F_NUMBER, dials.CANON_ISO),
+            raw_format=FormatCode.CANON_CR3,
+            folder="100CANON",
+            rate=15.0,
+            records="64",
         ),
         CameraProfile(
             "nikon-z6",

@@ -12,7 +12,7 @@ from drivers.ptp.codes import DataType
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import Dial
 from drivers.ptp.shutter import Coding
-from drivers.ptp.vendors import canon, nikon, sony
+from drivers.ptp.vendors import nikon, sony
 
 # What a Nikon D780 listed (data/ptp/nikon-d780.txt).
 D780_TICKS = (
@@ -132,20 +132,6 @@ def test_a_setting_that_a_busy_body_drops_is_written_again() -> None:
     stubborn = Body(D780_TICKS, 400, deaf=9)
     assert dial(stubborn, shutter.TICKS).set(1.0, lambda seconds: None).code == 400
     assert stubborn.writes == 2
-
-
-def test_canons_records() -> None:
-    name = b"IMG_0001.CR3\0"
-    transfer = struct.pack("<IIIHHIII", 41, 0xC186, 0x91910000, 0xB108, 0, 0, 99, 0) + name
-    added = struct.pack("<IIIIHHIIIII", 53, 0xC181, 0x1234, 0x20001, 0xB103, 0, 0, 0, 77, 5, 6) + name
-    data = transfer + added + struct.pack("<II", 8, 0) + b"more"
-    first, second = (canon.unpack_object(*record) for record in canon.unpack_records(data))
-    assert (first.handle, first.info.format, first.info.size) == (0x91910000, 0xB108, 99)
-    assert (second.handle, second.info.storage, second.info.size) == (0x1234, 0x20001, 77)
-    assert first.info.filename == second.info.filename == "IMG_0001.CR3"
-    for broken in (struct.pack("<II", 7, 1), struct.pack("<II", 99, 1)):
-        with pytest.raises(CameraProtocol):
-            list(canon.unpack_records(broken))
 
 
 def test_nikons_events() -> None:

@@ -26,6 +26,7 @@ NEEDED = (Operation.OPEN_SESSION, Operation.CLOSE_SESSION, Operation.GET_DEVICE_
 RELEASES = {
     "generic": (Operation.INITIATE_CAPTURE,),
     "canon-eos-6d": (CanonOperation.REMOTE_RELEASE, CanonOperation.REMOTE_RELEASE_ON),
+    "canon-eos-r7": (CanonOperation.REMOTE_RELEASE, CanonOperation.REMOTE_RELEASE_ON),
     "nikon-z6": (
         Operation.INITIATE_CAPTURE,
         NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,

@@ -61,7 +61,12 @@ def test_a_jpeg_that_does_not_come_costs_no_shot(
 ) -> None:
     monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], jpeg=True))
     bench = Bench(toy, name)
-    make = {"canon-eos-6d": CanonBody, "nikon-z6": NikonBody, "sony-a7m4": SonyBody}.get(name, StandardBody)
+    make = {
+        "canon-eos-6d": CanonBody,
+        "canon-eos-r7": CanonBody,
+        "nikon-z6": NikonBody,
+        "sony-a7m4": SonyBody,
+    }.get(name, StandardBody)
     fetch = make.fetch
 
     def refused(body: StandardBody, file: Download) -> bytes:

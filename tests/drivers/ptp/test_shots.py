@@ -25,6 +25,7 @@ EXPOSURE = Exposure(time=1 / 125, f_number=5.6, iso=200)
 SHOOTING = {
     "generic": "INITIATE_CAPTURE",
     "canon-eos-6d": "REMOTE_RELEASE_ON",
+    "canon-eos-r7": "REMOTE_RELEASE_ON",
     "nikon-z6": "INITIATE_CAPTURE_REC_IN_MEDIA",
     "sony-a7m4": "SET_CONTROL_B",
 }

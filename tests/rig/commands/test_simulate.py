@@ -33,6 +33,7 @@ def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
         "command": "simulate",
         "exit_code": 0,
         "profile": "nikon-z6",
+        "serial": f"SIM-NIKON-Z6-{port}",
         "host": "127.0.0.1",
         "port": port,
         "shots": 0,
@@ -59,7 +60,7 @@ def test_an_address_that_is_none_is_wrong_usage(rig, text: str) -> None:
 def test_an_unknown_profile_lists_those_there_are(rig) -> None:
     code, _, err = rig("simulate", "--ptpip", "127.0.0.1:0", "--profile", "leica")
     assert code == 2
-    assert "generic, canon-eos-6d, nikon-z6, sony-a7m4" in err
+    assert "generic, canon-eos-6d, canon-eos-r7, nikon-z6, sony-a7m4" in err
 
 
 def test_an_address_that_is_taken_is_told_before_anything_is_rendered(

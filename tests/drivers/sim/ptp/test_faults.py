@@ -147,7 +147,7 @@ def driven(rig_name: str, seed: int) -> tuple[list[object], list[object]]:
     clock = VirtualClock()
     bus = VirtualBus(clock)
     plan = FaultPlan(clock, mix=ROUGH, seed=seed)
-    for index, name in enumerate(2 * list(PROFILES)):
+    for index, name in enumerate((2 * list(PROFILES))[:8]):
         camera = rig.cameras[index]
         assert isinstance(camera, SimulatedCamera)
         bus.plug(PtpDevice(Responder(camera, profile(name), clock, plan)))

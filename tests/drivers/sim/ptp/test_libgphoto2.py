@@ -19,7 +19,7 @@ from drivers.sim.usb.timeline import LiveTimeline
 from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
-FAST = {"generic": "0.0040s", "nikon-z6": "0.0040s", "canon-eos-6d": "1/250", "sony-a7m4": "1/250"}
+FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}
 """1/250 s as libgphoto2 writes it for each profile."""
 
 
@@ -75,7 +75,8 @@ def test_libgphoto2_sets_shoots_and_downloads(
     gp: Any, timeline: LiveTimeline, tmp_path: Path, name: str
 ) -> None:
     responder = Responder(sensor(), profile(name), timeline)
-    second = "iso=200,capturetarget=Memory card" if name in ("canon-eos-6d", "nikon-z6") else "iso=200"
+    has_target = name.startswith(("canon", "nikon"))
+    second = "iso=200,capturetarget=Memory card" if has_target else "iso=200"
     with PtpIpServer(responder, listen(port=0)) as server:
         where = f"ptpip:{server.host}:{server.port}:{server.port}"
         steps = f"iso=400,shutterspeed={FAST[name]}", second
@@ -110,5 +111,10 @@ def test_usb_ids_are_those_of_the_model(gp: Any, name: str) -> None:
         for index in range(models.count())
         if (models[index].usb_vendor, models[index].usb_product) == (told.vendor, told.product)
     ]
-    called = {"canon-eos-6d": "EOS 6D", "nikon-z6": "Z6", "sony-a7m4": "Alpha-A7 IV (PC Control)"}
+    called = {
+        "canon-eos-6d": "EOS 6D",
+        "canon-eos-r7": "EOS R7",
+        "nikon-z6": "Z6",
+        "sony-a7m4": "Alpha-A7 IV (PC Control)",
+    }
     assert any(model.endswith(called[name]) for model in known), known

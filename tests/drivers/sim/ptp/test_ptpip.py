@@ -24,7 +24,7 @@ from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic
 
 GPHOTO2 = shutil.which("gphoto2")
-FAST = {"generic": "0.0040s", "nikon-z6": "0.0040s", "canon-eos-6d": "1/250", "sony-a7m4": "1/250"}
+FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}
 """1/250 s as gphoto2 writes it for each profile."""
 
 
