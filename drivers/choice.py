@@ -12,6 +12,8 @@ from drivers.errors import CameraRefused
 from imaging.errors import CameraError
 
 OWN = "rig's own PTP, which can set and trigger it"
+UNKNOWN = "libgphoto2, as rig's own PTP does not know what this make wants of a computer"
+ALONE = "rig's own PTP in its standard form, as libgphoto2 cannot set and trigger it"
 ONLY = "libgphoto2, as it is no PTP camera"
 NAMED = "libgphoto2, as it is named"
 
@@ -48,21 +50,24 @@ def find_cameras(
         yield "libgphoto2", other, ONLY
 
 
-def chosen(own: Camera, other: Camera | None) -> tuple[Camera, str]:
-    """The driver that can set and trigger the camera, and why: its own, unless only the other one can.
+def chosen(own: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:
+    """The driver that can set and trigger the camera, and why: its own where that knows the make.
 
-    A camera that cannot be asked stays with its own driver, which says what is wrong.
+    A body of another make may list the standard's order to expose and yet want a handshake first, which
+    libgphoto2 may know. A camera that cannot be asked stays with its own driver, which says what is wrong.
     """
     lacks = None if other is None else _obstacle(own)
     if lacks is None or other is None:
         return own, ""
-    if not lacks:
+    if not lacks and own.knows_make():
         return own, OWN
     own.close()  # libgphoto2 has to have the camera to itself
     able = _obstacle(other) == ""
     other.close()
+    if not able:
+        return own, "" if lacks else ALONE
     why = lacks.partition(":")[0]  # without the fix, which is not needed
-    return (other, f"libgphoto2, as rig's own PTP finds that {why}") if able else (own, "")
+    return other, f"libgphoto2, as rig's own PTP finds that {why}" if lacks else UNKNOWN
 
 
 def _obstacle(camera: Camera) -> str | None:

@@ -13,7 +13,6 @@ from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.autobracket import AutoBracket, Fit, best_fit, shows
 from drivers.ptp.bracket_shot import shoot, stand
-from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
 from drivers.ptp.exposure import Dial
@@ -82,6 +81,10 @@ class PtpCamera:
     def verified(self) -> str:
         """What the layer for its make has been tried on."""
         return self._again(lambda body: body.verified)
+
+    def knows_make(self) -> bool:
+        """Whether its make is one whose ways are known here, beyond the standard's."""
+        return self._again(lambda body: body.knows_make)
 
     def capabilities(self) -> Capabilities:
         """What it can be set to now; sizes and bits are 0 where it does not say before its first picture."""
@@ -262,7 +265,7 @@ class PtpCamera:
             body.session.transport.close()
 
     def _capabilities(self, body: StandardBody) -> Capabilities:
-        width, height = self._size if self._size[0] else _stated_size(body)
+        width, height = self._size if self._size[0] else body.stated_size()
         times, f_numbers, isos = map(_values, (body.time, body.f_number, body.iso))
         return Capabilities(width, height, self._bits, times, f_numbers, isos, body.obstacle())
 
@@ -336,12 +339,3 @@ class PtpCamera:
 
 def _values(dial: Dial | None) -> tuple[float, ...]:
     return () if dial is None else tuple(choice.value for choice in dial.choices())
-
-
-def _stated_size(body: StandardBody) -> tuple[int, int]:
-    """Width and height by the property that holds them as `6048x4024`; zeros where there is none."""
-    if PropertyCode.IMAGE_SIZE in body.session.info.properties:
-        width, _, height = str(body.session.describe(PropertyCode.IMAGE_SIZE).current).partition("x")
-        if width.isdecimal() and height.isdecimal():
-            return int(width), int(height)
-    return 0, 0

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import pytest
 
+from drivers.camera import Capabilities
 from drivers.clock import SystemClock
 from drivers.discovery import ConnectedCamera, ask_all, find_cameras
 from drivers.gphoto2 import Gphoto2Camera
+from drivers.ptp.codes import VendorId
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp import dials
 from drivers.sim.ptp.profiles import profile
@@ -58,6 +60,54 @@ def test_libgphoto2_drives_what_only_it_can_set() -> None:
     assert len(one.capabilities.times) == 9
     assert one.chosen == "libgphoto2, as rig's own PTP finds that its exposure time cannot be set"
     assert bus.open_handles == 0
+
+
+def of_make(bus: VirtualBus, maker: str, extension: int) -> None:
+    """Plug in a body that lists all that the standard has, as makers do whose bodies want more."""
+    rig = simulate("toy")
+    told = replace(profile("generic"), maker=maker, extension=extension)
+    camera = SimulatedCamera(rig.bodies[0], lambda frame: rig.radiance(0, frame))
+    bus.plug(PtpDevice(Responder(camera, told, VirtualClock())))
+
+
+@pytest.mark.parametrize(
+    ("maker", "extension", "why"),
+    [
+        ("FUJIFILM", VendorId.FUJI, "as rig's own PTP finds that its make wants a handshake"),
+        ("FUJIFILM", VendorId.MICROSOFT, "as rig's own PTP finds that its make wants a handshake"),
+        ("OLYMPUS", VendorId.MICROSOFT, "as rig's own PTP does not know what this make wants of a computer"),
+        ("Nikon", VendorId.NIKON, "as rig's own PTP does not know what this make wants of a computer"),
+    ],
+)
+def test_libgphoto2_drives_a_make_that_may_want_a_handshake(maker: str, extension: int, why: str) -> None:
+    """Such a body lists InitiateCapture, and a time that can be set; of Nikon, one without Nikon's own."""
+    bus = VirtualBus(VirtualClock())
+    of_make(bus, maker, extension)
+    one = listed(bus)
+    assert one.where == "gphoto2:usb:001,001"
+    assert one.chosen.startswith(f"libgphoto2, {why}")
+    assert bus.open_handles == 0
+
+
+def test_without_libgphoto2_a_make_that_wants_a_handshake_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.gphoto2.library.find_spec", lambda name: None)
+    bus = VirtualBus(VirtualClock())
+    of_make(bus, "FUJIFILM", VendorId.FUJI)
+    assert "wants a handshake that only libgphoto2 knows: pip install" in listed(bus).trouble
+
+
+def test_what_libgphoto2_cannot_drive_either_stays_with_the_standard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        "drivers.gphoto2.Gphoto2Camera.capabilities",
+        lambda camera: Capabilities(0, 0, 0, (), (), (), "libgphoto2 cannot trigger it"),
+    )
+    bus = VirtualBus(VirtualClock())
+    of_make(bus, "Kodak", VendorId.MICROSOFT)
+    one = listed(bus)
+    assert one.chosen == "rig's own PTP in its standard form, as libgphoto2 cannot set and trigger it"
+    assert one.trouble == ""
 
 
 def test_what_is_no_ptp_camera_is_libgphoto2s() -> None:

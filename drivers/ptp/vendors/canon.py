@@ -59,6 +59,11 @@ class CanonBody(StandardBody):
     releases = (CanonOperation.REMOTE_RELEASE_ON, CanonOperation.REMOTE_RELEASE)
 
     @property
+    def knows_make(self) -> bool:
+        """Known by the operations that it lists."""
+        return True
+
+    @property
     def remembers(self) -> bool:
         """Not known to."""
         return False

@@ -79,6 +79,11 @@ class NikonBody(StandardBody):
         return any(self.session.supports(operation) for operation in _MEMORY_RELEASES)
 
     @property
+    def knows_make(self) -> bool:
+        """If it lists operations of Nikon's own."""
+        return any(self.session.supports(operation) for operation in NikonOperation)
+
+    @property
     def remembers(self) -> bool:
         """Not known to, of what is in memory."""
         return not self._to_memory

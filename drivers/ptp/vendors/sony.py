@@ -81,6 +81,11 @@ class SonyBody(StandardBody):
     """Of a shot: two of a body that is set to RAW+JPEG."""
 
     @property
+    def knows_make(self) -> bool:
+        """Known by the operations that it lists."""
+        return True
+
+    @property
     def remembers(self) -> bool:
         """Not known to."""
         return False

@@ -2,7 +2,8 @@
 
 Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write
 RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time
-is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out.
+is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out, and they are
+left to libgphoto2.
 """
 
 from collections.abc import Generator
@@ -10,7 +11,7 @@ from collections.abc import Generator
 from drivers.errors import CameraRefused
 from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Value
-from drivers.ptp.codes import FormatCode, Operation, VendorId
+from drivers.ptp.codes import FormatCode, Operation, PropertyCode, VendorId
 from drivers.ptp.datasets import DevicePropDesc
 from drivers.ptp.exposure import FUJI_TIME, STANDARD_F_NUMBER, STANDARD_ISO, STANDARD_TIME, Dial
 from drivers.ptp.session import PATIENCE, Download, PtpSession
@@ -44,8 +45,7 @@ class StandardBody:
     def enter(self) -> None:
         """Take control: remote mode, RAW to the host, the dials; called once, when the session is open."""
         self.earlier.update(self.session.handles())
-        fuji = self.session.info.vendor_extension == VendorId.FUJI
-        self.time = self._dial(FUJI_TIME if fuji else STANDARD_TIME)
+        self.time = self._dial(FUJI_TIME if self._is_fuji() else STANDARD_TIME)
         self.f_number, self.iso = self._dial(STANDARD_F_NUMBER), self._dial(STANDARD_ISO)
 
     def leave(self) -> None:
@@ -60,7 +60,14 @@ class StandardBody:
         """Why it cannot shoot for rig, as half a sentence; empty where it can."""
         if not any(self.session.supports(operation) for operation in self.releases):
             return "it takes no pictures on command"
+        if self._is_fuji():
+            return "its make wants a handshake that only libgphoto2 knows: pip install 'hdr-rig[gphoto2]'"
         return "" if self.time is not None else "its exposure time cannot be set: turn its mode dial to M"
+
+    @property
+    def knows_make(self) -> bool:
+        """Whether more than the standard is known of how it is driven."""
+        return False
 
     @property
     def remembers(self) -> bool:
@@ -112,6 +119,20 @@ class StandardBody:
 
     def discard(self, file: Download) -> None:
         """Tell the camera that an object is fetched, or not wanted; on a card it stays."""
+
+    def stated_size(self) -> tuple[int, int]:
+        """Width and height by the property that holds them as `6048x4024`; zeros where there is none."""
+        if PropertyCode.IMAGE_SIZE in self.session.info.properties:
+            width, _, height = str(self.session.describe(PropertyCode.IMAGE_SIZE).current).partition("x")
+            if width.isdecimal() and height.isdecimal():
+                return int(width), int(height)
+        return 0, 0
+
+    def _is_fuji(self) -> bool:
+        """By DeviceInfo's vendor extension, or by name where that says Microsoft."""
+        info = self.session.info
+        named = f"{info.manufacturer} {info.vendor_description}".lower()
+        return info.vendor_extension == VendorId.FUJI or "fujifilm" in named
 
     def _dial(self, setting: tuple[int, Coding]) -> Dial | None:
         code, coding = setting
