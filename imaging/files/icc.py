@@ -20,6 +20,7 @@ from imaging.colour import srgb_encode
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import is_adobe_rgb
+from imaging.files.tiff.pages import photograph
 
 Float = npt.NDArray[np.float32]
 
@@ -139,8 +140,7 @@ def _embedded(data: bytes) -> tuple[bytes, str]:
             return _of_jpeg(data)
         if data.startswith(PNG_MAGIC):
             return _of_png(data)
-        reader = TiffReader(BytesIO(data))
-        value = reader.directory(reader.first)[0].get(_ICC_TAG)
+        value = photograph(TiffReader(BytesIO(data)))[1].get(_ICC_TAG)
     except (TiffError, zlib.error, struct.error, imagecodecs.CmsError, ValueError):
         return _NOTHING
     return (value, "") if isinstance(value, bytes) else _NOTHING

@@ -1,7 +1,7 @@
 """TIFF directories as bytes: what a DNG file and an EXIF block have in common.
 
-Only the classic 32-bit layout (TIFF 6.0), both byte orders. Reading is defensive: the bytes may be
-damaged, so every offset and count is checked and only `TiffError` is raised.
+Written is the classic 32-bit layout (TIFF 6.0); read is BigTIFF as well, in both byte orders. Reading is
+defensive: the bytes may be damaged, so every offset and count is checked and only `TiffError` is raised.
 
 Every tag that is used for light is read here. Two libraries read what this does not: tifffile decodes the
 pixels of TIFF images (`image`), and ExifRead finds EXIF in RAW files that are no TIFF (`raw`). Neither
@@ -10,7 +10,7 @@ takes its place: on damaged bytes they log, and raise whatever they trip over.
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import BinaryIO
@@ -18,7 +18,9 @@ from typing import BinaryIO
 BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 7, 10, 12
 
 _FORMATS = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}
+_FORMATS |= {16: "Q", 17: "q", 18: "Q"}  # BigTIFF's
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
+_SIZES |= {16: 8, 17: 8, 18: 8}
 
 _MOST_READ = 4
 """Bytes of values for each byte of a file: a directory may be read several times."""
@@ -104,16 +106,20 @@ class TiffReader:
         self.size = file.seek(0, 2)
         self._taken = 0
         head = self.read(0, 8)
-        orders = {b"II*\0": "<", b"MM\0*": ">"}
+        orders = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
         if head[:4] not in orders:
             raise TiffError("no TIFF header")
         self._order = orders[head[:4]]
-        self.first: int = self._unpack("I", head[4:])[0]
+        self._big = b"+" in head[:4]
+        self.first: int = self._unpack(*(("Q", self.read(8, 8)) if self._big else ("I", head[4:])))[0]
         """Offset of the first directory."""
 
     def directories(self) -> list[Directory]:
         """Every directory: the chain of IFDs and below each its SubIFDs; the EXIF IFD stands apart."""
-        found: list[Directory] = []
+        return [directory for _, directory in self.walk()]
+
+    def walk(self) -> Iterator[tuple[int, Directory]]:
+        """Offset and values of every directory in the order of `directories`, each read when asked for."""
         waiting, seen = [self.first], set[int]()
         while waiting:
             offset = waiting.pop(0)
@@ -123,17 +129,18 @@ class TiffReader:
             if len(seen) > 64:
                 raise TiffError("too many directories")
             directory, following = self.directory(offset)
-            found.append(directory)
+            yield offset, directory
             waiting += [*integers(directory, SUB_IFDS), following]
-        return found
 
     def directory(self, offset: int) -> tuple[Directory, int]:
         """The directory at `offset`, and the offset of the next (0: none)."""
-        (count,) = self._unpack("H", self.read(offset, 2))
-        table = self.read(offset + 2, 12 * count + 4)
+        counted, entry, place = ("Q", "HHQ8s", "Q") if self._big else ("H", "HHI4s", "I")
+        lead, step, room = (struct.calcsize(f"={form}") for form in (counted, entry, place))
+        (count,) = self._unpack(counted, self.read(offset, lead))
+        table = self.read(offset + lead, step * count + room)
         directory: Directory = {}
         for index in range(count):
-            tag, kind, number, inline = self._unpack("HHI4s", table[12 * index : 12 * index + 12])
+            tag, kind, number, inline = self._unpack(entry, table[step * index : step * (index + 1)])
             if kind not in _SIZES:
                 continue
             length = _SIZES[kind] * number
@@ -143,9 +150,9 @@ class TiffReader:
             self._taken += length
             if self._taken > _MOST_READ * max(self.size, 1 << 16):
                 raise TiffError("more values than bytes")
-            data = inline[:length] if length <= 4 else self.read(self._unpack("I", inline)[0], length)
+            data = inline[:length] if length <= room else self.read(self._unpack(place, inline)[0], length)
             directory[tag] = self._decoded(kind, data)
-        return directory, self._unpack("I", table[-4:])[0]
+        return directory, self._unpack(place, table[-room:])[0]
 
     def _decoded(self, kind: int, data: bytes) -> Value:
         if kind == ASCII:

@@ -1,6 +1,7 @@
 """What EXIF says about camera and exposure, in both directions."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from fractions import Fraction
@@ -26,6 +27,7 @@ from imaging.files.tiff.directory import (
     rational,
     text,
 )
+from imaging.files.tiff.pages import photograph
 from imaging.mosaic import FrameMetadata
 
 MAKE, MODEL, ORIENTATION, DATE_TIME = 271, 272, 274, 306
@@ -123,8 +125,13 @@ def encode_exif(metadata: FrameMetadata) -> bytes:
 
 
 def read_exif(reader: TiffReader) -> FrameMetadata:
-    """Metadata of a TIFF-shaped file or block (most RAW files are); TiffError if it is damaged."""
+    """Metadata of a TIFF-shaped file or block (most RAW files are); TiffError if it is damaged.
+
+    What the photograph itself does not say counts as its first image has it.
+    """
     main, _ = reader.directory(reader.first)
+    with suppress(TiffError):  # a thumbnail that is damaged costs nothing
+        main |= photograph(reader)[1]
     exif: Directory = {}
     for offset in integers(main, EXIF_IFD)[:1]:
         exif, _ = reader.directory(offset)

@@ -1,4 +1,9 @@
-"""Where a photograph was taken: the GPS directory of EXIF (Exif 2.32, 4.6.6), in both directions."""
+"""Where a photograph was taken: the GPS directory of EXIF (Exif 3.0, 4.6.6), in both directions.
+
+A height counts from the sea, or since Exif 3.0 from the ellipsoid (GPSAltitudeRef 2 and 3: from the sea).
+Which version a file follows is rarely told, so that both are read as one height: within a scene they differ
+by a constant.
+"""
 
 from fractions import Fraction
 
@@ -6,7 +11,12 @@ from imaging.files.tiff.directory import ASCII, BYTE, RATIONAL, Directory, Entry
 from imaging.mosaic import GpsPosition
 
 GPS_IFD = 34853
-_LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE, _ALTITUDE_REF, _ALTITUDE, _ERROR = 1, 2, 3, 4, 5, 6, 31
+_LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE, _ALTITUDE_REF, _ALTITUDE = 1, 2, 3, 4, 5, 6
+_STATUS, _DATUM, _ERROR = 9, 18, 31
+_BELOW = (1, 3)
+"""GPSAltitudeRef of heights below what they count from; 0 and 2 are above."""
+_WGS84 = ("WGS84", "WGS1984", "WORLDGEODETIC", "ITRF", "ETRS", "JGD", "GDA", "NAD83", "CGCS2000")
+"""Beginnings of the datums that lie within some metres of WGS84, as a receiver tells places."""
 NAMES = {
     _LATITUDE_REF: "GPS GPSLatitudeRef",
     _LATITUDE: "GPS GPSLatitude",
@@ -14,21 +24,32 @@ NAMES = {
     _LONGITUDE: "GPS GPSLongitude",
     _ALTITUDE_REF: "GPS GPSAltitudeRef",
     _ALTITUDE: "GPS GPSAltitude",
+    _STATUS: "GPS GPSStatus",
+    _DATUM: "GPS GPSMapDatum",
     _ERROR: "GPS Tag 0x001F",
 }
 """What ExifRead calls the tags."""
 
 
 def position_of(tags: Directory) -> GpsPosition | None:
-    """The position of a GPS directory; None where it tells none, or none that there is."""
+    """The position of a GPS directory; None where it tells none, or none that there is.
+
+    None too where the receiver had no fix (GPSStatus V), the hemisphere is missing, or the datum is another
+    than WGS84: hundreds of metres lie between it and Tokyo's or Pulkovo's of 1942.
+    """
     latitude, longitude = (_degrees(tags, tag) for tag in (_LATITUDE, _LONGITUDE))
     if latitude is None or longitude is None or latitude > 90 or longitude > 180:
         return None
     if latitude == 0 and longitude == 0:  # what cameras write that found no satellite
         return None
     south, west = (text(tags, tag)[:1].upper() for tag in (_LATITUDE_REF, _LONGITUDE_REF))
+    if south not in ("N", "S") or west not in ("E", "W") or text(tags, _STATUS)[:1].upper() == "V":
+        return None
+    datum = "".join(letter for letter in text(tags, _DATUM).upper() if letter.isalnum())
+    if datum and not datum.startswith(_WGS84):
+        return None
     altitude = numbers(tags, _ALTITUDE)
-    below = numbers(tags, _ALTITUDE_REF)[:1] == (1,)
+    below = next(iter(numbers(tags, _ALTITUDE_REF)), 0) in _BELOW
     error = numbers(tags, _ERROR)
     return GpsPosition(
         -latitude if south == "S" else latitude,

@@ -9,6 +9,8 @@ import numpy.typing as npt
 import tifffile
 
 from imaging.compute.memory import check_picture
+from imaging.files.tiff.directory import TiffReader
+from imaging.files.tiff.pages import photograph
 
 # without a handler, Python would print the library's complaints about damaged files
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -19,6 +21,8 @@ _ASSOCIATED, _UNASSOCIATED = 1, 2
 _ROWS = 64
 """Rows that are computed with at a time: copies of a large picture would fill the memory."""
 _SUBSAMPLING, _COEFFICIENTS, _REFERENCE = 530, 529, 532
+_SIGNED, _FLOAT = 2, 3
+_GREY_CURVE = 291
 
 
 class UnfitError(Exception):
@@ -26,15 +30,16 @@ class UnfitError(Exception):
 
 
 def decode_tiff(data: bytes, name: str) -> npt.NDArray[Any]:
-    """Code values of the first page, uint8 or uint16 [H, W] or [H, W, C], with alpha as the last of 2 or 4.
+    """Code values of the photograph (`pages`), uint8 or uint16 [H, W] or [H, W, C]; of 2 or 4 alpha is last.
 
     UnfitError for a kind that is not read, InputError for one larger than the memory, and whatever the
     decoder trips over for damaged bytes.
     """
     with tifffile.TiffFile(BytesIO(data)) as file:
-        page: Any = file.pages.first
+        page: Any = _page(file, photograph(TiffReader(BytesIO(data)))[0])
         if page.photometric not in (INVERTED, GREY, RGB, YCBCR):
             raise UnfitError("is a TIFF that is neither grey nor RGB: convert it to RGB")
+        _check_samples(page)
         if page.dtype not in (np.uint8, np.uint16) or page.bitspersample not in (8, 16):
             raise UnfitError("is a TIFF of other than 8 or 16 bits: convert it to one of them")
         luma = page.photometric == YCBCR and page.compression not in _JPEG  # whose decoder gives RGB
@@ -49,11 +54,51 @@ def decode_tiff(data: bytes, name: str) -> npt.NDArray[Any]:
         if page.axes.startswith("S"):  # planes
             codes = np.moveaxis(codes, 0, -1)
         codes = codes.astype(codes.dtype.newbyteorder("="))
-        if page.photometric == INVERTED:
-            codes = np.iinfo(codes.dtype).max - codes
+        if page.photometric == INVERTED:  # alpha is not
+            codes = np.iinfo(codes.dtype).max - codes if codes.ndim == 2 else _first_inverted(codes)
         if luma:
             codes = _rgb(codes, page)
         return _with_alpha(codes, page)
+
+
+def _page(file: tifffile.TiffFile, offset: int) -> Any:
+    """The page whose directory stands at an offset."""
+    first = file.pages.first
+    if first.offset == offset:
+        return first
+    file.filehandle.seek(offset)
+    return tifffile.TiffPage(file, index=0)
+
+
+def _check_samples(page: Any) -> None:
+    """UnfitError for samples that are no codes of the usual scale, by the tag that says so."""
+    if page.sampleformat == _FLOAT:
+        raise UnfitError(
+            "is a TIFF of floating-point samples (SampleFormat 3): convert it to EXR, if it is linear "
+            "light, or to 16 bits"
+        )
+    if page.sampleformat == _SIGNED:
+        raise UnfitError("is a TIFF of signed samples (SampleFormat 2): convert it to unsigned ones")
+    if page.imagedepth > 1:
+        raise UnfitError("is a TIFF of a volume (ImageDepth): convert it to a picture")
+    if _GREY_CURVE in page.tags and page.photometric in (INVERTED, GREY):
+        raise UnfitError(
+            "is a TIFF of densities (GrayResponseCurve), which rig does not read: convert it to RGB"
+        )
+    top = float(2**page.bitspersample - 1)
+    if page.photometric == RGB and _REFERENCE in page.tags:
+        levels = np.reshape(_numbers(page, _REFERENCE, (0, top) * 3), (3, 2))
+        if np.any(levels != (0, top)):
+            raise UnfitError(
+                "is a TIFF whose black and white are not those of its codes (ReferenceBlackWhite): "
+                "convert it to RGB of the full range"
+            )
+
+
+def _first_inverted(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    codes = codes.copy()
+    codes[..., 0] = np.iinfo(codes.dtype).max - codes[..., 0]
+    return codes
 
 
 def _rgb(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
