@@ -34,7 +34,8 @@ class GpsPosition:
 class FrameMetadata:
     """What a file says about the camera and the exposure; None where it says nothing.
 
-    captured_at: what the camera's clock showed, without a zone. orientation: as in EXIF, 1 to 8.
+    captured_at: what the camera's clock showed, without a zone. lens: its name. digital_zoom: by how much
+    the picture was cut and enlarged. orientation: as in EXIF, 1 to 8.
     opened: when the shutter opened, in seconds of the clock that the driver was given, as a camera that
     stamps its frames tells; no file holds it.
     """
@@ -46,6 +47,8 @@ class FrameMetadata:
     captured_at: datetime | None = None
     focal_length_mm: float | None = None
     focal_length_35mm: float | None = None
+    lens: str = ""
+    digital_zoom: float | None = None
     orientation: int = 1
     opened: float | None = None
     position: GpsPosition | None = None

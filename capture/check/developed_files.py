@@ -1,4 +1,4 @@
-"""Files kept beside those that are read, by the camera or of a pixel shift: absent, or not as recorded."""
+"""Files kept beside those that are read, by the camera or as what they were made of: absent, or altered."""
 
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
@@ -17,7 +17,7 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
         for shot in shots
         for file, digest, what in (
             (shot.developed, shot.developed_sha256, "which the camera made beside"),
-            *((own, told, "one of the exposures of") for own, told in _of_pixel_shift(shot)),
+            *((own, told, "which belongs to what was made into") for own, told in _made_of(shot)),
         )
         if file is not None
     ]
@@ -47,6 +47,6 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
         )
 
 
-def _of_pixel_shift(shot: ShotRecord) -> Iterator[tuple[str, str | None]]:
-    """Name and hash of each exposure; the hash is None where the record has too few."""
+def _made_of(shot: ShotRecord) -> Iterator[tuple[str, str | None]]:
+    """Name and hash of each file that it was made of; the hash is None where the record has too few."""
     return zip_longest(shot.shifted, shot.shifted_sha256[: len(shot.shifted)])

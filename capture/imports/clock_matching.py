@@ -6,7 +6,7 @@ instant has no bracket at that frame, and all that follow stay where they belong
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
 from typing import Literal
@@ -34,6 +34,8 @@ MOST_DIFFERENCES = 4_000_000
 """Of longer series a part tells the offset as well."""
 CLOCKS_AGREE = 2.0
 """Seconds between clocks that were set by the same person."""
+MOST_NAMED = 6
+"""Cameras that a sentence lists."""
 
 
 @dataclass(frozen=True)
@@ -47,30 +49,52 @@ class Matched:
 
 
 def match_frames(
-    cameras: Sequence[CameraRecord], brackets: Sequence[Sequence[Bracket]], together: Together | None
+    cameras: Sequence[CameraRecord],
+    brackets: Sequence[Sequence[Bracket]],
+    together: Together | None,
+    *,
+    ordered: bool = False,
 ) -> Matched:
-    """Number the frames of all cameras; guessed by time, else by order, when `together` is None."""
+    """Number the frames of all cameras; by time when `together` is None.
+
+    ordered: somebody said that the cameras were there together, so that without times the n-th brackets of
+    cameras that have as many are of one instant. Else nothing says so, and no two cameras share a frame.
+    """
     in_order = tuple(tuple(range(len(camera_brackets))) for camera_brackets in brackets)
     if len(cameras) < 2:
         return Matched(in_order, (None,) * len(cameras), ())
-    times = [_starts(camera_brackets) for camera_brackets in brackets]
+    times = [seconds_of(camera_brackets) for camera_brackets in brackets]
     clocked = [starts for starts in times if starts is not None]
     if together in (None, "time") and len(clocked) == len(cameras):
         return _by_time(cameras, clocked)
+    sizes = [len(camera_brackets) for camera_brackets in brackets]
     if together == "never":
-        return _apart([len(camera_brackets) for camera_brackets in brackets])
-    names = [camera.name for camera in cameras]
-    counts = {len(camera_brackets) for camera_brackets in brackets}
+        return _apart(sizes)
+    names = listed([camera.name for camera in cameras])
+    alike = ordered and len(set(sizes)) == 1
+    if together != "order" and not alike:
+        why = (
+            f"Not all files tell their time, so that {names} share no frame; --together order takes the n-th "
+            "of each for one instant."
+        )
+        return replace(_apart(sizes), why=(why,))
     lacking = "since not all files tell their time, " if together != "order" else ""
-    short = "" if len(counts) == 1 else ", although they have different numbers of them"
+    short = "" if len(set(sizes)) == 1 else ", although they have different numbers of them"
     why = (
-        f"Frames of {', '.join(names)}: {lacking}the n-th of each camera are taken for one instant{short}; "
+        f"Frames of {names}: {lacking}the n-th of each camera are taken for one instant{short}; "
         "--together never keeps them apart."
     )
     return Matched(in_order, (0 if together == "order" else None,) * len(cameras), (why,))
 
 
-def _starts(brackets: Sequence[Bracket]) -> Array | None:
+def listed(names: Sequence[str]) -> str:
+    """Names in a row, of many the first."""
+    if len(names) > MOST_NAMED:
+        return f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} others"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def seconds_of(brackets: Sequence[Bracket]) -> Array | None:
     """Seconds at which each bracket began, float64 [N], rising; None if any is not known."""
     starts = []
     for bracket in brackets:
@@ -89,7 +113,7 @@ def _apart(counts: Sequence[int]) -> Matched:
 
 
 def _same_body(body: CameraRecord, other: CameraRecord) -> bool:
-    """Whether two cameras of a session differ in the size of their pictures alone, as when one is turned."""
+    """Whether two cameras of a session are one body, with pictures of two sizes or two settings of a lens."""
     unknown = all(camera.serial.startswith(f"{camera.make} {camera.model} ") for camera in (body, other))
     return body.serial == other.serial or (unknown and (body.make, body.model) == (other.make, other.model))
 
@@ -99,7 +123,8 @@ def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched
     names = [camera.name for camera in cameras]
     frames: dict[int, tuple[int, ...]] = {}
     rigs: dict[int, int | None] = {}
-    why = []
+    why: list[str] = []
+    alone: list[str] = []
     remaining = sorted(range(len(times)), key=lambda index: -len(times[index]))
     first = 0
     while remaining:
@@ -122,11 +147,14 @@ def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched
         first += count
         if len(group) > 1:
             why.append(_note(names, offsets, {index: count - len(places) for index, places in group.items()}))
-        elif len(names) > 1:
-            why.append(
-                f"{names[leader]} was fired at times of its own, so that its frames are its own; "
-                "--together order shares them."
-            )
+        else:
+            alone.append(names[leader])
+    if alone:
+        was, its = ("was", "its") if len(alone) == 1 else ("were", "their")
+        why.append(
+            f"{listed(alone)} {was} fired at times of {its} own, so that no other camera shares {its} "
+            "frames; --together order shares them."
+        )
     every = range(len(times))
     return Matched(tuple(frames[i] for i in every), tuple(rigs[i] for i in every), tuple(why))
 

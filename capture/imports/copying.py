@@ -11,6 +11,7 @@ from typing import Any
 from capture.imports.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.imports.originals import Original, shown
+from capture.imports.sorting.turned import mask_turned_back, turned_back
 from capture.record.new_session import begin, is_vacant
 from capture.record.shot_files import ShotId, depth_file, mask_file, save_developed, shifted_file, shot_file
 from imaging.errors import InputError, StorageError
@@ -150,14 +151,18 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
     original, shot_id = place.original, place.shot_id
     assert original.picture is not None
     data, suffix, moved = read[0], original.path.suffix.lower(), 0.0
+    sources = original.shifted
     if original.shifted:
         (data, moved), suffix = _light(place), ".dng"
+    elif original.turned:
+        data, suffix, sources = turned_back(data, str(original.path)), ".png", (original.path,)
     file = shot_file(shot_id, suffix.lstrip("."))
     mask = mask_sha256 = None
     if place.mask is not None:
-        read_mask(place.mask, original.picture.height, original.picture.width)
-        mask = mask_file(shot_id, place.mask.suffix.lower())
-        cover = place.mask.read_bytes()
+        lies = (original.picture.height, original.picture.width)
+        read_mask(place.mask, *(reversed(lies) if original.turned else lies))
+        mask = mask_file(shot_id, ".png" if original.turned else place.mask.suffix.lower())
+        cover = mask_turned_back(place.mask) if original.turned else place.mask.read_bytes()
         mask_sha256 = hashlib.sha256(cover).hexdigest()
         store.write_bytes(session.folder / mask, cover)
     depth = depth_sha256 = depth_unit = None
@@ -168,7 +173,7 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
         depth_sha256 = hashlib.sha256(distances).hexdigest()
         store.write_bytes(session.folder / depth, distances)
     beside, beside_sha256 = save_developed(session, shot_id, developed)
-    kept = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(original.shifted, start=1)]
+    kept = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(sources, start=1)]
     for name, exposure in zip(kept, read, strict=False):
         store.write_bytes(session.folder / name, exposure)
     store.write_bytes(session.folder / file, data)

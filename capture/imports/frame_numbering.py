@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from capture.imports.bands import split_by_band
-from capture.imports.clock_matching import Together, match_frames
+from capture.imports.clock_matching import Together, listed, match_frames
 from capture.imports.grouping import Bracket, PhotoSeries, split_into_brackets
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import Original
 from imaging.session.records import Band, CameraRecord
+
+_OWN_FRAME = "is a frame of its own"
+"""What the reason of a camera without brackets says."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +32,23 @@ def frames_in_time(
     together: Together | None,
     band_of: Mapping[Path, str] | None = None,
     bands: Sequence[Band] = (),
+    *,
+    ordered: bool = False,
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets of `count` photographs, or as guessed; those of one instant share a frame.
 
     Cameras that were fired together become a rig. band_of: which of the `bands` photographs were taken
-    through. Returned with a sentence for each guess.
+    through. ordered: as of `match_frames`. Returned with a sentence for each guess.
     """
     split = [
         split_by_band(sequence, count, band_of, bands) if band_of else split_into_brackets(sequence, count)
         for sequence in series
     ]
     matched = match_frames(
-        [sequence.camera for sequence in series], [brackets for brackets, _ in split], together
+        [sequence.camera for sequence in series],
+        [brackets for brackets, _ in split],
+        together,
+        ordered=ordered,
     )
     numbered = [
         Numbered(
@@ -52,7 +60,22 @@ def frames_in_time(
             series, split, matched.frames, matched.rigs, strict=True
         )
     ]
-    return numbered, [*(entry.why for entry in numbered), *matched.why]
+    return numbered, [*_summed(numbered), *matched.why]
+
+
+def _summed(numbered: Sequence[Numbered]) -> list[str]:
+    """The reasons of all cameras; those whose photographs are each a frame for one reason in one sentence."""
+    reason_of = {
+        entry.camera.name: entry.why.partition(_OWN_FRAME)[2] for entry in numbered if _OWN_FRAME in entry.why
+    }
+    reasons = set(reason_of.values()) - {"."}  # which a single photograph has
+    if len(reason_of) < 2 or len(reasons) > 1:
+        return [entry.why for entry in numbered]
+    reason = reasons.pop() if reasons else "."
+    return [
+        *(entry.why for entry in numbered if entry.camera.name not in reason_of),
+        f"{listed(list(reason_of))}: each photo {_OWN_FRAME}{reason}",
+    ]
 
 
 def frames_of_layout(
@@ -85,7 +108,7 @@ def frames_of_layout(
         rig = given.rigs.get(photo_of[sequence.originals[0].path].camera)
         camera = sequence.camera if rig is None else sequence.camera.model_copy(update={"rig": rig[0]})
         numbered.append(Numbered(camera, brackets, why or _reason(camera.name, brackets, given.teller)))
-    return numbered, [entry.why for entry in numbered]
+    return numbered, _summed(numbered)
 
 
 def _numbered_by_layout(series: PhotoSeries, photo_of: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:

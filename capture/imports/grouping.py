@@ -1,19 +1,13 @@
-"""Photographs sorted into cameras and brackets; every guess is told in a sentence."""
+"""The photographs of a camera sorted into brackets; every guess is told in a sentence."""
 
-import re
-import unicodedata
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from itertools import combinations, pairwise
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from capture.bracket.deviation import TOLERANCE_STOPS
-from capture.imports.originals import Original, shown
+from capture.imports.originals import Original
 from imaging.session.records import CameraRecord
 
 DISTINCT_STOPS = 0.5
@@ -24,9 +18,6 @@ PAUSE = 30.0
 
 Bracket = list[Original]
 
-Identity = Literal["serial", "folder", "one"]
-"""What tells photographs of one camera from those of another; one: nothing but their kind and size."""
-
 
 @dataclass(frozen=True)
 class PhotoSeries:
@@ -34,113 +25,6 @@ class PhotoSeries:
 
     camera: CameraRecord
     originals: tuple[Original, ...]
-
-
-def sort_into_cameras(
-    folder: Path,
-    originals: Sequence[Original],
-    by: Identity | None = None,
-    lenses: Mapping[Path, str] | None = None,
-    filters: frozenset[str] = frozenset(),
-) -> tuple[list[PhotoSeries], list[str]]:
-    """One camera a serial number, else a make and model, else a folder; sizes are never mixed.
-
-    by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is believed
-    unless `by` says otherwise, and photographs of two words are never mixed. filters: names of bands in lower
-    case, whose folders are of no camera of their own. A file that could not be
-    read belongs to the only camera of its folder and kind, if there is one.
-    """
-    members: dict[tuple[str, ...], list[Original]] = {}
-    at_home: dict[tuple[Path, str], set[tuple[str, ...]]] = {}
-    for original in originals:
-        if original.picture is not None:
-            key = _camera_key(folder, original, by, (lenses or {}).get(original.path), filters)
-            members.setdefault(key, []).append(original)
-            at_home.setdefault((original.path.parent, original.kind), set()).add(key)
-    for original in originals:
-        homes = at_home.get((original.path.parent, original.kind), set())
-        if original.picture is None and len(homes) == 1:
-            members[next(iter(homes))].append(original)
-    place = {original.path: number for number, original in enumerate(originals)}
-    names: set[str] = set()
-    series: list[PhotoSeries] = []
-    guesses: list[str] = []
-    for key, mine in members.items():
-        camera = _camera(folder, mine[0], key, names)
-        ordered = sorted(mine, key=lambda original: place[original.path])
-        series.append(PhotoSeries(camera, tuple(ordered if lenses else _in_time(ordered))))
-        photos = "1 photo is" if len(mine) == 1 else f"{len(mine)} photos are"
-        how = "as given" if by is not None else "--cameras sorts them otherwise"
-        guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {how}.")
-    return series, guesses
-
-
-def _in_time(photos: list[Original]) -> list[Original]:
-    """In order of their times, if all that can be read tell one; counters in file names start over.
-
-    A photo that cannot be read stays behind the one that it follows.
-    """
-    times: list[datetime] = []
-    for photo in photos:
-        moment = None if photo.picture is None else photo.picture.metadata.captured_at
-        if moment is None and photo.picture is not None:
-            return photos
-        before = times[-1] if times else datetime.min
-        times.append(before if moment is None else moment.replace(tzinfo=None))
-    return [photo for _, photo in sorted(zip(times, photos, strict=True), key=lambda pair: pair[0])]
-
-
-def _camera_key(
-    folder: Path, original: Original, by: Identity | None, lens: str | None, filters: frozenset[str]
-) -> tuple[str, ...]:
-    """What makes two photographs those of one camera; its first part says by what."""
-    assert original.picture is not None
-    picture = original.picture
-    metadata = picture.metadata
-    rest = (f"{picture.width}x{picture.height}", picture.kind, lens or "")
-    if by is None and lens is not None:
-        return ("layout", metadata.make, metadata.model, lens, *rest)
-    if by == "one":
-        return ("one", "", "", "", *rest)
-    if by != "folder" and metadata.serial:
-        return ("serial", metadata.make, metadata.model, metadata.serial, *rest)
-    if by != "folder" and (metadata.make or metadata.model):
-        return ("model", metadata.make, metadata.model, "", *rest)
-    home = original.path.parent.relative_to(folder)
-    own = [part for part in home.parts if part.casefold() not in filters]
-    return ("folder", "", "", shown(Path(*own)), *rest)
-
-
-def _reason(key: tuple[str, ...], by: Identity | None) -> str:
-    what = {
-        "serial": f"the serial number {key[3]}",
-        "model": "make and model, since the files tell no serial number",
-        "folder": "their folder" if by == "folder" else "their folder, since the files tell no camera",
-        "layout": f"their lens, number {key[3]} of the layout",
-        "one": "their kind",
-    }
-    return f"{what[key[0]]}, and the size {key[4]}"
-
-
-def _camera(folder: Path, first: Original, key: tuple[str, ...], taken: set[str]) -> CameraRecord:
-    source, make, model, identity, size, _, lens = key
-    home = folder.resolve() if identity in ("", ".") else Path(identity)
-    stem = _plain(home.name if source in ("folder", "one") else model or make)
-    name, number = stem, 1
-    while name.casefold() in taken:
-        number += 1
-        name = f"{stem}-{number}"
-    taken.add(name.casefold())
-    described = identity if source == "serial" else f"{f'{make} {model}'.strip() or identity} {size}"
-    if lens:
-        described = f"{described} lens {lens}"
-    return CameraRecord(name=name, serial=described, make=make, model=model, kind=first.kind)
-
-
-def _plain(text: str) -> str:
-    """A name that records allow: ASCII letters, digits and hyphens."""
-    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"[^a-z0-9]+", "-", ascii_text).strip("-")[:40].strip("-") or "camera"
 
 
 def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Bracket], str]:

@@ -37,6 +37,8 @@ class Original:
     """The photograph that the camera made beside a RAW file."""
     shifted: tuple[Path, ...] = ()
     """The exposures of the pixel shift that begins with `path`."""
+    turned: bool = False
+    """Whether the session has it turned by a quarter to the left; `picture` is then as it lies there."""
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_
 from capture.imports.given_calibration import FILE as CALIBRATION
 from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
 from capture.imports.given_split import write_split
-from capture.imports.grouping import Identity, sort_into_cameras
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given, LayoutName
 from capture.imports.masks import masks_asked, told_masks
 from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.pixel_shift import put_together
+from capture.imports.sorting.cameras import Identity, sort_into_cameras
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.errors import InputError, PartialError
@@ -104,7 +104,12 @@ def import_photos(
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     sorted_series, guesses = sort_into_cameras(
-        folder, surveyed.originals, cameras, labels, frozenset(band.name.casefold() for band in filters)
+        folder,
+        surveyed.originals,
+        cameras,
+        labels,
+        frozenset(band.name.casefold() for band in filters),
+        turn=depths is None and not filters,
     )
     if pixel_shift:
         if given is not None:
@@ -112,7 +117,7 @@ def import_photos(
         sorted_series, shift_notes = put_together(sorted_series)
         guesses += shift_notes
     numbered, why = (
-        frames_in_time(sorted_series, bracket, together, band_of, filters)
+        frames_in_time(sorted_series, bracket, together, band_of, filters, ordered=cameras == "folder")
         if given is None or filters
         else frames_of_layout(sorted_series, given, bracket, together)
     )

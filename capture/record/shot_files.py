@@ -102,7 +102,7 @@ def save_developed(
 
 
 def shifted_file(shot_id: ShotId, number: int, suffix: str) -> str:
-    """Where an exposure of a pixel shift lies, relative to the session; counted from 1."""
+    """Where a file that a shot was made of lies, relative to the session; counted from 1."""
     return f"shifted/{shot_id.view}_{shot_id.step}_{number}{suffix}"
 
 

@@ -184,8 +184,9 @@ class ShotRecord(Record):
     kept and hashed, and read by nothing."""
     developed_sha256: str | None = None
     shifted: tuple[str, ...] = ()
-    """The exposures of a pixel shift that `file` was put together from, relative to the session: kept as the
-    camera made them and hashed, and read by nothing."""
+    """The files that `file` was made of, relative to the session: the exposures of a pixel shift, or the
+    photograph that was turned to lie as others of its camera. Kept as they came and hashed, and read by
+    nothing."""
     shifted_sha256: tuple[str, ...] = ()
     requested: Exposure | None = None
     reported: Exposure | None = None

@@ -36,6 +36,7 @@ SHUTTER_SPEED_VALUE, APERTURE_VALUE = 37377, 37378
 SENSITIVITY_TYPE, OUTPUT_SENSITIVITY, RECOMMENDED_INDEX, ISO_SPEED = 34864, 34865, 34866, 34867
 EXIF_VERSION, DATE_TIME_ORIGINAL, ZONE_ORIGINAL, SUB_SECONDS = 36864, 36867, 36881, 37521
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
+DIGITAL_ZOOM, LENS_MODEL = 41988, 42036
 COLOUR_SPACE, INTEROP_IFD = 40961, 40965
 CAMERA_SERIAL = 50735
 
@@ -57,6 +58,8 @@ _NAMES = {
     SUB_SECONDS: "EXIF SubSecTimeOriginal",
     FOCAL_LENGTH: "EXIF FocalLength",
     FOCAL_LENGTH_35MM: "EXIF FocalLengthIn35mmFilm",
+    DIGITAL_ZOOM: "EXIF DigitalZoomRatio",
+    LENS_MODEL: "EXIF LensModel",
     BODY_SERIAL: "EXIF BodySerialNumber",
 }
 
@@ -93,6 +96,10 @@ def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
         entries[FOCAL_LENGTH] = Entry(RATIONAL, [rational(metadata.focal_length_mm)])
     if metadata.focal_length_35mm is not None:
         entries[FOCAL_LENGTH_35MM] = Entry(SHORT, [round(metadata.focal_length_35mm)])
+    if metadata.digital_zoom is not None:
+        entries[DIGITAL_ZOOM] = Entry(RATIONAL, [rational(metadata.digital_zoom)])
+    if metadata.lens:
+        entries[LENS_MODEL] = Entry(ASCII, metadata.lens)
     if metadata.serial:
         entries[BODY_SERIAL] = Entry(ASCII, metadata.serial)
     return entries
@@ -241,5 +248,7 @@ def _metadata(tags: Directory) -> FrameMetadata:
         captured_at=_moment(tags),
         focal_length_mm=_positive(tags, FOCAL_LENGTH),
         focal_length_35mm=_positive(tags, FOCAL_LENGTH_35MM),
+        lens=text(tags, LENS_MODEL),
+        digital_zoom=_positive(tags, DIGITAL_ZOOM),
         orientation=int(turned) if 1 <= turned <= 8 else 1,
     )

@@ -82,7 +82,7 @@ def test_cameras_of_two_people_share_no_frame():
     found = match_frames(cameras("ab"), [brackets(one), brackets(other)], None)
     assert found.frames == (tuple(range(12)), tuple(range(12, 24)))
     assert found.rigs == (None, None)
-    assert "a was fired at times of its own" in found.why[0]
+    assert "a and b were fired at times of their own" in found.why[0]
 
 
 def test_one_bracket_each_is_one_frame_only_if_the_clocks_agree():
@@ -90,12 +90,21 @@ def test_one_bracket_each_is_one_frame_only_if_the_clocks_agree():
     assert match_frames(cameras("ab"), [brackets([0.0]), brackets([3600.0])], None).frames == ((0,), (1,))
 
 
-def test_without_times_the_order_counts_and_is_told():
-    found = match_frames(cameras("ab"), [brackets([None] * 3), brackets([None] * 2)], None)
-    assert found.frames == ((0, 1, 2), (0, 1))
+@pytest.mark.parametrize(("ordered", "counts"), [(False, (3, 3)), (False, (1, 1)), (True, (3, 2))])
+def test_without_times_cameras_share_no_frame_and_it_is_told(ordered, counts):
+    pair = [brackets([None] * count) for count in counts]
+    found = match_frames(cameras("ab"), pair, None, ordered=ordered)
+    assert found.frames == (tuple(range(counts[0])), tuple(range(counts[0], sum(counts))))
+    assert found.rigs == (None, None)
+    assert "Not all files tell their time" in found.why[0]
+    assert "--together order" in found.why[0]
+
+
+def test_without_times_the_order_counts_where_somebody_said_that_as_many_were_there_together():
+    found = match_frames(cameras("ab"), [brackets([None] * 3), brackets([None] * 3)], None, ordered=True)
+    assert found.frames == ((0, 1, 2), (0, 1, 2))
     assert found.rigs == (None, None)
     assert "not all files tell their time" in found.why[0]
-    assert "different numbers" in found.why[0]
 
 
 def test_what_is_asked_for_wins():

@@ -57,7 +57,7 @@ def test_every_kind_of_picture_is_read_and_other_files_are_counted(tmp_path):
     assert {s.camera: s.reported for s in session.shots()}["b"] is None
 
 
-def test_a_camera_is_a_serial_number_else_make_and_model_else_a_folder_and_sizes_do_not_mix(tmp_path):
+def test_a_camera_is_a_serial_number_else_make_and_model_else_one_and_sizes_do_not_mix(tmp_path):
     photos = put(
         tmp_path / "photos",
         {
@@ -65,7 +65,7 @@ def test_a_camera_is_a_serial_number_else_make_and_model_else_a_folder_and_sizes
             "x/2.jpg": jpeg(2, time=0.01, serial="8"),
             "y/1.jpg": jpeg(3, time=0.01, serial="7"),
             "y/2.jpg": jpeg(4, time=0.01),
-            "y/3.jpg": jpeg(5, time=0.01, size=(32, 24)),
+            "y/3.jpg": jpeg(5, time=0.01, size=(20, 24)),
             "left/1.jpg": jpeg(6),
             "right/1.jpg": jpeg(7),
             "2.jpg": jpeg(8),
@@ -85,17 +85,14 @@ def test_a_camera_is_a_serial_number_else_make_and_model_else_a_folder_and_sizes
                 {"x/2.jpg"},
                 {"y/2.jpg"},
                 {"y/3.jpg"},
-                {"left/1.jpg"},
-                {"right/1.jpg"},
-                {"2.jpg"},
+                {"left/1.jpg", "right/1.jpg", "2.jpg"},
             ],
         )
     )
-    assert len({c.serial for c in session.record.cameras}) == 7
-    assert mine["left"] == {"left/1.jpg"}
-    assert mine["photos"] == {"2.jpg"}
-    assert result.cameras == 7
-    assert any("by the serial number 7" in guess for guess in result.guesses)
+    assert len({c.serial for c in session.record.cameras}) == 5
+    assert mine["photos"] == {"left/1.jpg", "right/1.jpg", "2.jpg"}
+    assert result.cameras == 5
+    assert any("by the serial numbers 7, 8:" in guess for guess in result.guesses)
     assert any("tell no serial number" in guess for guess in result.guesses)
 
 
@@ -133,7 +130,8 @@ def test_what_tells_cameras_apart_can_be_chosen(tmp_path, cameras, groups):
         found.setdefault(shot.camera, set()).add(Path(shot.source).relative_to(photos).as_posix())
     assert sorted(map(sorted, found.values())) == sorted(map(sorted, groups))
     told = "--cameras sorts them otherwise" if cameras is None else "as given"
-    assert sum(told in guess for guess in result.guesses) == len(groups)
+    (told_of,) = (guess for guess in result.guesses if told in guess)
+    assert f"of {len(groups)} cameras" in told_of or len(groups) == 1
 
 
 def two_cameras(tmp_path, there=range(5), ahead=3600.0) -> Path:

@@ -1,0 +1,1 @@
+"""Photographs sorted into the cameras that took them."""
