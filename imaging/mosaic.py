@@ -38,6 +38,7 @@ class FrameMetadata:
     the picture was cut and enlarged. orientation: as in EXIF, 1 to 8.
     opened: when the shutter opened, in seconds of the clock that the driver was given, as a camera that
     stamps its frames tells; no file holds it.
+    unknown: what its driver could not learn of the frame and took a value for, a sentence each; in no file.
     """
 
     make: str = ""
@@ -51,6 +52,7 @@ class FrameMetadata:
     digital_zoom: float | None = None
     orientation: int = 1
     opened: float | None = None
+    unknown: tuple[str, ...] = ()
     position: GpsPosition | None = None
 
 

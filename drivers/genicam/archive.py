@@ -11,10 +11,11 @@ LARGEST_XML = 32 << 20
 
 
 def unzipped(data: bytes) -> bytes:
-    """The first file of an archive. CameraProtocol if it is damaged, or too large."""
+    """The first file of an archive, past folders. CameraProtocol if it is damaged, too large, or has none."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            first = archive.infolist()[0]
+            files = [one for one in archive.infolist() if not one.is_dir()]
+            first = next((one for one in files if one.filename.lower().endswith(".xml")), None) or files[0]
             if first.file_size > LARGEST_XML:
                 raise CameraProtocol(f"its description unzips to {first.file_size} bytes")
             return archive.read(first)

@@ -8,7 +8,8 @@ from typing import TypeVar
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraRefused, CameraTimeout
-from drivers.genicam import lines, sequencer, settings
+from drivers.genicam import lines, sequencer, settings, units
+from drivers.genicam.chunks import ChunksRefused
 from drivers.genicam.lines import Wiring
 from drivers.genicam.mosaics import Mosaics
 from drivers.genicam.session import Frame, Session
@@ -54,6 +55,7 @@ class GenicamCamera:
         self._bytes_per_second: int | None = None
         self._stage = _Stage.IDLE
         self._was_open = self._runs = self._single = False
+        self._chunks = True
         self._applied: Exposure | None = None
         self._expected: list[Exposure] = []
         """What the camera was set to for each frame that is to come."""
@@ -94,11 +96,12 @@ class GenicamCamera:
         def apply(session: Session) -> int:
             nodes = session.nodes
             settings.set_if_there(nodes, "DeviceLinkThroughputLimitMode", "On")
-            limits = nodes.limits("DeviceLinkThroughputLimit")
-            wanted = min(max(bytes_per_second, limits.low), limits.high)
+            name = "DeviceLinkThroughputLimit"
+            limits, scale = nodes.limits(name), units.bytes_per_second(nodes, name)
+            wanted = min(max(bytes_per_second / scale, limits.low), limits.high)
             step = limits.step or 1
-            nodes.set("DeviceLinkThroughputLimit", int(limits.low + (wanted - limits.low) // step * step))
-            return int(nodes.number("DeviceLinkThroughputLimit"))
+            nodes.set_nearest(name, limits.low + (wanted - limits.low) // step * step)
+            return int(nodes.number(name) * scale)
 
         applied = self._again(apply)
         self._bytes_per_second = bytes_per_second
@@ -183,6 +186,7 @@ class GenicamCamera:
         if not session.nodes.available("TriggerMode"):
             raise CameraRefused(f"{name} cannot be triggered ({session.where}): take one that can.")
         settings.prepare(session.nodes, name)
+        settings.switch_chunks(session.nodes, self._chunks)
         lines.apply(session.nodes, name, self._wiring)
 
     def _fire(self, session: Session) -> float:
@@ -251,6 +255,7 @@ class GenicamCamera:
             settings.stop(session.nodes)
         self._expected, self._runs = list(expected), True
         session.stream.start()
+        settings.lock(session.nodes, True)
         self._before = self._latched(session)
         session.nodes.execute("AcquisitionStart")
 
@@ -264,8 +269,12 @@ class GenicamCamera:
                 taken.append((frame.leader.timestamp, self._mosaics.of(frame, exposure)))
         except CameraLost:
             raise
-        except CameraError:
+        except CameraError as error:
             self._finish(session)
+            if self._chunks and isinstance(error, CameraRefused | ChunksRefused):
+                # Another frame may be understood without what comes with it.
+                self._chunks = False
+                settings.switch_chunks(session.nodes, False)
             raise
         after = self._latched(session)
         self._finish(session)

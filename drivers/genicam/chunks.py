@@ -15,10 +15,14 @@ _TAGS = {"little": struct.Struct("<II"), "big": struct.Struct(">II")}
 """USB3 Vision is little endian, GigE Vision big."""
 
 
+class ChunksRefused(CameraProtocol):
+    """A payload whose chunks are not understood; without them the frame may be."""
+
+
 def split_chunks(
     payload: npt.NDArray[np.uint8], order: ByteOrder
 ) -> tuple[npt.NDArray[np.uint8], dict[int, bytes]]:
-    """The image, which comes first, and the other chunks by ChunkID. CameraProtocol if they do not add up."""
+    """The image, which comes first, and the other chunks by ChunkID. ChunksRefused if they do not add up."""
     tag = _TAGS[order]
     chunks: dict[int, bytes] = {}
     end = len(payload)
@@ -31,7 +35,7 @@ def split_chunks(
             return payload[:size], chunks
         chunks[name] = payload[begin : begin + size].tobytes()
         end = begin
-    raise CameraProtocol(f"the chunks of a payload of {len(payload)} bytes do not add up")
+    raise ChunksRefused(f"the chunks of a payload of {len(payload)} bytes do not add up")
 
 
 def join_chunks(parts: list[tuple[int, bytes]], order: ByteOrder) -> bytes:

@@ -1,7 +1,8 @@
 """What rig sets on a machine vision camera, in the names of the Standard Features Naming Convention.
 
-Gain in dB is mapped to ISO by `ISO = 100 * 10 ** (dB / 20)`: 0 dB is ISO 100. That is arithmetic, so that
-exposures scale as the signal does; it is not the speed of the sensor by ISO 12232.
+A gain of 1, which is 0 dB, is ISO 100, and the ISO goes with the gain as a factor. That is arithmetic, so
+that exposures scale as the signal does; it is not the speed of the sensor by ISO 12232. A gain whose unit
+nobody tells has no ISO.
 """
 
 import math
@@ -10,22 +11,16 @@ import numpy as np
 
 from drivers.camera import Capabilities
 from drivers.errors import CameraRefused
-from drivers.genicam.nodemap import Limits, NodeMap
+from drivers.genicam import processing, units
+from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_NAME, PixelFormat, format_of
 from imaging.cfa import Tile, as_tile
 from imaging.exposure import Exposure
 
 _PACKINGS = {"p": 2, "Packed": 1, "plain": 0}
-
-
-def iso_of(decibels: float) -> float:
-    """The ISO that a gain counts as."""
-    return 100.0 * math.pow(10.0, decibels / 20.0)
-
-
-def decibels_of(iso: float) -> float:
-    """The gain that an ISO asks for."""
-    return 20.0 * math.log10(iso / 100.0)
+_SHORTEST, _LONGEST = 1e-6, 3600.0
+"""Seconds: the ends of the ladder of a camera that states none."""
+_LOWEST_ISO = 1.0
 
 
 def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> bool:
@@ -37,31 +32,42 @@ def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> 
 
 
 def prepare(nodes: NodeMap, name: str) -> PixelFormat:
-    """Stop what runs, leave nothing to automatics and choose the best format, which is returned.
+    """Stop what runs, choose the best format, which is returned, and leave values as the sensor gave them.
 
-    name: of the camera, for messages. CameraRefused if it has neither a Bayer mosaic nor is mono.
+    name: of the camera, for messages. CameraRefused if it has neither a Bayer mosaic nor is mono, or computes
+    something into its frames that cannot be switched off.
     """
     stop(nodes)
-    for automatic in (
-        "SequencerMode",
-        "SequencerConfigurationMode",
-        "ExposureAuto",
-        "GainAuto",
-        "BalanceWhiteAuto",
-    ):
-        set_if_there(nodes, automatic, "Off")
+    for sequencer in ("SequencerMode", "SequencerConfigurationMode"):
+        set_if_there(nodes, sequencer, "Off")
     set_if_there(nodes, "ExposureMode", "Timed")
     set_if_there(nodes, "GainSelector", "All")
-    if set_if_there(nodes, "ChunkModeActive", True):
-        set_if_there(nodes, "ChunkSelector", "ExposureTime")
-        set_if_there(nodes, "ChunkEnable", True)
-    return _choose_format(nodes, name)
+    best = _choose_format(nodes, name)
+    processing.switch_off(nodes, name)
+    return best
+
+
+def switch_chunks(nodes: NodeMap, on: bool) -> None:
+    """Have frames say how long they were exposed, where the camera can; else nothing comes with them."""
+    wanted = on and "ExposureTime" in nodes.entries("ChunkSelector")
+    # In this order: what follows may be locked without.
+    steps: tuple[tuple[str, str | bool], ...] = (
+        *(("ChunkModeActive", True), ("ChunkSelector", "ExposureTime"), ("ChunkEnable", True)),
+    )
+    if not (wanted and all(set_if_there(nodes, name, value) for name, value in steps)):
+        set_if_there(nodes, "ChunkModeActive", False)
 
 
 def stop(nodes: NodeMap) -> None:
-    """Stop the acquisition, if one runs."""
+    """Stop the acquisition, if one runs, and unlock what decides on the size of frames."""
     if nodes.writable("AcquisitionStop"):
         nodes.execute("AcquisitionStop")
+    lock(nodes, False)
+
+
+def lock(nodes: NodeMap, on: bool) -> None:
+    """Keep what decides on the size of frames as it is while an acquisition runs, or let go of it."""
+    set_if_there(nodes, "TLParamsLocked", int(on))
 
 
 def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
@@ -88,47 +94,62 @@ def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
 def set_exposure(nodes: NodeMap, exposure: Exposure) -> Exposure:
     """Set the nearest time and, if an ISO is given, gain; returns what the camera reads back.
 
-    The iris is the lens's own affair: f-numbers are not known.
+    The iris is the lens's own affair: f-numbers are not known. CameraRefused: an ISO is asked of a camera
+    whose gain has no known unit.
     """
-    time = _time_feature(nodes)
-    nodes.set(time, _within(nodes.limits(time), 1e6 * exposure.time))
+    time = time_feature(nodes)
+    nodes.set_nearest(time, exposure.time * units.per_second(nodes, time))
     if exposure.iso is not None and nodes.writable("Gain"):
-        nodes.set("Gain", _within(nodes.limits("Gain"), decibels_of(exposure.iso)))
+        unit = units.gain_unit(nodes)
+        if unit is None:
+            stated = nodes.unit("Gain")
+            raise CameraRefused(
+                f"{nodes.where}: its gain {f'is in {stated!r}' if stated else 'has no unit'}, and may be in "
+                "dB or a factor: name no ISO, and set the gain by its maker's program."
+            )
+        nodes.set_nearest("Gain", units.gain_of(exposure.iso, unit))
     return read_exposure(nodes)
 
 
 def read_exposure(nodes: NodeMap) -> Exposure:
-    """What the camera is set to."""
-    iso = round(iso_of(float(nodes.number("Gain"))), 3) if nodes.available("Gain") else None
-    return Exposure(time=float(nodes.number(_time_feature(nodes))) / 1e6, iso=iso)
+    """What the camera is set to; no ISO where it has no gain, or one whose unit is not known."""
+    unit = units.gain_unit(nodes) if nodes.available("Gain") else None
+    iso = None if unit is None else round(units.iso_of(float(nodes.number("Gain")), unit), 3)
+    time = time_feature(nodes)
+    return Exposure(time=float(nodes.number(time)) / units.per_second(nodes, time), iso=iso)
 
 
 def read_capabilities(nodes: NodeMap) -> Capabilities:
     """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
-    times = nodes.limits(_time_feature(nodes))
     isos: tuple[float, ...] = ()
-    if nodes.writable("Gain"):
-        gains = nodes.limits("Gain")
-        isos = ladder(iso_of(gains.low), iso_of(gains.high), 3)
+    unit = units.gain_unit(nodes) if nodes.writable("Gain") else None
+    if unit is not None and math.isfinite((gains := nodes.limits("Gain")).high - gains.low):
+        low = max(units.iso_of(gains.low, unit), _LOWEST_ISO)
+        isos = ladder(low, max(units.iso_of(gains.high, unit), low), 3)
     white = white_level(nodes, format_of(int(nodes.number("PixelFormat"))))
     return Capabilities(
         width=int(nodes.number("Width")),
         height=int(nodes.number("Height")),
         bit_depth=white.bit_length(),
-        times=ladder(max(times.low, 1.0) / 1e6, times.high / 1e6, 3),
+        times=_times(nodes),
         f_numbers=(),
         isos=isos,
     )
 
 
-def _time_feature(nodes: NodeMap) -> str:
+def _times(nodes: NodeMap) -> tuple[float, ...]:
+    """Third stops from the shortest time to the longest, s, each the nearest that the camera takes."""
+    name = time_feature(nodes)
+    limits, second = nodes.limits(name), units.per_second(nodes, name)
+    low = max(limits.low / second, _SHORTEST)
+    steps = ladder(low, max(min(limits.high / second, _LONGEST), low), 3)
+    return tuple(dict.fromkeys(float(limits.nearest(time * second)) / second for time in steps))
+
+
+def time_feature(nodes: NodeMap) -> str:
     """ExposureTime, or its name in version 1 of the convention, which older GigE cameras have."""
     names = ("ExposureTime", "ExposureTimeAbs")
     return next((name for name in names if nodes.available(name)), names[0])
-
-
-def _within(limits: Limits, value: float) -> float:
-    return min(max(value, limits.low), limits.high)
 
 
 def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
@@ -138,10 +159,13 @@ def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
     return tuple(values) if math.isclose(values[-1], high, rel_tol=1e-6) else (*values, high)
 
 
-def black_levels(nodes: NodeMap, pixels: PixelFormat) -> Tile:
-    """The BlackLevel of the sites of the tile, DN; by colour where the camera has that, 0 if it says none."""
-    if not nodes.available("BlackLevel"):
-        return ((0.0,),)
+def black_levels(nodes: NodeMap, pixels: PixelFormat, white: int) -> Tile | None:
+    """The BlackLevel of the sites of the tile, DN; by colour where the camera has that.
+
+    white: the largest value, DN. None if it says none, one that no frame can have, or in an unknown unit.
+    """
+    if not nodes.available("BlackLevel") or (scale := units.black_scale(nodes, white)) is None:
+        return None
     colours = ("Red", "Green", "Blue")
     if (
         not pixels.cfa.mono
@@ -154,7 +178,8 @@ def black_levels(nodes: NodeMap, pixels: PixelFormat) -> Tile:
             levels.append(float(nodes.number("BlackLevel")))
     else:
         levels = [float(nodes.number("BlackLevel"))] * 3
-    return as_tile(np.array(levels)[pixels.cfa.pattern])
+    told = scale * np.array(levels)
+    return as_tile(told[pixels.cfa.pattern]) if 0 <= told.min() <= told.max() < white else None
 
 
 def white_level(nodes: NodeMap, pixels: PixelFormat) -> int:

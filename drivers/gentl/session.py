@@ -8,6 +8,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraNotFound, CameraProtocol, CameraRefused
 from drivers.genicam.archive import LARGEST_XML, unzipped
 from drivers.genicam.chunks import ByteOrder
+from drivers.genicam.elsewhere import read_url
 from drivers.genicam.nodemap import NodeMap
 from drivers.gentl.abi import CONTROL, Library
 from drivers.gentl.producer import Found, Producer
@@ -113,6 +114,9 @@ def read_xml(library: Library, port: int, memory: Port, where: str) -> bytes:
                 raise CameraProtocol(f"{where}: its description has {size} bytes: update its firmware.")
             data = memory.read(int(local["address"], 16), size)
             return unzipped(data) if data.startswith(b"PK") else data.rstrip(b"\0")
+    for url in urls:
+        if url.lower().startswith("file:"):
+            return read_url(url, where)
     raise CameraProtocol(f"{where}: its description is not in the camera ({urls}): update its firmware.")
 
 

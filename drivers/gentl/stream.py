@@ -11,7 +11,6 @@ from drivers.errors import CameraProtocol, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.session import Frame
-from drivers.genicam.settings import set_if_there
 from drivers.gentl.abi import FLUSH_ALL, NEW_BUFFER_EVENT, NO_LIMIT, BufferInfo, Library, StreamInfo
 from imaging.errors import CameraError
 
@@ -64,7 +63,6 @@ class GentlStream:
             self._call("DSQueueBuffer", self._handle, handle)
         self._call("EventFlush", self._events)
         self._runs = True
-        set_if_there(self._nodes, "TLParamsLocked", 1)  # what decides on the size of frames stays as it is
         self._call("DSStartAcquisition", self._handle, 0, NO_LIMIT)
 
     def stop(self) -> None:
@@ -73,7 +71,6 @@ class GentlStream:
             self._runs = False
             self._call("DSStopAcquisition", self._handle, 0)
             self._call("DSFlushQueue", self._handle, FLUSH_ALL)
-            set_if_there(self._nodes, "TLParamsLocked", 0)
 
     def next_frame(self, timeout: float) -> Frame:
         """The next frame, copied, complete or not. CameraTimeout if none has come within `timeout` s."""

@@ -20,6 +20,7 @@ from drivers.genicam.settings import set_if_there
 from drivers.genicam.timestamps import Latch
 from drivers.gige import gvcp
 from drivers.gige.gvcp import Action, Answer, Code
+from drivers.gige.registers import CAN_SCHEDULE, NANOSECONDS, Bootstrap, Registers
 
 DEVICE_KEY, GROUP_KEY, GROUP_MASK = 0x52494721, 1, 1
 """Of all cameras that rig sets up."""
@@ -53,10 +54,19 @@ def heed(nodes: NodeMap, source: str) -> None:
 
 def keeps_time(nodes: NodeMap) -> bool | None:
     """Whether it is synchronised by now; None for a camera that never is."""
-    for name in ("PtpStatus", "GevIEEE1588Status"):
+    for name, latch in (("PtpStatus", "PtpDataSetLatch"), ("GevIEEE1588Status", "GevIEEE1588DataSetLatch")):
         if nodes.available(name):
+            # Where there is such a command, the status is that of the moment when it was last given.
+            if nodes.writable(latch):
+                nodes.execute(latch)
             return nodes.text(name) in ("Master", "Slave")
     return None
+
+
+def can_schedule(control: Registers) -> bool:
+    """Whether the device takes commands that name a time, in ns as its clock then counts."""
+    schedules = control.read_number(Bootstrap.CAPABILITY, 4) & CAN_SCHEDULE
+    return bool(schedules) and control.read_number(Bootstrap.TICK_FREQUENCY, 8) == NANOSECONDS
 
 
 class NetworkTime:

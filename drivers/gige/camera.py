@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drivers.clock import Clock
 from drivers.genicam.camera import GenicamCamera
 from drivers.genicam.session import Session
-from drivers.gige.actions import AHEAD, action_source, fire, heed, keeps_time
+from drivers.gige.actions import AHEAD, action_source, can_schedule, fire, heed, keeps_time
 from drivers.gige.control import ControlChannel
 from drivers.gige.network import Network
 from drivers.gige.session import GigeSession, open_session
@@ -24,7 +24,7 @@ class GigeCamera(GenicamCamera):
         super().__init__(serial, lambda patience: open_session(serial, network, clock, patience), clock)
         self._address = address
         self._team: ActionTeam | None = None
-        self._leads = self._synchronised = False
+        self._leads = self._synchronised = self._schedules = False
 
     @property
     def where(self) -> str:
@@ -61,6 +61,7 @@ class GigeCamera(GenicamCamera):
         super()._set_up(session)
         if self._team is not None and self._wiring.listens_to is not None:
             heed(session.nodes, self._wiring.listens_to)
+            self._schedules = can_schedule(_control(session))
 
     def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
         super()._start(session, expected)
@@ -70,12 +71,14 @@ class GigeCamera(GenicamCamera):
     def _note(self, session: Session) -> bool | None:
         """Tell the team where this camera is, and whether it shares the others' time; as `keeps_time`."""
         assert self._team is not None
-        told = keeps_time(session.nodes)
+        told, control = keeps_time(session.nodes), _control(session)
+        if told and not self._schedules:
+            told = False
         if told:
             reading = self._latched(session)
             told = reading is not None and self._team.time.agrees(reading)
         self._synchronised = bool(told)
-        self._team.note(self.serial, _control(session).address, synchronised=self._synchronised)
+        self._team.note(self.serial, control.address, synchronised=self._synchronised)
         return told
 
     def _fire(self, session: Session) -> float:

@@ -21,13 +21,16 @@ _PAUSE, _LONGEST_BUSY = 0.01, 0.5
 """Seconds before a busy device is asked again; in all."""
 _LARGEST_DATAGRAM = 2048
 _REFUSED = {
-    Status.NOT_IMPLEMENTED: "does not have that",
     Status.INVALID_PARAMETER: "does not take that value",
     Status.INVALID_ADDRESS: "has nothing at that address",
     Status.WRITE_PROTECTED: "does not let that be written",
     Status.BAD_ALIGNMENT: "has nothing at that address",
     Status.ACCESS_DENIED: "does not allow that now",
 }
+
+
+class _NotImplemented(CameraRefused):
+    """A command that the device does not know."""
 
 
 class ControlChannel:
@@ -119,9 +122,14 @@ class ControlChannel:
         if (first, end) != (address, address + len(data)):
             around = self.read(first, end - first)
             data = around[: address - first] + data + around[address - first + len(data) :]
-        for start in range(0, len(data), gvcp.MOST_MEMORY):
-            part = data[start : start + gvcp.MOST_MEMORY]
-            self._ask(Code.WRITE_MEMORY, struct.pack(">I", first + start) + part)
+        try:
+            for start in range(0, len(data), gvcp.MOST_MEMORY):
+                part = data[start : start + gvcp.MOST_MEMORY]
+                self._ask(Code.WRITE_MEMORY, struct.pack(">I", first + start) + part)
+        except _NotImplemented:
+            # The command is optional; a word at a time does the same.
+            for start in range(0, len(data), 4):
+                self._ask(Code.WRITE_REGISTER, struct.pack(">I", first + start) + data[start : start + 4])
 
     def read_number(self, address: int, size: int) -> int:
         """An unsigned big-endian number."""
@@ -216,6 +224,8 @@ class ControlChannel:
             return
         if status == Status.BUSY:
             raise CameraBusy(f"{self.where} is busy: wait and try again.")
+        if status == Status.NOT_IMPLEMENTED:
+            raise _NotImplemented(f"{self.where} does not have that: read what it offers.")
         if status in _REFUSED:
             raise CameraRefused(f"{self.where} {_REFUSED[Status(status)]}: read what it offers.")
         raise CameraProtocol(f"{self.where} answered with status {status:#06x}: reset the camera.")

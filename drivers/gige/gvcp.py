@@ -122,6 +122,11 @@ def number_payload(number: int) -> bytes:
     return struct.pack(">HH", 0, number)
 
 
+def refusal_payload(code: int) -> bytes:
+    """What an answer carries that refuses a command: of a write, that nothing was written."""
+    return number_payload(0) if code in (Code.WRITE_REGISTER, Code.WRITE_MEMORY) else b""
+
+
 def parse_number_payload(payload: bytes) -> int:
     """The number of such an answer. CameraProtocol if it is none."""
     if len(payload) != 4:

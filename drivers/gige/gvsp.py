@@ -11,8 +11,8 @@ from enum import IntEnum
 from drivers.errors import CameraProtocol
 from drivers.genicam.chunks import CHUNKS
 
-IMAGE, CHUNKS_ALONE = 0x0001, 0x0004
-"""Payload types: an image; an image among chunks, as version 1 of the standard has it."""
+IMAGE, CHUNKS_ALONE, EXTENDED_CHUNKS = 0x0001, 0x0004, 0x0005
+"""Payload types: an image; an image among chunks, as version 1 of the standard has it, and later ones."""
 _SHORT, _LONG = struct.Struct(">HHI"), struct.Struct(">HHIQI")
 _LEADER, _IMAGE = struct.Struct(">HHQ"), struct.Struct(">IIIIIHH")
 _TRAILER = struct.Struct(">HHI")
@@ -94,6 +94,8 @@ class Leader:
 
     def pack(self) -> bytes:
         """What a packet carries of it."""
+        if self.payload_type == CHUNKS_ALONE:
+            return _LEADER.pack(0, self.payload_type, self.timestamp)
         image = (self.pixel_format, self.width, self.height, self.left, self.top, self.padding, 0)
         return _LEADER.pack(0, self.payload_type, self.timestamp) + _IMAGE.pack(*image)
 
@@ -105,6 +107,8 @@ class Leader:
         _, kind, timestamp = _LEADER.unpack_from(data)
         if kind == CHUNKS_ALONE:
             return cls(block, IMAGE | CHUNKS, timestamp)
+        if kind == EXTENDED_CHUNKS:
+            kind = IMAGE | CHUNKS
         if kind & ~CHUNKS != IMAGE:
             return cls(block, kind, timestamp)
         if len(data) < _LEADER.size + _IMAGE.size:
@@ -113,6 +117,10 @@ class Leader:
         return cls(block, kind, timestamp, *image)
 
 
-def trailer(payload_type: int, height: int) -> bytes:
-    """What the last packet of a frame carries."""
-    return _TRAILER.pack(0, payload_type, height)
+def trailer(payload_type: int, height: int, payload: int) -> bytes:
+    """What the last packet of a frame of that many bytes carries; more where chunks come with the image."""
+    if payload_type in (CHUNKS_ALONE, EXTENDED_CHUNKS):
+        long = payload_type == EXTENDED_CHUNKS
+        return _TRAILER.pack(0, payload_type, payload) + (struct.pack(">II", height, 0) if long else b"")
+    chunks = struct.pack(">II", payload, 0) if payload_type & CHUNKS else b""
+    return _TRAILER.pack(0, payload_type, height) + chunks

@@ -1,12 +1,14 @@
 """The bootstrap registers of a GigE Vision device, and where its GenICam XML is found."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from drivers.errors import CameraProtocol
+from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.archive import LARGEST_XML, unzipped
+from drivers.genicam.elsewhere import read_url
 
 URL_SIZE = 512
 DISCOVERY_SIZE = 0xF8
@@ -57,8 +59,10 @@ class Bootstrap(IntEnum):
     """Of action 0; those of the next are 16 bytes further."""
 
 
-CAN_RESEND = 1 << 2
-"""The bit of CAPABILITY."""
+CAN_RESEND, CAN_SCHEDULE = 1 << 2, 1 << 17
+"""Bits of CAPABILITY: packets are sent again; action commands may name a time."""
+NANOSECONDS = 1_000_000_000
+"""The TICK_FREQUENCY of a clock that is synchronised by IEEE 1588."""
 EXCLUSIVE, CONTROL = 1, 2
 """Bits of CONTROL_PRIVILEGE."""
 LATCH = 2
@@ -131,21 +135,30 @@ def parse_url(url: str) -> tuple[str, int, int] | None:
     return None if found is None else (found[1], int(found[2], 16), int(found[3], 16))
 
 
-def read_xml(control: Registers) -> bytes:
-    """The GenICam XML that lies in the device, unzipped. CameraProtocol if it is not there, or damaged."""
+def read_xml(control: Registers, address: str) -> bytes:
+    """The GenICam XML, unzipped: in the device, else where its URLs lead; by http to the device alone.
+
+    address: of the device, IPv4. CameraProtocol: it is damaged, or nowhere. CameraRefused: as `read_url`.
+    """
     urls = [_text(control.read(url, URL_SIZE)) for url in (Bootstrap.FIRST_URL, Bootstrap.SECOND_URL)]
     place = next((place for place in map(parse_url, urls) if place is not None), None)
     if place is None:
+        elsewhere = [url for url in urls if url.lower().startswith(("file:", "http:"))]
+        for other in elsewhere[:-1]:
+            with suppress(CameraRefused):
+                return read_url(other, control.where, address)
+        if elsewhere:
+            return read_url(elsewhere[-1], control.where, address)
         told = " and ".join(repr(url) for url in urls if url) or "nowhere"
         raise CameraProtocol(
-            f"{control.where} has its description not in itself ({told}): update the camera's firmware."
+            f"{control.where} does not say where its description is ({told}): update the camera's firmware."
         )
-    name, address, size = place
-    if not 0 < size <= LARGEST_XML or address + size > 1 << 32:
+    name, begin, size = place
+    if not 0 < size <= LARGEST_XML or begin + size > 1 << 32:
         raise CameraProtocol(
             f"{control.where}: its description has {size} bytes: update the camera's firmware."
         )
-    data = control.read(address, size)
+    data = control.read(begin, size)
     if not name.lower().endswith(".zip") and not data.startswith(b"PK"):
         return data.rstrip(b"\0")
     try:

@@ -25,7 +25,7 @@ class GigeSession:
         self.device_clock = BootstrapClock(self.control)
         try:
             self.control.take()
-            self.nodes = NodeMap(read_xml(self.control), self.control, self.where)
+            self.nodes = NodeMap(read_xml(self.control, about.address), self.control, self.where)
             self.stream = StreamChannel(self.control, lambda: int(self.nodes.number("PayloadSize")), clock)
         except CameraError:
             self.control.close()

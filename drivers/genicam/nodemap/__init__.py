@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.genicam.nodemap.description import Element, read_description
+from drivers.genicam.nodemap.description import read_description
 from drivers.genicam.nodemap.formula import Number
 from drivers.genicam.nodemap.formulas import Converter, SwissKnife
 from drivers.genicam.nodemap.nodes import Limits, Memory, Node, Surroundings, Value, numeric
@@ -47,11 +47,11 @@ class NodeMap:
     """
 
     def __init__(self, xml: bytes, memory: Memory, where: str) -> None:
-        """`where` names the camera in messages."""
-        self._where = where
+        """`where` names the camera in messages; `vendor` is its maker, as the description has it."""
+        self.where = where
         self._around = Surroundings(self._find, memory)
         with self._about("the description"):
-            self._elements: dict[str, Element] = read_description(xml)
+            self.vendor, self._elements = read_description(xml)
         self._nodes: dict[str, Node] = {}
 
     def names(self) -> tuple[str, ...]:
@@ -102,6 +102,21 @@ class NodeMap:
         """Where a number may be at the moment."""
         with self._about(name):
             return self._find(name).limits()
+
+    def kind(self, name: str) -> str:
+        """What the description calls the node, such as Float or Enumeration; empty for an unknown one."""
+        return self._elements[name].tag if name in self._elements else ""
+
+    def unit(self, name: str) -> str:
+        """The unit of a number that the description states; empty where it states none."""
+        with self._about(name):
+            return self._find(name).unit()
+
+    def set_nearest(self, name: str, value: float) -> None:
+        """Set a number to the value that is nearest of those which the camera takes."""
+        with self._about(name):
+            node = self._writable(name)
+            node.set(node.limits().nearest(value, whole=node.whole))
 
     def set(self, name: str, value: Value) -> None:
         """Set a number, a bool, a text, or an Enumeration by the name of its entry."""
@@ -159,7 +174,7 @@ class NodeMap:
             yield
         except (CameraProtocol, CameraRefused) as error:
             kind = CameraRefused if isinstance(error, CameraRefused) else CameraProtocol
-            message = str(error).removeprefix(self._where).lstrip(": ")
-            raise kind(f"{self._where}: {name}: {message}") from error
+            message = str(error).removeprefix(self.where).lstrip(": ")
+            raise kind(f"{self.where}: {name}: {message}") from error
         except RecursionError:
-            raise CameraProtocol(f"{self._where}: {name} depends on itself: update the firmware.") from None
+            raise CameraProtocol(f"{self.where}: {name} depends on itself: update the firmware.") from None

@@ -31,8 +31,9 @@ class Element:
         return next((child.text for child in self.children if child.tag == tag), None)
 
 
-def read_description(xml: bytes) -> dict[str, Element]:
-    """The nodes of a RegisterDescription by name. CameraProtocol if it is none, or has a document type.
+def read_description(xml: bytes) -> tuple[str, dict[str, Element]]:
+    """The maker and the nodes, by name, of a RegisterDescription. CameraProtocol if it is none, or has a
+    document type.
 
     The entries of a StructReg are nodes like any other, MaskedIntRegs with what the StructReg says.
     """
@@ -49,7 +50,7 @@ def read_description(xml: bytes) -> dict[str, Element]:
                 nodes.update({entry.name: entry for entry in _entries(child)})
             elif child.name:
                 nodes[child.name] = child
-    return nodes
+    return root.attributes.get("VendorName", "").replace("_", " "), nodes
 
 
 def _entries(structure: Element) -> list[Element]:

@@ -77,8 +77,12 @@ class Converter(Computing):
         self._there = self.formula(element.first("FormulaTo"))
         self._here = self.formula(element.first("FormulaFrom"))
 
+    def behind(self) -> Node | None:
+        """The node that keeps the value, in other units."""
+        return self.refer("pValue")
+
     def _target(self) -> Node:
-        target = self.refer("pValue")
+        target = self.behind()
         if target is None:
             raise CameraProtocol("it has no pValue")
         return target
@@ -92,11 +96,17 @@ class Converter(Computing):
         return self.compute(self._here, TO=numeric(self._target().value()))
 
     def set(self, value: Value) -> None:
-        """Set the node behind; where that takes whole numbers, to the nearest."""
+        """Set the node behind; where that takes whole numbers or goes in steps, to the nearest."""
         there = self.compute(self._there, FROM=numeric(value))
         target = self._target()
-        is_float = target.element.tag in ("Float", "FloatReg", "Converter", "SwissKnife")
-        target.set(there if is_float else round(there))
+        if not target.whole:
+            target.set(there)
+            return
+        limits = target.limits()
+        step = limits.step or 1
+        # Beyond the ends it is refused, not drawn in; a rounded formula may miss an end by less than a step.
+        inside = limits.low - step < there < limits.high + step
+        target.set(limits.nearest(there, whole=True) if inside else round(there))
 
     def limits(self) -> Limits:
         """Those of the node behind, converted; a falling slope turns them around."""

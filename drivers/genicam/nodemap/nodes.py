@@ -10,6 +10,8 @@ from drivers.genicam.nodemap.description import Element
 from drivers.genicam.nodemap.formula import Number, wrapped
 
 UNLIMITED = float("inf")
+_WHOLE = ("Boolean", "Enumeration", "IntConverter", "IntReg", "IntSwissKnife", "Integer", "MaskedIntReg")
+"""Kinds of nodes whose values are whole numbers."""
 Value = Number | str | bool
 
 
@@ -27,18 +29,35 @@ class Memory(Protocol):
 
 @dataclass(frozen=True)
 class Limits:
-    """The smallest and the largest value, and the step between values where there is one."""
+    """The smallest and the largest value, and the step between values or their list, where there is one."""
 
     low: float
     high: float
     step: float | None = None
+    values: tuple[float, ...] = ()
 
     def check(self, value: Number) -> None:
         """CameraRefused unless a value keeps to them."""
         off = 0.0 if not self.step or self.low == -UNLIMITED else (value - self.low) % self.step
-        if not self.low <= value <= self.high or off:
+        if not self.low <= value <= self.high or off or (self.values and value not in self.values):
             steps = f" in steps of {self.step:g}" if self.step else ""
+            if self.values:
+                steps = f", one of {', '.join(f'{one:g}' for one in self.values)}"
             raise CameraRefused(f"{value} is not in {self.low:g} to {self.high:g}{steps}: give another value")
+
+    def nearest(self, value: float, *, whole: bool = False) -> Number:
+        """The value that they allow and that is nearest; whole: a whole number."""
+        allowed = [one for one in self.values if self.low <= one <= self.high]
+        if allowed:
+            value = min(allowed, key=lambda one: abs(one - value))
+        value = min(max(value, self.low), self.high)
+        step = self.step or (1 if whole else None)
+        if step and not allowed:
+            base = 0.0 if self.low == -UNLIMITED else self.low
+            value = base + round((value - base) / step) * step
+            if value > self.high:  # by rounding alone, or since the last step is not whole
+                value = self.high if value - self.high < 1e-9 * step else value - step
+        return round(value) if whole else float(value)
 
 
 @dataclass
@@ -60,6 +79,15 @@ class Node:
 
     def __init__(self, element: Element, around: Surroundings) -> None:
         self.element, self.around = element, around
+
+    @property
+    def whole(self) -> bool:
+        """Whether its values are whole numbers."""
+        return self.element.tag in _WHOLE
+
+    def unit(self) -> str:
+        """The unit that the description states; empty where it states none."""
+        return self.element.first("Unit") or ""
 
     def get(self) -> Value:
         """The value: int, float or str."""
@@ -85,8 +113,20 @@ class Node:
         return "RW"
 
     def available(self) -> bool:
-        """Whether it is implemented and there at the moment."""
-        return all(self._true(tag, True) for tag in ("pIsImplemented", "pIsAvailable"))
+        """Whether it is implemented and there at the moment, and so is the node that keeps its value.
+
+        One whose answer to that is not there, such as in a chunk that does not come, is not there either.
+        """
+        try:
+            told = all(self._true(tag, True) for tag in ("pIsImplemented", "pIsAvailable"))
+            behind = self.behind() if told else None
+        except CameraRefused:
+            return False
+        return told and (behind is None or behind.available())
+
+    def behind(self) -> "Node | None":
+        """The node that keeps its value, if another does."""
+        return None
 
     def access(self) -> str:
         """What may be done at the moment: letters of R and W."""
@@ -111,7 +151,7 @@ class Node:
         node = self.refer("p" + tag)
         return None if node is None else numeric(node.value())
 
-    def whole(self, tag: str) -> int | None:
+    def integer(self, tag: str) -> int | None:
         """As `number`, in whole numbers."""
         value = self.number(tag)
         return None if value is None else integral(value)

@@ -67,7 +67,7 @@ class Register(Node):
 
     def size(self) -> int:
         """Length in bytes."""
-        size = self.whole("Length")
+        size = self.integer("Length")
         if size is None or not 0 < size <= self.longest:
             raise CameraProtocol(f"its register has {size} bytes")
         return size
@@ -153,8 +153,8 @@ class MaskedIntRegister(Register):
 
     def _bits(self) -> tuple[int, int]:
         """The place of the lowest bit above the register's lowest, and how many bits."""
-        single = self.whole("Bit")
-        first, last = (self.whole("LSB"), self.whole("MSB")) if single is None else (single, single)
+        single = self.integer("Bit")
+        first, last = (self.integer("LSB"), self.integer("MSB")) if single is None else (single, single)
         total = 8 * self.size()
         if first is None or last is None or not (0 <= first < total and 0 <= last < total):
             raise CameraProtocol(f"its bits are {first} to {last} of {total}")

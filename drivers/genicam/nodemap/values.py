@@ -10,7 +10,7 @@ class Holder(Node):
 
     _stored: Value | None = None
 
-    def target(self) -> Node | None:
+    def behind(self) -> Node | None:
         """The node that keeps the value."""
         index = self.refer("pIndex")
         if index is None:
@@ -20,10 +20,15 @@ class Holder(Node):
 
     def target_access(self) -> str:
         """That of the node that keeps the value; a value of its own can be read and set."""
-        target = self.target()
+        target = self.behind()
         if target is None:
             return "RW"
         return {"R": "RO", "W": "WO"}.get(target.access(), "RW")
+
+    def unit(self) -> str:
+        """That of its own, else that of the node that keeps the value."""
+        target = self.behind()
+        return super().unit() or ("" if target is None else target.unit())
 
     def literal(self) -> Number:
         """The value where no other node keeps it."""
@@ -46,32 +51,40 @@ class Holder(Node):
 
     def raw(self) -> Value:
         """What the node behind gives, or the value of its own."""
-        target = self.target()
+        target = self.behind()
         if target is not None:
             return target.value()
         return self.literal() if self._stored is None else self._stored
 
     def put(self, value: Value) -> None:
         """Give a value to the node behind and to the copies, or keep it."""
-        target = self.target()
+        target = self.behind()
         if target is None:
             self._stored = value
             self.around.values.clear()
         else:
+            if isinstance(value, float) and target.whole:  # a fraction for what counts in whole steps
+                value = target.limits().nearest(value, whole=True)
             target.set(value)
         for copy in self.element.all("pValueCopy"):
             self.around.find(copy.text).set(value)
 
     def limits(self) -> Limits:
         """Min, Max and Inc of its own, else those of the node behind."""
-        target = self.target()
+        target = self.behind()
         behind = Limits(-UNLIMITED, UNLIMITED) if target is None else target.limits()
         low, high, step = self.number("Min"), self.number("Max"), self.number("Inc")
         return Limits(
             behind.low if low is None else max(low, behind.low),
             behind.high if high is None else min(high, behind.high),
             behind.step if step is None else step,
+            self._listed() or behind.values,
         )
+
+    def _listed(self) -> tuple[float, ...]:
+        """The only values that it takes, where it lists them."""
+        text = self.element.first("ValidValueSet") or ""
+        return tuple(float(as_number(one)) for one in text.split(";") if one.strip())
 
 
 class Integer(Holder):
@@ -110,12 +123,12 @@ class Boolean(Holder):
 
     def get(self) -> int:
         """Whether the node behind has the OnValue."""
-        on = self.whole("OnValue")
+        on = self.integer("OnValue")
         return int(self.raw() == (1 if on is None else on))
 
     def set(self, value: Value) -> None:
         """Set to OnValue or OffValue."""
-        on, off = self.whole("OnValue"), self.whole("OffValue")
+        on, off = self.integer("OnValue"), self.integer("OffValue")
         self.put((1 if on is None else on) if value else (0 if off is None else off))
 
     def literal(self) -> Number:
@@ -133,7 +146,7 @@ class Enumeration(Holder):
         entries = {}
         for element in self.element.all("EnumEntry"):
             entry = Node(element, self.around)
-            value = entry.whole("Value")
+            value = entry.integer("Value")
             if value is not None and entry.available():
                 entries[element.name] = value
         return entries
@@ -146,7 +159,7 @@ class Enumeration(Holder):
         """The entry. CameraProtocol if the number has none."""
         number = self.get()
         for element in self.element.all("EnumEntry"):
-            if Node(element, self.around).whole("Value") == number:
+            if Node(element, self.around).integer("Value") == number:
                 return element.name
         raise CameraProtocol(f"its value {number} has no name")
 
@@ -168,11 +181,11 @@ class Command(Holder):
 
     def done(self) -> bool:
         """Whether the device has taken the value back; true where that cannot be read."""
-        target = self.target()
+        target = self.behind()
         return target is None or "R" not in target.access() or target.value() != self._command()
 
     def _command(self) -> int:
-        value = self.whole("CommandValue")
+        value = self.integer("CommandValue")
         if value is None:
             raise CameraProtocol("it has no CommandValue")
         return value
@@ -194,4 +207,4 @@ class String(Holder):
         return (self.element.first("Value") or "") if self._text_is_stored() else super().raw()
 
     def _text_is_stored(self) -> bool:
-        return self.target() is None and self._stored is None
+        return self.behind() is None and self._stored is None

@@ -66,6 +66,12 @@ class Feature(IntEnum):
     PTP_ENABLE = 0x10140
     PTP_STATUS = 0x10148
     """Of SFNC's PtpStatus."""
+    GAMMA_ENABLE = 0x10150
+    BALANCE_SELECTOR = 0x10158
+    BALANCE_RATIO = 0x10160
+    """Thousandths, of red and of blue."""
+    TIME_LATCH = 0x10168
+    """The four above are described by cameras with quirks alone."""
 
 
 READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_MAX, Feature.PTP_STATUS)
@@ -211,7 +217,7 @@ def describe(
         xml.enumeration(
             "BlackLevelSelector", Feature.BLACK_SELECTOR, {"All": 0, "Red": 1, "Green": 2, "Blue": 3}
         ),
-        '<Float Name="BlackLevel"><pValue>BlackLevelReg</pValue></Float>',
+        '<Float Name="BlackLevel"><pValue>BlackLevelReg</pValue><Unit>DN</Unit></Float>',
         xml.register(
             "FloatReg",
             "BlackLevelReg",

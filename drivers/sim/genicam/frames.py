@@ -1,7 +1,7 @@
 """A mosaic as the simulated machine vision camera sends it: pixel formats, windows, chunks, black levels."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from drivers.sim.genicam.pixels import pack
 from imaging.cfa import Cfa, Tile
 from imaging.mosaic import RawMosaic
 
+GAMMA = 0.8
 CHUNK_BYTES = 24
 """What chunks add to a payload: a tag of 8 bytes each, and the exposure time."""
 
@@ -46,6 +47,20 @@ def refresh(memory: FeatureMemory, cfa: Cfa, black: Tile, bits: int) -> int:
     return size + (CHUNK_BYTES if memory.get(Feature.CHUNK_MODE) else 0)
 
 
+def _processed(memory: FeatureMemory, mosaic: RawMosaic) -> RawMosaic:
+    """With gamma and white balance, as far as they are on."""
+    ratios = [memory.get(Feature.BALANCE_RATIO, index) / 1000 for index in range(2)]
+    gamma = GAMMA if memory.get(Feature.GAMMA_ENABLE) else 1.0
+    if mosaic.cfa is None or (gamma == 1.0 and ratios == [1.0, 1.0]):
+        return mosaic
+    gains = np.array([ratios[0], 1.0, ratios[1]])
+    black, height, width = mosaic.black_map(), *mosaic.pixels.shape[:2]
+    light = np.maximum(mosaic.pixels - black, 0.0) / (mosaic.white - black)
+    light = light * gains[mosaic.cfa.channels(height, width)]
+    values = black + np.minimum(light, 1.0) ** gamma * (mosaic.white - black)
+    return replace(mosaic, pixels=np.rint(values).astype(np.uint16))
+
+
 @dataclass(frozen=True)
 class SentImage:
     """A frame as it is sent. code: of its pixel format; payload: with its chunks, if they are on."""
@@ -63,7 +78,7 @@ def frame(memory: FeatureMemory, mosaic: RawMosaic, bits: int, time: float) -> S
     """The frame as the registers say. time: applied, s."""
     left, top = memory.get(Feature.OFFSET_X), memory.get(Feature.OFFSET_Y)
     width, height = memory.get(Feature.WIDTH), memory.get(Feature.HEIGHT)
-    window = mosaic.cropped(top, left, height, width)
+    window = _processed(memory, mosaic).cropped(top, left, height, width)
     configured = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
     # The format of a frame names the phase of its own first pixel.
     pixels = next(

@@ -46,7 +46,11 @@ class FeatureMemory:
         """What the host writes. Denied: only registers that are meant for it."""
         self._find(address, len(data))
         features = [feature for feature in Feature if feature not in (*READ_ONLY, Feature.BLACK_LEVEL)]
-        selected = [Feature.TRIGGER_CONTROL + 4, *(Feature.LINE_CONTROL + 4 * line for line in range(LINES))]
+        selected = [
+            Feature.TRIGGER_CONTROL + 4,
+            Feature.BALANCE_RATIO + 4,
+            *(Feature.LINE_CONTROL + 4 * line for line in range(LINES)),
+        ]
         if address not in (*features, *selected) and address not in self._of_transport:
             raise Denied(Status.WRITE_PROTECTED)
         if len(data) != width(address):

@@ -1,12 +1,13 @@
 """What a simulated machine vision camera has when it is switched on."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.genicam import frames
 from drivers.sim.genicam.description import SETS, THROUGHPUT, Feature, Transport, describe
 from drivers.sim.genicam.memory import FeatureMemory
+from drivers.sim.genicam.quirks import Quirk, altered
 from drivers.sim.genicam.register_checks import Checks
 
 
@@ -19,11 +20,19 @@ def _times() -> tuple[float, float]:
     return min(times), max(times)
 
 
-def description_of(camera: SimulatedCamera, transport: Transport) -> str:
+def description_of(camera: SimulatedCamera, transport: Transport, quirks: Container[Quirk] = ()) -> str:
     """Its GenICam XML."""
     lens = camera.body.optics.lens
     model, size = camera.identify().model, (lens.width, lens.height)
-    return describe(model, size, _formats(camera), _times(), max(shutter.ISOS), transport)
+    plain = describe(model, size, _formats(camera), _times(), max(shutter.ISOS), transport)
+    own = {
+        "gamma": Feature.GAMMA_ENABLE,
+        "balance selector": Feature.BALANCE_SELECTOR,
+        "balance": Feature.BALANCE_RATIO,
+        "time latch": Feature.TIME_LATCH,
+    }
+    order = f"{transport.order.title()}Endian"
+    return altered(plain, quirks, own).replace("LittleEndian", order)
 
 
 def checks_of(camera: SimulatedCamera) -> Checks:
@@ -31,8 +40,11 @@ def checks_of(camera: SimulatedCamera) -> Checks:
     return Checks(frozenset(_formats(camera).values()), _times(), (1000, 10 * max(shutter.ISOS)))
 
 
-def power_on(camera: SimulatedCamera, memory: FeatureMemory) -> None:
+def power_on(camera: SimulatedCamera, memory: FeatureMemory, quirks: Container[Quirk] = ()) -> None:
     """Set the features to what they are at first."""
+    for index, ratio in enumerate((1600, 1300) if Quirk.GAMMA in quirks else (1000, 1000)):
+        memory.put(Feature.BALANCE_RATIO + 4 * index, ratio)
+    memory.put(Feature.GAMMA_ENABLE, int(Quirk.GAMMA in quirks))
     lens = camera.body.optics.lens
     for feature, value in {
         Feature.WIDTH: lens.width,

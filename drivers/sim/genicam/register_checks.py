@@ -30,6 +30,9 @@ _RANGES: Mapping[Feature, Range] = {
     Feature.SEQUENCER_SOURCE: _SWITCH,
     Feature.LINE_SELECTOR: (0, LINES - 1),
     Feature.PTP_ENABLE: _SWITCH,
+    Feature.GAMMA_ENABLE: _SWITCH,
+    Feature.BALANCE_SELECTOR: _SWITCH,
+    Feature.BALANCE_RATIO: (250, 4000),
 }
 _ROOM = {
     Feature.WIDTH: (1, Feature.SENSOR_WIDTH, Feature.OFFSET_X),

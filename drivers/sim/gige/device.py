@@ -18,6 +18,7 @@ from drivers.sim.genicam.description import Feature
 from drivers.sim.genicam.lines import Oscillator
 from drivers.sim.genicam.memory import Denied
 from drivers.sim.genicam.power_on import checks_of, description_of, power_on
+from drivers.sim.genicam.quirks import Quirk
 from drivers.sim.gige.clock import SETTLING, NetworkTime
 from drivers.sim.gige.memory import GIGE, PACKET_SIZES, STATUSES, GigeMemory
 from drivers.sim.gige.stream import Sender
@@ -26,6 +27,7 @@ from drivers.sim.usb.timeline import Timeline
 from drivers.u3v.gencp import Status
 from imaging.mosaic import RawMosaic
 
+_PENDING_MS = 150
 _LONGEST_WAIT = 0.2
 """Seconds between looks at whether it is closed, or its host has fallen silent."""
 Host = tuple[str, int]
@@ -49,8 +51,10 @@ class GigeDevice:
         skew: float = 0.0,
         extended_ids: bool = False,
         broadcast: str | None = None,
+        quirks: frozenset[Quirk] = frozenset(),
     ) -> None:
         """A camera of kind "raw". broadcast: a second address that commands are taken at. OSError."""
+        self._quirks, self._ptp, self._half = quirks, "Disabled", b""
         self.address, self.skew, self.loss = address, skew, 0.0
         self.opened: list[float] = []
         self._camera, self._timeline = camera, timeline
@@ -59,8 +63,8 @@ class GigeDevice:
         self._network_time = network_time
         self.oscillator = Oscillator.of(camera.body.seed, self.serial)
         self._checks = checks_of(camera)
-        self._memory = GigeMemory(self._identity, address, description_of(camera, GIGE))
-        power_on(camera, self._memory)
+        self._memory = GigeMemory(self._identity, address, description_of(camera, GIGE, quirks), quirks)
+        power_on(camera, self._memory, quirks)
         self._chance = generator(camera.body.seed, "network", self.serial)
         self._host: Host | None = None
         self._heard = 0.0
@@ -70,10 +74,10 @@ class GigeDevice:
         if broadcast is not None:
             self._sockets.append(_bound(broadcast, gvcp.PORT))
         self.sender = Sender(
-            _bound(address, 0), generator(camera.body.seed, "frames", self.serial), extended_ids
+            _bound(address, 0), generator(camera.body.seed, "frames", self.serial), extended_ids, quirks
         )
         self._memory.put(Bootstrap.STREAM_SOURCE_PORT, self.sender.socket.getsockname()[1])
-        self._memory.put(Feature.PTP_STATUS, STATUSES.index("Disabled"))
+        self._show_time_status()
         self._acquisition = Acquisition(
             camera, self._memory, timeline, lambda: self._memory.streams, self._deliver, self._shutter_moved
         )
@@ -128,13 +132,18 @@ class GigeDevice:
         try:
             payload, status = self._do(command, host), 0
         except Denied as denied:
-            payload, status = b"", int(denied.status)
+            payload, status = gvcp.refusal_payload(command.code), int(denied.status)
         except struct.error:
-            payload, status = b"", int(Status.BAD_PARAMETER)
+            payload, status = gvcp.refusal_payload(command.code), int(Status.BAD_PARAMETER)
         if command.flags & ACKNOWLEDGE:
             answer = Answer(status, command.code + 1 & 0xFFFF, command.request_id, payload).pack()
             if command.code not in (Code.DISCOVERY, Code.ACTION):
                 self._answered = host, command.request_id, answer
+            if Quirk.PENDING in self._quirks and command.code == Code.WRITE_MEMORY:
+                wait = Answer(0, Code.PENDING_ACK, command.request_id, gvcp.number_payload(_PENDING_MS))
+                self._send(wait.pack(), host)
+                self._timeline.call_later(_PENDING_MS / 1000, lambda: self._send(answer, host))
+                return
             self._send(answer, host)
 
     def _send(self, answer: bytes, host: Host) -> None:
@@ -166,7 +175,9 @@ class GigeDevice:
                     int.from_bytes(payload[start : start + 4], "big"), payload[start + 4 : start + 8], host
                 )
             return gvcp.number_payload(len(payload) // 8)
-        if command.code == Code.WRITE_MEMORY:
+        if command.code == Code.WRITE_MEMORY and Quirk.NO_WRITE_MEMORY not in self._quirks:
+            if len(payload) < 8 or len(payload) % 4:
+                raise Denied(Status.MISALIGNED)
             self._write(int.from_bytes(payload[:4], "big"), payload[4:], host)
             return gvcp.number_payload(len(payload) - 4)
         raise Denied(Status.NOT_IMPLEMENTED)
@@ -177,8 +188,16 @@ class GigeDevice:
             raise Denied(Status.ACCESS_DENIED)
         if not memory.controlled and address != Bootstrap.CONTROL_PRIVILEGE:
             raise Denied(Status.ACCESS_DENIED)
+        if address & ~7 == Feature.EXPOSURE_TIME and len(data) == 4:
+            # A word at a time, of which the second counts.
+            if address == Feature.EXPOSURE_TIME:
+                self._half = data
+                return
+            address, data = Feature.EXPOSURE_TIME, (self._half or memory.read(address - 4, 4)) + data
         self._checks.check(memory, address, data)
         if address == Bootstrap.STREAM_PACKET_SIZE:
+            if len(data) != 4:
+                raise Denied(Status.BAD_PARAMETER)
             self._set_packet_size(int.from_bytes(data, "big"))
             return
         memory.write(address, data)
@@ -191,6 +210,8 @@ class GigeDevice:
             memory.put(Bootstrap.TIMESTAMP, self.nanoseconds(self._timeline.now()), 8)
         elif address == Feature.PTP_ENABLE:
             self._agree_on_time(bool(memory.get(address)))
+        elif address == Feature.TIME_LATCH:
+            self._show_time_status()
         self._acquisition.written(address)
 
     def _set_packet_size(self, value: int) -> None:
@@ -216,16 +237,23 @@ class GigeDevice:
 
     def _agree_on_time(self, on: bool) -> None:
         """Begin, or cease, to follow the time of the network, which takes a moment."""
-        self._memory.put(Feature.PTP_STATUS, STATUSES.index("Listening" if on else "Disabled"))
+        self._ptp = "Listening" if on else "Disabled"
+        if Quirk.LATCHED_TIME not in self._quirks:
+            self._show_time_status()
         if on and self._network_time is not None:
             self._timeline.call_later(SETTLING, self._agreed)
 
     def _agreed(self) -> None:
         if self._memory.get(Feature.PTP_ENABLE):
-            self._memory.put(Feature.PTP_STATUS, STATUSES.index("Slave"))
+            self._ptp = "Slave"
+            if Quirk.LATCHED_TIME not in self._quirks:
+                self._show_time_status()
 
     def _is_synchronised(self) -> bool:
-        return self._memory.get(Feature.PTP_STATUS) == STATUSES.index("Slave")
+        return self._ptp == "Slave"
+
+    def _show_time_status(self) -> None:
+        self._memory.put(Feature.PTP_STATUS, STATUSES.index(self._ptp))
 
     def _act(self, action: Action) -> None:
         """Pull the trigger if it is meant. Denied, of which the latter two are GVCP's alone."""

@@ -1,13 +1,15 @@
 """The memory of the simulated GigE Vision camera: bootstrap registers, XML, features."""
 
 import socket
+from collections.abc import Container
 
 from drivers.camera import CameraIdentity
-from drivers.gige.registers import CAN_RESEND, CONTROL, URL_SIZE, Bootstrap
+from drivers.gige.registers import CAN_RESEND, CAN_SCHEDULE, CONTROL, URL_SIZE, Bootstrap
 from drivers.sim.genicam import xml
 from drivers.sim.genicam.acquisition import ACTION
 from drivers.sim.genicam.description import Feature, Transport, zipped
 from drivers.sim.genicam.memory import XML, FeatureMemory
+from drivers.sim.genicam.quirks import Quirk, in_folder
 
 HEARTBEAT = 3000
 """ms without a word from the host after which it is let go."""
@@ -85,9 +87,14 @@ GIGE = Transport(
 class GigeMemory(FeatureMemory):
     """Big endian, as GigE Vision is."""
 
-    def __init__(self, identity: CameraIdentity, address: str, text: str) -> None:
+    def __init__(
+        self, identity: CameraIdentity, address: str, text: str, quirks: Container[Quirk] = ()
+    ) -> None:
         """address: IPv4; text: the XML."""
         archive = zipped(text)
+        if Quirk.FOLDER_FIRST in quirks:
+            archive = in_folder(archive)
+        writes = 0 if Quirk.NO_WRITE_MEMORY in quirks else _CAN_WRITE_MEMORY
         super().__init__({0: bytearray(0xA000)}, archive, _WRITABLE, "big")
         url = f"Local:simulated.zip;{XML:x};{len(archive):x}"
         assert len(url) < URL_SIZE
@@ -109,7 +116,7 @@ class GigeMemory(FeatureMemory):
             (Bootstrap.INTERFACES, 1),
             (Bootstrap.STREAMS, 1),
             (Bootstrap.ACTIONS, 1),
-            (Bootstrap.CAPABILITY, _CAN_WRITE_MEMORY | CAN_RESEND | _CAN_ACT | _HAS_SERIAL),
+            (Bootstrap.CAPABILITY, writes | CAN_RESEND | CAN_SCHEDULE | _CAN_ACT | _HAS_SERIAL),
             (Bootstrap.HEARTBEAT_TIMEOUT, HEARTBEAT),
             (Bootstrap.STREAM_PACKET_SIZE, 1500),
         ):

@@ -2,6 +2,7 @@
 
 import socket
 from collections import OrderedDict
+from collections.abc import Container
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ from drivers.gige import gvsp
 from drivers.gige.gvcp import Resend, Status
 from drivers.gige.gvsp import Kind, Leader, PacketHeader
 from drivers.sim.genicam.frames import SentImage
+from drivers.sim.genicam.quirks import Quirk
 
 _KEPT = 32
 """Frames whose packets can be sent again."""
@@ -24,6 +26,7 @@ class Sender:
     socket: socket.socket
     chance: np.random.Generator
     extended: bool = False
+    quirks: Container[Quirk] = ()
     loss: float = 0.0
     lost: int = 0
     sent: int = 0
@@ -34,13 +37,21 @@ class Sender:
     ) -> None:
         """Send a frame, stamped with the device's clock."""
         kind = gvsp.IMAGE | (CHUNKS if image.chunked else 0)
+        if image.chunked and Quirk.CHUNK_PAYLOAD in self.quirks:
+            kind = gvsp.CHUNKS_ALONE
+        elif image.chunked and Quirk.EXTENDED_CHUNK_PAYLOAD in self.quirks:
+            kind = gvsp.EXTENDED_CHUNKS
+        if Quirk.NO_STAMP in self.quirks:
+            stamp = 0
         leader = Leader(block, kind, stamp, image.code, image.width, image.height, image.left, image.top)
         room = gvsp.room(packet_size, self.extended)
         parts = [image.payload[start : start + room] for start in range(0, len(image.payload), room)]
+        if parts and Quirk.PADDED in self.quirks:
+            parts[-1] = parts[-1].ljust(room, b"\0")
         carried = [
             (Kind.LEADER, leader.pack()),
             *((Kind.PAYLOAD, part) for part in parts),
-            (Kind.TRAILER, gvsp.trailer(kind, image.height)),
+            (Kind.TRAILER, gvsp.trailer(kind, image.height, len(image.payload))),
         ]
         packets = [
             PacketHeader(0, block, which, number, self.extended).pack() + data
@@ -49,8 +60,9 @@ class Sender:
         self._kept[block] = packets
         while len(self._kept) > _KEPT:
             self._kept.popitem(last=False)
-        for packet in packets:
-            self._send(packet, destination)
+        for packet in reversed(packets) if Quirk.REVERSED in self.quirks else packets:
+            for _ in range(2 if Quirk.DOUBLED in self.quirks else 1):
+                self._send(packet, destination)
 
     def again(self, wanted: Resend, destination: tuple[str, int]) -> None:
         """Send packets once more, or say that they are gone."""
@@ -64,6 +76,8 @@ class Sender:
 
     def test(self, packet_size: int, destination: tuple[str, int]) -> None:
         """A packet of that size, to find out whether it arrives."""
+        if Quirk.NO_TEST_PACKET in self.quirks:
+            return
         data = PacketHeader(0, 0, Kind.PAYLOAD, 0).pack().ljust(gvsp.datagram_size(packet_size), b"\0")
         self._send(data, destination)
 

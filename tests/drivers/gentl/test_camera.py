@@ -10,6 +10,7 @@ from drivers.clock import SystemClock
 from drivers.conformance import EXAMINATIONS, examine
 from drivers.discovery import ask_all
 from drivers.errors import CameraClaimed, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.genicam.settings import lock, stop
 from drivers.gentl import ENVIRONMENT, GentlCamera, find_cameras, installed
 from drivers.gentl.abi import BufferInfo, Code, DeviceInfo, StreamInfo
 from drivers.gentl.producer import producer
@@ -95,11 +96,13 @@ def test_viky_streams_and_its_features_are_locked_meanwhile(viky: Path) -> None:
     assert (session.make, session.model) == ("Machine Vision Games Ltd.", "Viky")
     session.nodes.set("PixelFormat", "Mono8")
     session.stream.start()
+    lock(session.nodes, True)
     session.nodes.execute("AcquisitionStart")
     assert not session.nodes.writable("GenDCStreamingMode")
     shown = [session.stream.next_frame(5.0) for _ in range(6)]
     session.nodes.execute("AcquisitionStop")
     session.stream.stop()
+    stop(session.nodes)
     assert session.nodes.writable("GenDCStreamingMode")
     assert [one.problem for one in shown] == [None] * 6
     assert {(one.leader.width, one.leader.height, one.leader.pixel_format) for one in shown} == {

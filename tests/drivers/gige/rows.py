@@ -9,6 +9,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from drivers.gige import GigeCamera, find_cameras
 from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.genicam.quirks import Quirk
 from drivers.sim.gige.clock import NetworkTime
 from drivers.sim.gige.device import GigeDevice
 from drivers.sim.rigs import simulate
@@ -47,6 +48,7 @@ def rows() -> Iterator[MakeRow]:
             addresses: tuple[str, ...] = (),
             extended_ids: bool = False,
             synchronised: bool = True,
+            quirks: frozenset[Quirk] = frozenset(),
         ) -> Row:
             rig = simulate("toy", cameras=max(count, 2), bit_depth=bits, seed=5)
             views = [np.asarray(rig.radiance(index, 0)) for index in range(count)]
@@ -66,6 +68,7 @@ def rows() -> Iterator[MakeRow]:
                         network_time=time,
                         skew=skews[index] if skews else 0.0,
                         extended_ids=extended_ids,
+                        quirks=quirks,
                     )
                 )
                 for index in range(count)

@@ -23,7 +23,7 @@ def packets(block: int, payload: bytes, extended: bool) -> list[bytes]:
     parts = [payload[start : start + room] for start in range(0, len(payload), room)]
     carried = [(Kind.LEADER, Leader(block, gvsp.IMAGE, 5, 0x01080001, len(payload), 1).pack())]
     carried += [(Kind.PAYLOAD, part) for part in parts]
-    carried += [(Kind.TRAILER, gvsp.trailer(gvsp.IMAGE, 1))]
+    carried += [(Kind.TRAILER, gvsp.trailer(gvsp.IMAGE, 1, len(payload)))]
     return [
         PacketHeader(0, block, kind, number, extended).pack() + data
         for number, (kind, data) in enumerate(carried)

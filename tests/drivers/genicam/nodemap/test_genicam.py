@@ -299,3 +299,27 @@ def test_chunks_are_read_from_the_frame() -> None:
     nodes.attach_chunks({0x1A: bytes(11)})
     with pytest.raises(CameraRefused):
         nodes.number("T")
+
+
+@pytest.mark.parametrize("kind", ["Float", "Integer", "Converter"])
+def test_a_feature_is_not_there_where_its_register_is_not(kind: str) -> None:
+    formulas = "<FormulaTo>FROM</FormulaTo><FormulaFrom>TO</FormulaFrom>" if kind == "Converter" else ""
+    nodes = node_map(
+        f'<{kind} Name="F">{formulas}<pValue>R</pValue></{kind}><Integer Name="Never"><Value>0</Value>'
+        f"</Integer>" + register("IntReg", "<Length>4</Length><pIsImplemented>Never</pIsImplemented>")
+    )
+    assert not nodes.available("F")
+    assert not nodes.writable("F")
+
+
+def test_a_feature_is_not_there_where_nobody_can_tell() -> None:
+    """Its pIsAvailable is in a chunk that does not come."""
+    nodes = node_map(
+        '<Float Name="F"><pIsAvailable>R</pIsAvailable><Value>1</Value></Float>'
+        '<IntReg Name="R"><Address>0</Address><Length>4</Length><AccessMode>RO</AccessMode>'
+        "<pPort>Chunk</pPort>"
+        '</IntReg><Port Name="Chunk"><ChunkID>1001</ChunkID></Port>'
+    )
+    assert not nodes.available("F")
+    nodes.attach_chunks({0x1001: bytes((1, 0, 0, 0))})
+    assert nodes.available("F")

@@ -1,0 +1,94 @@
+"""What a camera computes into its frames is switched off and read back, or the camera is refused."""
+
+import pytest
+
+from drivers.errors import CameraRefused
+from drivers.genicam.processing import STAGES, switch_off
+
+from .nodemap.test_genicam import node_map
+
+
+def switch(name: str, on: int = 1, more: str = "") -> str:
+    return f'<Boolean Name="{name}">{more}<Value>{on}</Value></Boolean>'
+
+
+def amount(name: str, value: float, more: str = "") -> str:
+    return f'<Float Name="{name}">{more}<Value>{value}</Value><Min>-10</Min><Max>10</Max></Float>'
+
+
+def choice(name: str, value: int, *entries: str) -> str:
+    inside = "".join(
+        f'<EnumEntry Name="{one}"><Value>{at}</Value></EnumEntry>' for at, one in enumerate(entries)
+    )
+    return f'<Enumeration Name="{name}">{inside}<Value>{value}</Value></Enumeration>'
+
+
+LOCKED = "<ImposedAccessMode>RO</ImposedAccessMode>"
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
+def test_every_switch_and_amount_is_put_where_it_does_nothing(stage) -> None:  # type: ignore[no-untyped-def]
+    for name in stage.switches:
+        nodes = node_map(switch(name) + choice(f"{name}Other", 1, "Off", "On"))
+        switch_off(nodes, "cam0")
+        assert nodes.number(name) == 0
+        nodes = node_map(choice(name, 1, "Off", "On"))
+        switch_off(nodes, "cam0")
+        assert nodes.text(name) == "Off"
+    for name, neutral in stage.amounts:
+        nodes = node_map(amount(name, 2.5))
+        switch_off(nodes, "cam0")
+        assert nodes.number(name) == neutral
+
+
+def test_each_entry_of_a_selector_has_its_own() -> None:
+    """Red is at 1.6, blue at 1.3: both become 1."""
+    registers = (
+        '<IntReg Name="R"><Address>0</Address><pIndex Offset="4">BalanceRatioSelector</pIndex>'
+        "<Length>4</Length>"
+    )
+    nodes = node_map(
+        choice("BalanceRatioSelector", 0, "Red", "Green", "Blue")
+        + '<Converter Name="BalanceRatio"><FormulaTo>FROM * 1000</FormulaTo>'
+        "<FormulaFrom>TO / 1000</FormulaFrom>"
+        "<pValue>R</pValue></Converter>"
+        f"{registers}<AccessMode>RW</AccessMode><pPort>Device</pPort></IntReg>"
+    )
+    for entry, ratio in (("Red", 1.6), ("Green", 1.0), ("Blue", 1.3)):
+        nodes.set("BalanceRatioSelector", entry)
+        nodes.set("BalanceRatio", ratio)
+    switch_off(nodes, "cam0")
+    for entry in ("Red", "Green", "Blue"):
+        nodes.set("BalanceRatioSelector", entry)
+        assert nodes.number("BalanceRatio") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("inside", "why"),
+    [
+        (amount("Gamma", 0.8, LOCKED), r"by its gamma .*\(Gamma is 0\.8\)"),
+        (switch("GammaEnable", 1, LOCKED) + amount("Gamma", 1.0), r"\(GammaEnable is True\)"),
+        (switch("LUTEnable", 1, LOCKED), r"by its lookup table .*\(LUTEnable is True\)"),
+        (amount("BalanceRatioAbs", 1.6, LOCKED), r"by its white balance .*\(BalanceRatioAbs is 1\.6\)"),
+        ('<Integer Name="BalanceRatio"><Value>1600</Value>'
+         '</Integer>', r"BalanceRatio is 1600, in a unit of its own"),
+        ('<Integer Name="DigitalShift"><Value>2</Value><Min>1</Min></Integer>', r"by its digital shift"),
+        (choice("ExposureAuto", 1, "Off", "On").replace("><Enum", f">{LOCKED}<Enum", 1), "automatic exp"),
+    ],
+)  # fmt: skip
+def test_what_stays_on_is_a_refusal(inside: str, why: str) -> None:
+    with pytest.raises(CameraRefused, match=f"^cam0 changes every frame .*{why}.*switch it off"):
+        switch_off(node_map(inside), "cam0")
+
+
+def test_what_is_off_may_stay_as_it_is() -> None:
+    """A gamma that is not applied, corrections of single pixels, and a switch that is none."""
+    nodes = node_map(
+        switch("GammaEnable", 0, LOCKED)
+        + amount("Gamma", 0.45, LOCKED)
+        + switch("DefectCorrectStaticEnable", 1, LOCKED)
+        + choice("ContrastMode", 1, "Soft", "Hard")
+        + '<Category Name="FlatFieldCorrection"/>'
+    )
+    switch_off(nodes, "cam0")
+    assert nodes.number("Gamma") == 0.45
