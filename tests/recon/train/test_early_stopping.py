@@ -52,8 +52,8 @@ class Clock:
         return None
 
 
-def run(training, dataset, iterations, steers=(), clock=None, until=None):
-    plan = Plan(iterations, DensityRules(CAP), log_every=1000, measure=True)
+def run(training, dataset, iterations, steers=(), clock=None, until=None, seed=0):
+    plan = Plan(iterations, DensityRules(CAP), seed=seed, log_every=1000, measure=True)
     lines = []
     timed = {} if clock is None else {"clock": clock}
     train(training, dataset, plan, log=lines.append, save=lambda: None, steers=steers, until=until, **timed)
@@ -132,19 +132,29 @@ def test_quality_that_stands_still_is_told_from_quality_that_rises():
 
 
 def test_a_converged_scene_stops_by_itself_and_cools_down(begun, toy_dataset):
-    """It ends with the rates at their ends, as long as planned from the stop on, and loses little."""
-    whole, short = begun(), begun()
-    run(whole, toy_dataset, 320)
+    """It ends with the rates at their ends, as long as planned from the stop on."""
+    short = begun()
     lines = run(short, toy_dataset, 320, [EarlyStop(least=1.0)])
     assert short.ending == "early stop"
     (_, (stopped, place), end) = short.schedule.turns
     assert stopped == place
     assert end == (stopped + round(COOL_DOWN * (320 - stopped)), 320)
     assert short.iteration == lines[-1]["iteration"] == end[0] < 320
-    assert short.curve[-1].db > whole.curve[-1].db - 1.0
     again = begun()
     run(again, toy_dataset, 320, [EarlyStop(least=1.0)])
     assert_same(short, again)
+
+
+def test_a_scene_that_stops_by_itself_loses_little(begun, toy_dataset):
+    """In the mean over seeds: one training differs from another by some tenths of a dB."""
+    lost = []
+    for seed in range(4):
+        whole, short = begun(), begun()
+        run(whole, toy_dataset, 320, seed=seed)
+        run(short, toy_dataset, 320, [EarlyStop(least=1.0)], seed=seed)
+        assert short.ending == "early stop"
+        lost.append(whole.curve[-1].db - short.curve[-1].db)
+    assert np.mean(lost) < 1.0
 
 
 @pytest.mark.parametrize("stop", [13, 72])

@@ -25,16 +25,19 @@ RECTANGLE = (18, 14)
 """Width and height, px, of what is painted over."""
 
 
-def painted(dataset, *, masked, seed=4):
-    """Something bright stands elsewhere in every training view, in all of its shots."""
-    rng, views = np.random.default_rng(seed), []
+def painted(dataset, *, masked, seed=4, colours=0):
+    """Something bright stands elsewhere in every training view, in all of its shots.
+
+    seed: of where it stands. colours: of what it looks like.
+    """
+    rng, paint, views = np.random.default_rng(seed), np.random.default_rng(colours), []
     for view in dataset.train:
         left, top = (2 * rng.integers(0, (side - 20) // 2) for side in (view.lens.width, view.lens.height))
         hidden = np.zeros(view.shots[0].pixels.shape, bool)
         hidden[top : top + RECTANGLE[1], left : left + RECTANGLE[0]] = True
         shots = []
         for shot in view.shots:
-            pixels = np.where(hidden, rng.uniform(0.4, 0.8, hidden.shape), shot.pixels).astype(np.float32)
+            pixels = np.where(hidden, paint.uniform(0.4, 0.8, hidden.shape), shot.pixels).astype(np.float32)
             valid = shot.valid & ~hidden if masked else shot.valid
             saturated = shot.saturated & ~hidden
             shots.append(shot.showing(pixels=pixels, valid=valid, saturated=saturated))
@@ -42,41 +45,77 @@ def painted(dataset, *, masked, seed=4):
     return replace(dataset, train=tuple(views))
 
 
-def quality(dataset, name) -> float:
-    """mu-law PSNR of the held-out view after a short training, dB."""
+def trained(dataset, name, iterations, seed) -> Training:
+    """A short training; the seed is that of its start and of all that it draws."""
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
-    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(0)))
+    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(seed)))
     method = METHODS[name](dataset, light)
     gaussians = gaussians_at(points, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    train(training, dataset, Plan(60, DensityRules(900)), log=lambda _: None, save=lambda: None)
+    plan = Plan(iterations, DensityRules(900), seed=seed)
+    train(training, dataset, plan, log=lambda _: None, save=lambda: None)
+    return training
+
+
+def quality(dataset, name, seed) -> float:
+    """mu-law PSNR of the held-out view after a short training, dB."""
+    training = trained(dataset, name, 60, seed)
     (view,) = dataset.held_out
     with torch.no_grad():
         image = training.renderer()(training.gaussians, view.lens, degree=2).image
-    light = method.observation.radiance(image).numpy()
+    light = training.method.observation.radiance(image).numpy()
     truth = true_radiance(dataset.session, view)
     return metrics.hdr_psnr_mu(light * metrics.align_scale(light, truth), truth)
 
 
-@pytest.mark.parametrize(
-    ("which", "name", "cost", "harm", "paintings"),
-    [("toy", "nh-3dgs", 0.8, 2.0, 3), ("toy_ldr", "hdr-gs", 0.8, 0.2, 8)],
-)
-def test_what_is_masked_leaves_no_trace(which, name, cost, harm, paintings, request):
-    """A twelfth of every training view hidden costs little, not hidden more: means over paintings.
+EACH = [("toy", "nh-3dgs"), ("toy_ldr", "hdr-gs")]
 
-    Trainings of photographs scatter by 0.35 dB from one painting to the next, hence the more of them.
+
+@pytest.mark.parametrize(("which", "name"), EACH)
+def test_what_is_masked_starts_nothing_and_moves_nothing(which, name, request):
+    """Whatever it looks like: the start is the same number for number, and no gradient comes from there."""
+    dataset = load(request.getfixturevalue(which))
+    one, other = (painted(dataset, masked=True, colours=colours) for colours in (0, 1))
+    images, others = ([radiance_image(view) for view in painting.train] for painting in (one, other))
+    light = light_of(one, images)
+    assert light == light_of(other, others)
+    points, same = (
+        start_points(painting, found, 600, np.random.Generator(np.random.PCG64(0)))
+        for painting, found in ((one, images), (other, others))
+    )
+    np.testing.assert_array_equal(points.xyz, same.xyz)
+    np.testing.assert_array_equal(points.rgb, same.rgb)
+    method = METHODS[name](one, light)
+    gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    training = Training.begin(method, light, gaussians, one.extent)
+    for view in one.train:
+        with torch.no_grad():
+            image = training.renderer()(training.gaussians, view.lens, degree=2).image
+        image.requires_grad_(True)
+        method.loss(*method.observation.compare(image, view, 0.5)).backward()
+        assert image.grad[~torch.from_numpy(view.seen)].abs().max() == 0
+        assert image.grad.abs().max() > 0
+
+
+PAINTINGS = 6
+
+
+@pytest.mark.parametrize(("which", "name", "harm"), [(*EACH[0], 2.0), (*EACH[1], 0.2)])
+def test_what_is_masked_costs_little_and_what_is_not_costs_more(which, name, harm, request):
+    """A twelfth of every training view is hidden: means over pairs of trainings, a pair a seed.
+
+    Over seeds the cost is 0.5 dB of RAW and 0.3 of photographs, and scatters by 0.36 and 0.22 dB from pair
+    to pair; the harm is 4.1 and 0.6 dB, and scatters by 1.6 and 0.4 dB. Means of six lie two to five of
+    their standard errors from the bounds, and the last bits of another machine change them by less.
     """
     dataset = load(request.getfixturevalue(which))
-    clean = quality(dataset, name)
-    masked, spoilt = (
-        np.mean(
-            [quality(painted(dataset, masked=hidden, seed=seed), name) for seed in range(4, 4 + paintings)]
-        )
-        for hidden in (True, False)
-    )
-    assert masked > clean - cost
+    trainings = []
+    for seed in range(PAINTINGS):
+        hidden, seen = (painted(dataset, masked=masked, seed=seed + 4) for masked in (True, False))
+        trainings.append([quality(shown, name, seed) for shown in (dataset, hidden, seen)])
+    clean, masked, spoilt = np.mean(trainings, axis=0)
+    assert masked > clean - 0.8
     assert spoilt < masked - harm
 
 
