@@ -135,8 +135,13 @@ def hdr_psnr_mu(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | N
 
 def hdr_psnr_mu_dark(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | None = None) -> float:
     """The same over 0.4 of the peak, both clipped to -1..1: highlights count no more."""
+    return hdr_psnr_mu_below(prediction, truth, DARK_SHARE * _peak(_pair(prediction, truth)[1], peak))
+
+
+def hdr_psnr_mu_below(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float) -> float:
+    """mu-law PSNR, dB, over `peak`, both clipped to -1..1: a lamp above it counts as 1."""
     a, b = _pair(prediction, truth)
-    top = DARK_SHARE * _peak(b, peak)
+    top = _peak(b, peak)
     with np.errstate(over="ignore"):
         return _psnr(mu_law(np.clip(a / top, -1, 1)), mu_law(np.clip(b / top, -1, 1)), 1.0)
 
@@ -154,12 +159,21 @@ def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
     return float(np.exp(np.clip(ratio, -700.0, 700.0)))  # as far as float64 goes
 
 
-def stops_median(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
-    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 if there are none."""
+def stops_median(
+    prediction: npt.ArrayLike, truth: npt.ArrayLike, among: tuple[float, float] = (0.0, 1.0)
+) -> float:
+    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 if there are none.
+
+    among: quantiles of those values of the truth, 0..1, between which they count; (0, 0.1): the darkest
+    tenth.
+    """
     a, b = _pair(prediction, truth)
     lit = b > 0
     if not lit.any():
         return 0.0
+    if among != (0.0, 1.0):
+        low, high = np.quantile(b[lit], among)
+        lit &= (b >= low) & (b <= high)
     stops = np.full(int(lit.sum()), STOPS_CAP)
     shown = a[lit] > 0
     stops[shown] = np.abs(np.log2(a[lit][shown]) - np.log2(b[lit][shown]))

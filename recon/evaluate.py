@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from recon.observe.photographs import ToneCurve
 from recon.observe.recorded import as_recorded, shot_psnr
 from recon.perceptual import compare_pictures
 from recon.render import render
-from recon.result.model import SPLATS
+from recon.result.model import SPLATS, read_model
 from recon.result.scene import Opened, open_model
 
 __all__ = ["evaluate", "render"]
@@ -37,6 +37,8 @@ __all__ = ["evaluate", "render"]
 METRICS = "metrics.json"
 DISPLAY_PEAK = 1000.0
 """cd/m2 at which PU21 takes the truth's maximum."""
+DARKEST, BRIGHTEST = (0.0, 0.1), (0.99, 1.0)
+"""Quantiles of the true light between which errors are told beside those of all of it."""
 
 LOOKED_AT = (
     "The only held-out view could also end the training, so these are figures of a view that was looked at: "
@@ -44,10 +46,14 @@ LOOKED_AT = (
 )
 
 
-def evaluate(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Evaluation:
+def evaluate(
+    folder: str | PathLike[str], *, width: int | None = None, on_progress: Progress = unreported
+) -> Evaluation:
     """Evaluate SESSION/reconstructions/NAME, or the newest of a session; metrics.json has the same.
 
-    renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
+    renders/ and references/ hold the pictures that are compared (`recon.perceptual`). width: of the widest of
+    them, px; None: as the scene was trained. Figures of one width only can be compared, since the wider a
+    picture is, the more detail it asks for (`common_width`).
     What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
     truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
     means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values.
@@ -63,11 +69,12 @@ def evaluate(folder: str | PathLike[str], *, on_progress: Progress = unreported)
             "scene that rig trained."
         )
     store.require_writable(folder)
-    opened = open_model(folder, on_progress)
+    opened = open_model(folder, on_progress, width)
     views = opened.dataset.reported
     light, seconds, rows, pooled = measured(opened, on_progress)
     result: dict[str, Any] = {"method": opened.record.settings.method} | pooled
     if views:
+        result["width"] = max(view.lens.width for view in views)
         result["measured_on"] = "test" if opened.dataset.test else "validation"
         if not opened.dataset.test:
             result["held_out_note"] = LOOKED_AT
@@ -98,6 +105,11 @@ def evaluate(folder: str | PathLike[str], *, on_progress: Progress = unreported)
     evaluation = Evaluation.model_validate(result)
     store.write_json(folder / METRICS, evaluation.known())
     return evaluation
+
+
+def common_width(folders: Sequence[Path]) -> int:
+    """The width, px, at which scenes of a session are compared: that of the one trained finest."""
+    return max(read_model(folder).width for folder in folders)
 
 
 def measured(
@@ -152,18 +164,23 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
     )
     scale = metrics.align_scale(everything, true)
+    most = float(np.percentile(true, 99.9))
     for row, image, goal in zip(rows, light, truth, strict=True):
         aligned = image * scale
         row["hdr_psnr_mu"] = metrics.hdr_psnr_mu(image, goal, peak)
         row["hdr_psnr_mu_aligned"] = metrics.hdr_psnr_mu(aligned, goal, peak)
         row["hdr_psnr_mu_dark"] = metrics.hdr_psnr_mu_dark(aligned, goal, peak)
+        row["hdr_psnr_mu_p999"] = metrics.hdr_psnr_mu_below(aligned, goal, most)
         row["stops_median"] = metrics.stops_median(aligned, goal)
         row["pu21_psnr"] = metrics.pu21_psnr(aligned, goal, DISPLAY_PEAK, peak)
     return {
         "stops_median": metrics.stops_median(everything * scale, true),
+        "stops_dark": metrics.stops_median(everything * scale, true, DARKEST),
+        "stops_bright": metrics.stops_median(everything * scale, true, BRIGHTEST),
         "relative_error_by_decade": metrics.relative_error_by_decade(everything * scale, true),
         "alignment_scale": scale,
         "truth_peak": peak,
+        "truth_p999": most,
         "pu21_display_peak": DISPLAY_PEAK,
     }
 

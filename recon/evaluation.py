@@ -17,8 +17,14 @@ class Figures(Record):
     hdr_psnr_mu_aligned: float | None = None
     hdr_psnr_mu: float | None = None
     hdr_psnr_mu_dark: float | None = None
+    hdr_psnr_mu_p999: float | None = None
+    """Aligned, over the 99.9th percentile of the true light instead of its maximum, both clipped there."""
     stops_median: float | None = None
     """Half of all values of light are nearer to the truth than so many stops."""
+    stops_dark: float | None = None
+    """The same of the darkest tenth of the true light."""
+    stops_bright: float | None = None
+    """And of its brightest hundredth."""
     pu21_psnr: float | None = None
     raw_psnr: float | None = None
     ldr_psnr_oe: float | None = None
@@ -75,8 +81,12 @@ class Evaluation(Figures):
     """What is to be known of the held-out views, where something is."""
     alignment_scale: float | None = None
     """That brings the light of the scene to the truth."""
+    width: int | None = None
+    """px of the widest picture that is measured; scenes of one session can be compared at the same only."""
     truth_peak: float | None = None
     """Maximum of the true light over the held-out views."""
+    truth_p999: float | None = None
+    """Its 99.9th percentile."""
     pu21_display_peak: float | None = None
     """cd/m2 at which PU21 takes that maximum."""
     relative_error_by_decade: tuple[Decade, ...] | None = None

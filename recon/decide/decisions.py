@@ -268,7 +268,8 @@ def iterations(case: Case, decided: Decisions) -> Decisions:
     length = decided.settings.iterations * decided.settings.batch
     guess = predicted(miniature.db, miniature.iterations, length, timed=countdown is not None)
     if case.ranks.first:
-        case.say(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
+        width = max(view.lens.width for view in case.dataset.views)
+        case.say(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}) at {width} px")
     return replace(decided, prediction=guess)
 
 

@@ -162,6 +162,11 @@ class ModelRecord(Record):
     """What was predicted of `held_out_db`."""
 
     @property
+    def width(self) -> int:
+        """Of the widest images that training looked at, px."""
+        return max(view.lens.width for view in self.views)
+
+    @property
     def training_views(self) -> tuple[str, ...]:
         """Names of the views that were trained on."""
         return tuple(view.name for view in self.views if view.use == "training")

@@ -269,14 +269,15 @@ def scene_of(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene
     return Scene(folder, record, gaussians, Renderer(appearance, limits, environment, sampling))
 
 
-def open_model(folder: Path, progress: Progress = unreported) -> Opened:
+def open_model(folder: Path, progress: Progress = unreported, width: int | None = None) -> Opened:
     """Open a finished reconstruction with the photographs of its session, SESSION/reconstructions/NAME.
 
-    They are read by the calibration that it was trained on, which it holds itself. ReconstructionError if the
-    folder is no reconstruction or in no session, or if the photographs are not those it was trained on.
+    They are read by the calibration that it was trained on, which it holds itself. width: at most that of the
+    photographs, px; None: as it was trained. ReconstructionError if the folder is no reconstruction or in no
+    session, or if the photographs are not those it was trained on.
     """
     record = read_model(folder)
-    dataset = _dataset(folder, record, progress)
+    dataset = _dataset(folder, record, progress, width or record.settings.max_width)
     checkpoint = read_checkpoint(folder / CHECKPOINT)
     method = record.settings.composed(dataset, light_in(checkpoint))
     refinement = Refinement.stored(dataset, checkpoint)
@@ -284,7 +285,7 @@ def open_model(folder: Path, progress: Progress = unreported) -> Opened:
     return Opened(scene_of(folder, record, checkpoint), refinement.corrected(), training)
 
 
-def _dataset(folder: Path, record: ModelRecord, progress: Progress) -> Dataset:
+def _dataset(folder: Path, record: ModelRecord, progress: Progress, width: int) -> Dataset:
     """The photographs of the scene's views, in the scene's parts."""
     place = folder.resolve().parent.parent
     if not (place / SESSION).is_file():
@@ -307,7 +308,7 @@ def _dataset(folder: Path, record: ModelRecord, progress: Progress) -> Dataset:
         groups,
         held_out,
         record.world,
-        max_width=record.settings.max_width,
+        max_width=width,
         progress=progress,
     )
     return replace(dataset, watched=frozenset(record.validation))

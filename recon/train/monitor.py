@@ -127,16 +127,18 @@ class Monitor:
             "seconds": round(training.seconds, 3),
         }
         self.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
-        self.progress(_state(training, loss), training.iteration, self.schedule.total)
+        self.progress(self._state(loss), training.iteration, self.schedule.total)
 
     def _wish(self) -> int:
         """What the first of the steers that wants a change wants; 0: none does."""
         wishes = (steer(self.training) for steer in self.steers)
         return next((wish for wish in wishes if wish is not None), 0)
 
-
-def _state(training: Training, loss: float) -> str:
-    """How it goes, in few words; a narrow terminal cuts off the last ones."""
-    speed = training.iteration / max(training.seconds, 1e-9)
-    held_out = f"held-out {training.curve[-1].db:.1f} dB, " if training.curve else ""
-    return f"{held_out}loss {loss:.4f}, {speed:.1f} it/s"
+    def _state(self, loss: float) -> str:
+        """How it goes, in few words; a narrow terminal cuts off the last ones."""
+        training, held_out = self.training, ""
+        speed = training.iteration / max(training.seconds, 1e-9)
+        if training.curve:
+            width = max(view.lens.width for view in self._measured_views)
+            held_out = f"held-out {training.curve[-1].db:.1f} dB at {width} px, "
+        return f"{held_out}loss {loss:.4f}, {speed:.1f} it/s"

@@ -36,6 +36,8 @@ class BatchRow(Record):
     failed: Step | None = None
     says: str = ""
     db: float | None = None
+    width: int | None = None
+    """px that `db` holds at."""
     iterations: int | None = None
     report: Path | None = None
     exports: tuple[Path, ...] = ()
@@ -43,6 +45,13 @@ class BatchRow(Record):
     attempts: int = 1
     already_there: bool = False
     forecast: int | None = None
+
+    @property
+    def quality(self) -> str:
+        """Held-out dB with the width that they hold at; empty where nothing was measured."""
+        if self.db is None:
+            return ""
+        return f"{self.db:.1f} dB" + (f" at {self.width} px" if self.width else "")
 
 
 class BatchResult(Record):
@@ -113,6 +122,7 @@ class _Run:
                 reconstruction=data["reconstruction"],
                 says=ended.says if ended.code == 3 else "",
                 db=data.get("held_out_db"),
+                width=data.get("width"),
                 iterations=data.get("iterations"),
                 report=data.get("report"),
                 seconds=before + ended.seconds,
@@ -194,7 +204,7 @@ def record_path(plan: Path) -> Path:
 
 def told(row: BatchRow) -> str:
     """How good a scene became, in a few words."""
-    words = [] if row.db is None else [f"held-out {row.db:.1f} dB"]
+    words = [] if row.db is None else [f"held-out {row.quality}"]
     words += ["already there"] if row.already_there else [f"{row.seconds:.0f} s"]
     words += [f"{row.attempts} attempts"] if row.attempts > 1 else []
     words += [] if row.forecast is None else [f"forecast {memory.told(row.forecast)}"]

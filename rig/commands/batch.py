@@ -56,7 +56,7 @@ def batch(
 
 def _batch_result(result: "BatchResult", report: Path) -> CommandResult:
     rows = [_cells(row) for row in result.rows]
-    lines = table([("", rows)], ("Session", "Scene", "dB", "s", "Forecast", "Outcome"), {})
+    lines = table([("", rows)], ("Session", "Scene", "Held-out", "s", "Forecast", "Outcome"), {})
     lines.append(f"Report: {report}")
     failed = [row for row in result.rows if row.failed is not None]
     missing = None
@@ -75,7 +75,7 @@ def _cells(row: "BatchRow") -> tuple[str, ...]:
     return (
         str(row.session),
         row.scene,
-        "" if row.db is None else f"{row.db:.1f}",
+        row.quality,
         f"{row.seconds:.0f}",
         "" if row.forecast is None else size(row.forecast),
         outcome,

@@ -1,12 +1,15 @@
 """`rig evaluate`: how good a scene is."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from imaging.errors import RigError
 from imaging.files import store
-from imaging.session.paths import find_reconstruction
+from imaging.session.paths import find_reconstruction, session_of
 from rig.options.common import JsonOption, ReconstructionsArgument
-from rig.report.metrics import METRICS, validation
+from rig.report.metrics import METRICS, at_width, validation
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
@@ -16,24 +19,42 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
     """Measure scenes on held-out views.
 
     Against the truth where there is one, and against the photographs of their session, as the scene was
-    calibrated when it was trained. Writes metrics.json and report.html into the folder of each scene, and
+    calibrated when it was trained. Scenes of one session are compared at the width of the finest of them.
+    Writes metrics.json and report.html into the folder of each scene, and
     renders/ and references/ with the same pictures as EXR and PNG, for any other program to compare.
 
     Example: rig evaluate S/reconstructions/*
     """
     with running("evaluate") as status:
-        return for_each_scene(
-            reconstructions, lambda path: run_evaluate(find_reconstruction(path), status), "evaluated"
-        )
+        widths = _widths(reconstructions)
+
+        def measure(path: Path) -> CommandResult:
+            folder = find_reconstruction(path)
+            return run_evaluate(folder, status, widths.get(session_of(folder)))
+
+        return for_each_scene(reconstructions, measure, "evaluated")
 
 
-def run_evaluate(folder: Path, status: StatusLine) -> CommandResult:
-    """Evaluate, write the report and say what came of it."""
+def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
+    """By session: px at which its scenes are compared, where several are named."""
+    from recon.evaluate import common_width
+
+    scenes: dict[Path | None, list[Path]] = {}
+    for path in paths:
+        with suppress(RigError):  # whoever measures it says what is wrong
+            folder = find_reconstruction(path)
+            common_width([folder])
+            scenes.setdefault(session_of(folder), []).append(folder)
+    return {session: common_width(folders) for session, folders in scenes.items() if len(folders) > 1}
+
+
+def run_evaluate(folder: Path, status: StatusLine, width: int | None = None) -> CommandResult:
+    """Evaluate, write the report and say what came of it. width: px, at most; None: as it was trained."""
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
 
     with decoded_once():
-        metrics = evaluate_scene(folder, on_progress=status).known()
+        metrics = evaluate_scene(folder, width=width, on_progress=status).known()
         from rig.report.pages.reconstruction import reconstruction_report
 
         return _evaluation_result(folder, metrics, reconstruction_report(folder, on_progress=status))
@@ -61,4 +82,8 @@ def headline(metrics: dict[str, Any]) -> str:
         for metric in METRICS
         if metric.in_line and isinstance(metrics.get(metric.key), int | float)
     ]
-    return ", ".join(words) or "no view was held out, so nothing could be measured"
+    return (
+        ", ".join(words) + at_width(metrics)
+        if words
+        else "no view was held out, so nothing could be measured"
+    )

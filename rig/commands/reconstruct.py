@@ -230,6 +230,7 @@ def run_training(
     there = record.created < began
     data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
     data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
+    data["width"] = record.width
     lines = [f"{folder}: {_outcome(record)}"]
     if there:
         when = record.created.astimezone().strftime("%Y-%m-%d %H:%M")
@@ -251,6 +252,7 @@ def _outcome(record: "ModelRecord") -> str:
     if record.held_out_db is None:
         return words
     words += f", {'validation' if record.validation else 'held-out'} {record.held_out_db:.1f} dB"
+    words += f" at {record.width} px"
     if record.predicted is None:
         return words
     from recon.decide.prediction import corrected
@@ -273,6 +275,6 @@ def _missing(record: "ModelRecord") -> str | None:
     if reached >= settings.budget:
         return None
     return (
-        f"Validation views reached {reached:.1f} dB, not {settings.budget:g} dB: use a finer --quality "
-        "or take more shots."
+        f"Validation views reached {reached:.1f} dB at {record.width} px, not {settings.budget:g} dB: use a "
+        "finer --quality or take more shots."
     )

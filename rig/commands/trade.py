@@ -98,7 +98,10 @@ def _trade_result(session: Path, trade_off: "Trade", report: Path) -> CommandRes
     from recon.trade import front
 
     best = front(trade_off.points, lambda point: point.seconds, lambda point: point.db)
-    lines = [f"{session}: {counted(len(trade_off.points), 'training')}, Pareto-optimal among them:"]
+    trainings = counted(len(trade_off.points), "training")
+    lines = [
+        f"{session}: {trainings}, all measured at {trade_off.width} px or less, Pareto-optimal among them:"
+    ]
     lines += [f"  {_row(point)}" for point in best]
     if trade_off.left:
         lines.append(f"{trade_off.left} more did not fit the budget: run the same command to go on.")

@@ -14,6 +14,7 @@ from imaging.metrics import (
     STOPS_CAP,
     align_scale,
     hdr_psnr_mu,
+    hdr_psnr_mu_below,
     hdr_psnr_mu_dark,
     mu_law,
     psnr,
@@ -137,6 +138,24 @@ def test_highlights_do_not_count_in_the_dark() -> None:
     assert hdr_psnr_mu_dark(worse, truth) == pytest.approx(by_hand)
 
 
+def test_a_lamp_lifts_no_figure_over_a_percentile() -> None:
+    """Over the brightest light a lamp of 16,000 makes the same error of a grey world decibels smaller."""
+    truth = np.full((100, 100), 9.0)
+    light = 1.2 * truth
+    lamp = truth.copy()
+    lamp[0, :5] = 16_000.0
+    seen = np.where(lamp > 100, 14_000.0, light)
+    most = float(np.percentile(lamp, 99.9))
+    assert most == 9.0
+    assert hdr_psnr_mu(seen, lamp) > hdr_psnr_mu(light, truth) + 2
+    by_hand = -20 * math.log10(float(mu_law(0.9) - mu_law(0.8)))
+    assert hdr_psnr_mu_below(np.full(4, 0.9), np.full(4, 0.8), 1.0) == pytest.approx(by_hand)
+    assert hdr_psnr_mu_below(np.full(4, 7.0), np.full(4, 3.0), 1.0) == PSNR_CAP
+    assert hdr_psnr_mu_below(seen, lamp, 20.0) == pytest.approx(
+        hdr_psnr_mu_below(light, truth, 20.0), abs=0.01
+    )
+
+
 def test_one_scale_puts_both_on_the_display() -> None:
     truth = np.array([[1.0, 10.0]])
     error = (float(pu21(1000.0)) - float(pu21(500.0))) ** 2 / 2
@@ -154,6 +173,17 @@ def test_stops() -> None:
     assert stops_median(np.array([2.0, 0.0, 2.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])) == pytest.approx(1.0)
     assert stops_median(np.zeros(5), np.ones(5)) == STOPS_CAP
     assert stops_median(np.ones(5), np.zeros(5)) == 0.0
+
+
+def test_stops_of_a_part_of_the_light() -> None:
+    truth = np.arange(1.0, 101.0)
+    light = np.where(truth <= 10, 4 * truth, np.where(truth > 99, truth / 2, truth))
+    assert stops_median(light, truth) == 0.0
+    assert stops_median(light, truth, (0.0, 0.1)) == pytest.approx(2.0)
+    assert stops_median(light, truth, (0.99, 1.0)) == pytest.approx(1.0)
+    black = np.concatenate([np.zeros(500), truth])
+    assert stops_median(np.concatenate([np.ones(500), light]), black, (0.0, 0.1)) == pytest.approx(2.0)
+    assert stops_median(light, 0 * truth, (0.0, 0.1)) == 0.0
 
 
 def test_alignment_is_robust_and_ignores_darkness() -> None:

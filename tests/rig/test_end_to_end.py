@@ -91,7 +91,8 @@ def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> No
     page = Page.read(recon / "report.html")
     assert_self_contained(page)
     for words in (
-        f"{before['hdr_psnr_mu_aligned']:.2f}",
+        f"{before['hdr_psnr_mu_p999']:.2f}",
+        "width that they are measured at",
         "Held-out views, which the training never saw, beside the simulator's true light",
         "0001/cam0",
         "Truth, middle exposure",
@@ -148,7 +149,8 @@ class Steps:
         self.calls: list[str] = []
         recon = str(out / "reconstructions" / "demo")
         metrics = {
-            "hdr_psnr_mu_aligned": 39.71,
+            "hdr_psnr_mu_p999": 39.71,
+            "width": 480,
             "stops_median": 0.131,
             "pose_rotation_deg": 0.05,
             "pose_rotation_deg_max": 0.09,
@@ -194,6 +196,7 @@ def test_the_demo_ends_with_the_headline_numbers_and_the_report(
     )
     assert "39.7 dB" in lines[1]
     assert "0.131 stops" in lines[1]
+    assert lines[1].endswith(" at 480 px")
     assert lines[-2:] == [
         f"Report: {out}/reconstructions/demo/report.html",
         f"Next: rig render {out}/reconstructions/demo",

@@ -64,7 +64,7 @@ def _in_words(row: BatchRow, beside: Path) -> SceneRow:
         session=plain(str(row.session)),
         scene=row.scene,
         link="" if row.report is None else os.path.relpath(row.report, beside),
-        db="" if row.db is None else f"{row.db:.1f}",
+        db=row.quality,
         iterations="" if row.iterations is None else f"{row.iterations:,}",
         seconds=f"{row.seconds:.0f}",
         forecast="" if row.forecast is None else size(row.forecast),

@@ -13,7 +13,7 @@ from imaging.files import store
 from recon.result.model import ModelRecord
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import Tile
-from rig.report.metrics import BY_KEY, METRICS, validation
+from rig.report.metrics import BY_KEY, METRICS, at_width, validation
 from rig.report.sections.calibrated import RungRow, rung_rows
 from rig.terminal.text import counted, duration, number, size
 
@@ -80,7 +80,8 @@ def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Qua
     return QualitySection(
         lead=f"Method {model.settings.method}, quality {model.settings.quality}: "
         f"{counted(len(model.training_views), 'view')} to train on, "
-        f"{counted(len(model.held_out), 'view')} held out to measure with{_ended_by(model)}",
+        f"{counted(len(model.held_out), 'view')} held out to measure with{at_width(metrics)}"
+        f"{_ended_by(model)}",
         note=str(metrics.get("held_out_note", "")),
         metrics=tuple(_metric_rows(metrics)),
         columns=tuple(_column(key) for key in keys),
@@ -181,7 +182,7 @@ def _charts(
                         )
                     ],
                     "training time, s",
-                    "PSNR, dB",
+                    f"PSNR at {model.width} px, dB",
                     x_zero=True,
                 ),
             )
@@ -220,7 +221,8 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
         guess = model.predicted
         yield (
             f"{'Validation' if model.validation else 'Held-out'} quality, predicted and reached",
-            f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB",
+            f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB, "
+            f"at {model.width} px",
         )
     yield "Gaussians", f"{model.gaussians:,}"
     if "size_bytes" in metrics:
@@ -240,6 +242,7 @@ def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     )
     return (
         *measured,
+        Tile(f"{metrics.get('width', model.width)}", "px", "width that they are measured at"),
         Tile(duration(model.train_seconds), "", "training time"),
         Tile(f"{model.gaussians:,}", "", "Gaussians"),
     )

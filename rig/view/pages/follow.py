@@ -168,7 +168,7 @@ def _progress(training: Path, snapshot: Snapshot) -> str:
     lines = [f"**{_name(training)}**: {done}"]
     if snapshot.moment is not None:
         iteration, db = snapshot.moment
-        lines.append(f"held-out views **{db:.1f} dB** at iteration {iteration:,}")
+        lines.append(f"held-out views **{db:.1f} dB** at {record.width} px, iteration {iteration:,}")
     lines.append(f"{record.gaussians:,} Gaussians, {record.train_seconds:.0f} s")
     if record.loss is not None:
         lines.append(f"loss {number(record.loss)}")
@@ -176,7 +176,11 @@ def _progress(training: Path, snapshot: Snapshot) -> str:
 
 
 def _outcome(record: ModelRecord) -> str:
-    quality = "" if record.held_out_db is None else f", held-out views **{record.held_out_db:.1f} dB**"
+    quality = (
+        ""
+        if record.held_out_db is None
+        else f", held-out views **{record.held_out_db:.1f} dB** at {record.width} px"
+    )
     after = f"after {record.iterations:,} iterations{quality}"
     if record.ending == "interrupted":
         return f"Stopped {after}: the same `rig reconstruct` goes on."

@@ -28,6 +28,24 @@ def test_evaluate_measures_every_scene_that_is_named(rig, two: list[str]) -> Non
     assert all((Path(folder) / "metrics.json").is_file() for folder in two)
 
 
+def test_scenes_of_a_session_are_compared_at_the_width_of_the_finest(rig, scene: Path) -> None:
+    """A coarse one is measured at more pixels than it was trained on; alone, each is as it was trained."""
+    coarse, fine = scene / "reconstructions" / "coarse", scene / "reconstructions" / DRAFT
+    command = ("reconstruct", str(scene), "--quality", "draft", "--name", "coarse")
+    sets = ("--set", "width=32", "--set", "iterations=20", "--set", "gaussians=200")
+    code, out, _ = rig(*command, *sets)
+    assert code == 0
+    assert "dB at 32 px" in out.splitlines()[0]
+    assert out.splitlines()[1].endswith(" at 32 px")
+    alone = store.read_json(coarse / "metrics.json")
+    _, out, _ = rig("evaluate", str(coarse), str(fine))
+    assert [line.endswith(" at 64 px") for line in out.splitlines() if "PSNR" in line] == [True, True]
+    both = [store.read_json(folder / "metrics.json") for folder in (coarse, fine)]
+    assert (alone["width"], [one["width"] for one in both]) == (32, [64, 64])
+    assert both[0]["raw_psnr"] != pytest.approx(alone["raw_psnr"], abs=0.01)
+    assert len(read_exr(coarse / "renders" / "0001_cam0.exr").rgb()) == 48
+
+
 def test_a_scene_that_cannot_be_measured_does_not_keep_others_from_it(rig, two: list[str]) -> None:
     (Path(two[0]) / "checkpoint.safetensors").unlink()
     code, out, err = rig("evaluate", *two, "--json")
