@@ -1,8 +1,9 @@
 """Photographs in other colour spaces than sRGB: the profile that a file names, and the way to sRGB.
 
 A photograph in Display P3 or Adobe RGB becomes what the same photograph is in sRGB, by littleCMS and
-relative colorimetry, so that every later stage sees one space. Profiles: ICC.1:2022; what a PNG says
-without one: its specification, 11.3.2 and 12.13; Adobe RGB by EXIF: DCF 2.0, option file R03.
+relative colorimetry, so that every later stage sees one space; of a grey one it is the curve that counts.
+Profiles: ICC.1:2022; what a PNG says without one: its specification, 11.3.2 and 12.13; Adobe RGB by EXIF: DCF
+2.0, option file R03.
 """
 
 import struct
@@ -16,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ImageCms
 
-from imaging.colour import srgb_encode
+from imaging.colour import srgb_decode, srgb_encode
+from imaging.files import cicp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import is_adobe_rgb
@@ -33,11 +35,13 @@ EXACT = 2e-3
 
 _WHITE, _REC709 = [0.3127, 0.3290], [0.64, 0.33, 0.30, 0.60, 0.15, 0.06]
 _ICC_TAG, _APP2 = 34675, 0xE2
-_PNG_COLOUR = (b"iCCP", b"sRGB", b"gAMA", b"cHRM")
+_PNG_COLOUR = (b"IHDR", b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM")
 _NOTHING = (b"", "")
 _SRGB_GAMMA = 0.45455
 """Told beside the sRGB chunk, for readers that do not know that."""
 _ROWS, _TOP = 64, 65535
+_CICP = "cICP"
+_SRGB_CURVE = np.rint(_TOP * srgb_decode(np.linspace(0, 1, 4096))).astype(np.uint16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +68,33 @@ class Profile:
 
 
 def profile_of(data: bytes) -> Profile | None:
-    """That of a JPEG, PNG or TIFF file; None where it is sRGB, says nothing or is damaged."""
+    """That of a JPEG, PNG or TIFF file; None where it is sRGB, says nothing or is damaged.
+
+    InputError, without the name of the file, where it says that its samples are none that rig reads.
+    """
     icc, name = _embedded(data)
+    if name == _CICP:
+        return _by_cicp(icc[:4], icc[4])
     return None if len(icc) > LARGEST else _profile(icc, name)
+
+
+def _by_cicp(body: bytes, bits: int) -> Profile | None:
+    space = cicp.space_of(body, bits)
+    if space is None:
+        return None
+    name, light, matrix = space
+    with np.errstate(invalid="ignore"):
+        same = np.abs(srgb_encode(light) - np.linspace(0, 1, _TOP + 1)).max() < SAME
+    if same and np.abs(matrix - np.eye(3)).max() < EXACT:
+        return None
+    return Profile(name, b"", np.tile(light.astype(np.float32), (3, 1)), matrix.astype(np.float32))
 
 
 @lru_cache(maxsize=16)
 def _profile(icc: bytes, name: str) -> Profile | None:
+    cicp.refuse_hdr(_transfer(icc), "colour profile")
+    if icc[16:20] == b"GRAY":
+        return _grey_profile(icc)
     if icc[16:20] != b"RGB ":
         return None
     try:
@@ -78,8 +102,7 @@ def _profile(icc: bytes, name: str) -> Profile | None:
         cube = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 1, 3)
         if np.abs(np.clip(_through(cube, icc, _srgb()), 0, 1) - cube).max() < SAME:
             return None
-        linear = bytes(imagecodecs.cms_profile("rgb", whitepoint=_WHITE, primaries=_REC709, gamma=1.0))
-        ramp = np.linspace(0.0, 1.0, _TOP + 1, dtype=np.float32)
+        linear, ramp = _linear(), np.linspace(0.0, 1.0, _TOP + 1, dtype=np.float32)
         single = [
             _through(ramp[:, None, None] * np.eye(3, dtype=np.float32)[c], icc, linear)[:, 0]
             for c in range(3)
@@ -95,6 +118,33 @@ def _profile(icc: bytes, name: str) -> Profile | None:
     return Profile(name or _name(icc), icc, *parts)
 
 
+def _grey_profile(icc: bytes) -> Profile | None:
+    """A profile of one channel: its curve, the same for three."""
+    ramp = np.linspace(0.0, 1.0, _TOP + 1, dtype=np.float32)
+    try:
+        light = _through(ramp[:, None], icc, _linear(), "gray")[:, 0, 1].clip(0, 1)
+    except (imagecodecs.CmsError, ValueError, IndexError):
+        return None
+    if not np.all(np.isfinite(light)) or np.abs(srgb_encode(light) - ramp).max() < SAME:
+        return None
+    return Profile(_name(icc), icc, np.tile(light, (3, 1)), np.eye(3, dtype=np.float32))
+
+
+def _transfer(icc: bytes) -> int:
+    """TransferCharacteristics of the tag `cicp` of a profile (ICC.1:2022, 9.2.17); 2 where it has none."""
+    count = int.from_bytes(icc[128:132])
+    for at in range(132, min(132 + 12 * count, len(icc)), 12):
+        if icc[at : at + 4] == b"cicp":
+            place = int.from_bytes(icc[at + 4 : at + 8])
+            return next(iter(icc[place + 9 : place + 10]), cicp.UNSPECIFIED)
+    return cicp.UNSPECIFIED
+
+
+@lru_cache(maxsize=1)
+def _linear() -> bytes:
+    return bytes(imagecodecs.cms_profile("rgb", whitepoint=_WHITE, primaries=_REC709, gamma=1.0))
+
+
 @lru_cache(maxsize=1)
 def _encoding() -> Float:
     """sRGB codes of light in steps of 16 bits, which are to within 1e-4 of it: far faster than powers."""
@@ -106,13 +156,13 @@ def _srgb() -> bytes:
     return bytes(imagecodecs.cms_profile("srgb"))
 
 
-def _through(codes: Float, icc: bytes, to: bytes) -> Float:
+def _through(codes: Float, icc: bytes, to: bytes, space: str = "rgb") -> Float:
     return np.asarray(
         imagecodecs.cms_transform(
             np.ascontiguousarray(codes, np.float32),
             icc,
             to,
-            colorspace="rgb",
+            colorspace=space,
             outcolorspace="rgb",
             outdtype="float32",
             intent=imagecodecs.CMS.INTENT.RELATIVE_COLORIMETRIC,
@@ -161,21 +211,27 @@ def _of_jpeg(data: bytes) -> tuple[bytes, str]:
 def _of_png(data: bytes) -> tuple[bytes, str]:
     file = BytesIO(data)
     chunks = {kind: file.read(length) for kind, length in png_chunks(file) if kind in _PNG_COLOUR}
+    told = chunks.get(b"cICP", b"")
+    if told and told[:2] != bytes((cicp.UNSPECIFIED, cicp.UNSPECIFIED)):
+        return told.ljust(4, b"\0")[:4] + bytes((16 if chunks[b"IHDR"][8:9] == b"\x10" else 8,)), _CICP
     if b"iCCP" in chunks:
         packed = chunks[b"iCCP"].partition(b"\0")[2][1:]
         return zlib.decompressobj().decompress(packed, LARGEST + 1), ""
-    if b"sRGB" in chunks or b"gAMA" not in chunks:
+    if b"sRGB" in chunks or not {b"gAMA", b"cHRM"} & set(chunks):
         return _NOTHING
-    gamma = struct.unpack(">I", chunks[b"gAMA"])[0] / 100_000
+    gamma = struct.unpack(">I", chunks[b"gAMA"])[0] / 100_000 if b"gAMA" in chunks else None
     points = [*_WHITE, *_REC709]
     if b"cHRM" in chunks:
         points = [value / 100_000 for value in struct.unpack(">8I", chunks[b"cHRM"])]
     near = np.abs(np.subtract(points, [*_WHITE, *_REC709])).max() < 2e-3
+    if gamma is None:
+        return _NOTHING if near else (_made(points, None), "the space of their cHRM chunk")
     if not 0.2 < gamma <= 2 or (near and abs(gamma - _SRGB_GAMMA) < 1e-3):
         return _NOTHING
     return _made(points, 1 / gamma), "the space of their gAMA and cHRM chunks"
 
 
-def _made(points: list[float], gamma: float) -> bytes:
-    """A profile of white, red, green and blue, CIE xy, and a power for a curve."""
-    return bytes(imagecodecs.cms_profile("rgb", whitepoint=points[:2], primaries=points[2:], gamma=gamma))
+def _made(points: list[float], gamma: float | None) -> bytes:
+    """A profile of white, red, green and blue, CIE xy, and a power for a curve; None: the curve of sRGB."""
+    curve = {"transferfunction": _SRGB_CURVE} if gamma is None else {"gamma": gamma}
+    return bytes(imagecodecs.cms_profile("rgb", whitepoint=points[:2], primaries=points[2:], **curve))

@@ -89,7 +89,10 @@ def decode_photo(data: bytes, name: str) -> Photo:
     largest = np.float32(np.iinfo(codes.dtype).max)
     pixels = _three_channels(codes).astype(np.float32)
     pixels /= largest
-    profile = profile_of(data) if codes.shape[2] >= 3 else None
+    try:
+        profile = profile_of(data)
+    except InputError as error:
+        raise InputError(f"{name} {error}.") from None
     if profile is not None:
         profile.apply(pixels)
     alpha = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else None
