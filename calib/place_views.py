@@ -134,12 +134,17 @@ def _solved(
         if camera.rig is not None and camera.name in sizes:
             rigs.setdefault(camera.rig, []).append(camera.name)
     guesses = {name: evidence.sensors[name].lens.resized(*size) for name, size in sizes.items()}
-    focal_known = {name for name, sensor in evidence.sensors.items() if sensor.focal_known}
+    focal = {
+        name: told.resized(sizes[name][0] / evidence.sensors[name].lens.width)
+        for name in sizes
+        if (told := evidence.sensors[name].focal) is not None
+    }
     places = {camera.name: camera.position for camera in cameras if camera.position is not None}
     known = KnownRig(places=places)
     if board is not None:
         lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
         guesses |= lenses
+        focal = {name: told for name, told in focal.items() if name not in lenses}
         sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
         # A board measures the distances of cameras better than a ruler.
         places |= {name: board.place(name) for name in board.cam_from_rig}
@@ -150,7 +155,8 @@ def _solved(
         list(rigs.values()),
         threads,
         progress,
-        focal_known=focal_known if board is None else focal_known | set(board.lenses),
+        focal=focal,
+        focal_known={*focal, *(() if board is None else board.lenses)},
         known=known,
         blank={view: summary.blank for view, summary in summaries.items() if summary.blank is not None},
         pictures={view: summary.png for view, summary in summaries.items() if not summary.faint},

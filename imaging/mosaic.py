@@ -39,6 +39,7 @@ class FrameMetadata:
     opened: when the shutter opened, in seconds of the clock that the driver was given, as a camera that
     stamps its frames tells; no file holds it.
     unknown: what its driver could not learn of the frame and took a value for, a sentence each; in no file.
+    sensor_mm: the longer side of what the pixels of the picture cover on the sensor.
     """
 
     make: str = ""
@@ -50,6 +51,7 @@ class FrameMetadata:
     focal_length_35mm: float | None = None
     lens: str = ""
     digital_zoom: float | None = None
+    sensor_mm: float | None = None
     orientation: int = 1
     opened: float | None = None
     unknown: tuple[str, ...] = ()

@@ -1,12 +1,14 @@
 """Bundle adjustment that corner points of a fraction of a pixel deserve: robust, and rid of outliers."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from calib.adjustment.fisheye import nearest_terms
+from calib.adjustment.focal_priors import FocalPrior, add_focal_priors
 from calib.adjustment.observations import observations
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
@@ -27,7 +29,8 @@ class Free:
     """Which terms of the lenses are adjusted, beside the focal length.
 
     radial: whether a SIMPLE_RADIAL has its one term; else it is zero. fixed: cameras, by COLMAP's number,
-    whose lens stays as it is. placed: those whose place in the rig stays.
+    whose lens stays as it is. placed: those whose place in the rig stays. focal: what is known of focal
+    lengths beside what the points tell, by COLMAP's number.
     """
 
     model: LensModel = "SIMPLE_RADIAL"
@@ -35,6 +38,7 @@ class Free:
     principal_point: bool = False
     fixed: frozenset[int] = frozenset()
     placed: frozenset[int] = frozenset()
+    focal: Mapping[int, FocalPrior] = field(default_factory=dict)
 
 
 def adjust(
@@ -77,7 +81,11 @@ def adjust(
     # Nothing fixes where the world begins, or its scale: the solver's damping keeps them where they are. Two
     # cameras held in place, as is usual, are too near to each other where a view was taken twice.
     # The class, and not `bundle_adjustment`, which prints whatever it is told.
-    pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
+    priors = {number: one for number, one in free.focal.items() if number not in free.fixed}
+    added = [] if points_only else add_focal_priors(adjuster.problem, reconstruction, priors, scale)
+    adjuster.solve()
+    added.clear()
 
 
 def _tied(reconstruction: Any, placed: frozenset[int]) -> list[Any]:

@@ -18,7 +18,9 @@ import numpy.typing as npt
 from scipy import sparse
 
 from calib.adjustment.bundle_adjustment import Free, is_fisheye
+from calib.adjustment.focal_priors import HOLDS
 from calib.adjustment.jacobian import Linear, is_reference, linearise
+from calib.adjustment.reduced import built_terms, reduced
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
@@ -29,11 +31,6 @@ DRAWS = 100
 FEWEST_POINTS = 60
 CELLS = 20
 """Across a picture; points that are first seen in the same cell of it err together."""
-BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
-"""Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
-Focal length and first radial term are bounded always: a few views on a line tell them no better."""
-BUILT_FISHEYE = {"fx": 0.2, "k1": 0.3, "k2": 0.1, "k3": 0.05, "k4": 0.02, "cx": 0.01, "cy": 0.01}
-"""Of a fisheye: its terms trade places with one another where no point reaches the corners."""
 _RIDGE = 1e-9
 """Of the diagonal: holds where the world begins, its turn and its size, which no point tells."""
 
@@ -105,37 +102,27 @@ def standard_errors(
 
 def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Array:
     """Drawn changes of all parameters of the cameras, [DRAWS, P]."""
-    squares = (linear.residual**2).sum(1)
-    pull = 1 / (1 + squares / scale**2)  # of the loss: its slope is this times the residual
-    weight = pull**2  # and its curvature, averaged over directions
-    count, many = len(squares), int(linear.owner.max()) + 1
-    own = np.zeros((many, 3, 3))
-    np.add.at(own, linear.owner, weight[:, None, None] * (linear.points.mT @ linear.points))
-    inverse = _by_blocks(np.linalg.pinv(own, rcond=1e-9, hermitian=True))
-    rows = np.repeat(np.arange(2 * count), 3)
-    columns = np.repeat(3 * linear.owner, 6) + np.tile(np.arange(3), 2 * count)
-    points = sparse.csr_matrix((linear.points.ravel(), (rows, columns)), shape=(2 * count, 3 * many))
-    weighted = linear.cameras.multiply(np.repeat(weight, 2)[:, None]).tocsr()
-    shared = (weighted.T @ points).tocsr()
-    curvature = (linear.cameras.T @ weighted).toarray() - (shared @ inverse @ shared.T).toarray()
-
+    part = reduced(linear, scale)
+    curvature, inverse, shared, variance = part.curvature, part.inverse, part.shared, part.variance
+    count, many = len(linear.residual), int(linear.owner.max()) + 1
     group = _groups(linear, many)
     groups = int(group.max()) + 1
-    drawn = (pull[:, None] * linear.residual).ravel()
+    drawn = (part.pull[:, None] * linear.residual).ravel()
     summed = sparse.csr_matrix(
         (drawn, (np.repeat(group[linear.owner], 2), np.arange(2 * count))), shape=(groups, 2 * count)
     )
     left = sparse.csr_matrix(
-        (inverse @ (points.T @ drawn), (np.repeat(group, 3), np.arange(3 * many))), shape=(groups, 3 * many)
+        (inverse @ (part.points.T @ drawn), (np.repeat(group, 3), np.arange(3 * many))),
+        shape=(groups, 3 * many),
     )
     pulls = summed @ linear.cameras - left @ shared.T
     # What a fit follows, its residuals do not show.
     spare = 2 * count - 3 * many
     more = np.sqrt(spare / max(spare - len(curvature), 0.1 * spare) * groups / max(groups - 1, 1))
 
-    variance = float((pull**2 * squares).mean() / (2 * weight.mean()))
-    columns, errors = _built(linear, reconstruction, free)
-    curvature[columns, columns] += variance / errors**2
+    columns, errors, held = built_terms(linear, reconstruction, free)
+    precision = variance / errors**2 * np.where(held, HOLDS**2, 1.0)
+    curvature[columns, columns] += precision
     size = np.sqrt(np.diag(curvature))
     size[size == 0] = 1.0
     curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
@@ -143,14 +130,8 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     own, built = np.split(signs, [groups], axis=1)
     # Pulls less their mean, and never as a table: groups times parameters grow by the square of the views.
     drawn = more * ((pulls.T @ own.T).T - own.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel())
-    drawn[:, columns] += built * (variance / errors)
+    drawn[:, columns] += built * (precision * errors)
     return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
-
-
-def _by_blocks(matrices: npt.NDArray[Any]) -> Any:
-    """[M, 3, 3] along the diagonal of a sparse matrix [3M, 3M]."""
-    many = len(matrices)
-    return sparse.bsr_matrix((matrices, np.arange(many), np.arange(many + 1)), shape=(3 * many, 3 * many))
 
 
 def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:
@@ -161,22 +142,6 @@ def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:
     group = np.zeros(many, np.int64)
     group[points] = np.unique(places, axis=0, return_inverse=True)[1].ravel()
     return group
-
-
-def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray[np.int64], Array]:
-    """Columns of the terms that the ladder did not take, and how far off lenses are built."""
-    taken = {"cx", "cy"} if free.principal_point else set()
-    taken |= {"RADIAL": {"k2"}, "OPENCV": {"k2", "p1", "p2"}}.get(free.model, set())
-    columns, errors = [], []
-    for number, at in linear.lenses.items():
-        width = reconstruction.cameras[number].width
-        fisheye = is_fisheye(reconstruction.cameras[number])
-        built, terms = (BUILT_FISHEYE, FISHEYE_TERMS) if fisheye else (BUILT, BROWN_TERMS)
-        for term in built.keys() - taken:
-            columns.append(at + terms.index(term))
-            errors.append(built[term] * (width if term in ("fx", "cx", "cy") else 1.0))
-    order = np.argsort(columns)
-    return np.array(columns, np.int64)[order], np.array(errors)[order]
 
 
 def _poses(reconstruction: Any) -> dict[ViewId, Array]:

@@ -14,6 +14,7 @@ from calib.poses.contradictions import ResolvedModel, resolve_contradictions
 from calib.poses.known_rig import KnownRig
 from calib.poses.mapping import map_views
 from calib.poses.refusals import require_depth
+from calib.sensor.focal_length import FocalLength
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.progress import Progress
@@ -46,6 +47,7 @@ class Scene:
     brightness: Mapping[ViewId, npt.NDArray[np.float64]]
     exact: Collection[str]
     kept: Unfinished
+    focal: Mapping[str, FocalLength]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjustment.bundle_adjustment import Free, adjust, lens_of
+from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
 from calib.adjustment.lens_ladder import climb
 from calib.adjustment.point_refinement import refine_points
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
@@ -15,9 +15,11 @@ from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import Joined, join, unjoined
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
+from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
 from calib.poses.refusals import require_features
 from calib.poses.tied_model import polish, tied_model
+from calib.sensor.focal_length import FocalLength
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -73,6 +75,7 @@ def solve(
     progress: Progress,
     *,
     focal_known: Collection[str] = (),
+    focal: Mapping[str, FocalLength] | None = None,
     known: KnownRig = NOTHING,
     blank: Mapping[ViewId, str] | None = None,
     pictures: Mapping[ViewId, bytes] | None = None,
@@ -84,15 +87,16 @@ def solve(
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
     rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
-    from a file's focal length rather than from nothing. known: what a board gave, which stays, lenses
-    at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
-    nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
-    than those of features. kept: matches of an earlier run.
+    from a file's focal length rather than from nothing. focal: what files tell of it, at picture size, which
+    counts in the adjustment as far as the scene does not tell better. known: what a board gave, which stays,
+    lenses at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view
+    shows nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more
+    exact than those of features. kept: matches of an earlier run.
     """
     require_features(features, blank or {})
     scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
-        kept or Unfinished(),
+        kept or Unfinished(), focal or {},
     )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
     rungs: tuple[Rung, ...] = ()
@@ -193,6 +197,9 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         "RADIAL_FISHEYE" if any(lens.fisheye for lens in cameras.values()) else "SIMPLE_RADIAL",
         fixed=camera_numbers(models, {*known.lenses, *first.held}),
         placed=camera_numbers(models, known.cam_from_rig),
+        focal=focal_priors(
+            {models[name].camera_id: told for name, told in scene.focal.items() if name in models}
+        ),
     )
     tied = tied_model(scene, database, joined, free, max_error, metric)
     if joined.cameras and not tied.rung.taken:
@@ -205,6 +212,10 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(NO_START.format(first.main.pairs))
+    free, focal_rungs = settle_focal(
+        reconstruction, free, typical, threads, {models[name].camera_id: name for name in models}, scene.focal
+    )
+    typical = misses(reconstruction).typical
     told = "the files told the lenses" if first.held else "a board told the lenses"
     free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, tied.uncut)
     adjust(reconstruction, free, typical, threads)
@@ -219,7 +230,7 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         joined.cameras,
         (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
         tied.rung,
-        lens_rungs,
+        (*focal_rungs, *lens_rungs),
     )
 
 

@@ -1,24 +1,22 @@
 """What the files themselves say about a camera: noise, colour, and a first guess of the focal length."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from calib.sensor.focal_length import FocalLength, focal_length
 from calib.sensor.measure import MeasuredSensor
 from calib.sensor.rungs import rungs as sensor_rungs
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
 from imaging.files.raw import read_raw
 from imaging.lens import Lens
-from imaging.mosaic import FrameMetadata, Matrix
+from imaging.mosaic import Matrix
 from imaging.noise import SensorNoise
 from imaging.sensor import at_iso
 from imaging.session.calibration import colour_rung
 from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session
 
-FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
-"""mm; what a 35 mm equivalent focal length refers to."""
 GUESSED_FOCAL = 1.2
 """Focal length guessed where no file tells it, in image widths (or heights, if larger)."""
 
@@ -28,13 +26,13 @@ class CameraSensor:
     """One camera as its files describe it, and what was measured of it beyond that.
 
     noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
-    ColorMatrix; lens: no distortion, the focal length guessed; focal_known: whether a file told it.
+    ColorMatrix; lens: no distortion, the focal length guessed; focal: what a file told of it.
     """
 
     noise: SensorNoise | None
     camera_from_rec709: Matrix | None
     lens: Lens
-    focal_known: bool
+    focal: FocalLength | None
     measured: MeasuredSensor = field(default_factory=MeasuredSensor)
     white_change: float | None = None
     """By how much the row of W changed when it was measured, relative; None: it was not, or there is none."""
@@ -56,8 +54,8 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
         noise, colour = raw.noise, raw.camera_from_rec709
     else:
         metadata = read_metadata(path)
-    focal = _focal(metadata, shot.width, shot.height)
-    guess = focal or GUESSED_FOCAL * max(shot.width, shot.height)
+    focal = focal_length(metadata, shot.width, shot.height)
+    guess = GUESSED_FOCAL * max(shot.width, shot.height) if focal is None else focal.px
     lens = Lens(
         model="SIMPLE_RADIAL",
         width=shot.width,
@@ -67,7 +65,7 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
         cx=shot.width / 2,
         cy=shot.height / 2,
     )
-    return CameraSensor(noise, colour, lens, focal is not None)
+    return CameraSensor(noise, colour, lens, focal)
 
 
 def with_measured(sensor: CameraSensor, measured: MeasuredSensor, iso: float | None) -> CameraSensor:
@@ -87,11 +85,3 @@ def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
         *sensor_rungs({name: sensor.measured for name, sensor in sensors.items()}, noisy, total),
         colour_rung([sensor.camera_from_rec709 for sensor in sensors.values()]),
     )
-
-
-def _focal(metadata: FrameMetadata, width: int, height: int) -> float | None:
-    """Focal length, px, from the 35 mm equivalent; the plain focal length needs the sensor's size too."""
-    equivalent = metadata.focal_length_35mm
-    if equivalent is None or not 4 < equivalent < 3000:
-        return None
-    return equivalent / FULL_FRAME_DIAGONAL * math.hypot(width, height)

@@ -184,7 +184,9 @@ COLOUR = "camera_colour"
 """The rung that says where the colours of RAW cameras come from."""
 MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
-_DOUBTS = frozenset({"pose_lit_differently", "pose_moving", "pose_unconfirmed"})
+FOCAL_UNTOLD = "lens_focal_untold"
+"""The rung that says whether the photographs tell the focal length of a lens, and what is used where not."""
+_DOUBTS = frozenset({"pose_lit_differently", "pose_moving", "pose_unconfirmed", FOCAL_UNTOLD})
 
 
 class CalibrationRecord(Record):

@@ -38,6 +38,8 @@ EXIF_VERSION, DATE_TIME_ORIGINAL, ZONE_ORIGINAL, SUB_SECONDS = 36864, 36867, 368
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
 DIGITAL_ZOOM, LENS_MODEL = 41988, 42036
 COLOUR_SPACE, INTEROP_IFD = 40961, 40965
+PIXELS_ACROSS, PIXELS_DOWN = 40962, 40963
+FOCAL_PLANE_ACROSS, FOCAL_PLANE_DOWN, FOCAL_PLANE_UNIT = 41486, 41487, 41488
 CAMERA_SERIAL = 50735
 
 _NAMES = {
@@ -60,9 +62,17 @@ _NAMES = {
     FOCAL_LENGTH_35MM: "EXIF FocalLengthIn35mmFilm",
     DIGITAL_ZOOM: "EXIF DigitalZoomRatio",
     LENS_MODEL: "EXIF LensModel",
+    PIXELS_ACROSS: "EXIF ExifImageWidth",
+    PIXELS_DOWN: "EXIF ExifImageLength",
+    FOCAL_PLANE_ACROSS: "EXIF FocalPlaneXResolution",
+    FOCAL_PLANE_DOWN: "EXIF FocalPlaneYResolution",
+    FOCAL_PLANE_UNIT: "EXIF FocalPlaneResolutionUnit",
     BODY_SERIAL: "EXIF BodySerialNumber",
 }
 
+_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""Of a resolution in the focal plane; 4 and 5 are in no standard, and in use."""
+_SENSORS_MM = 1.0, 200.0
 _MOST_APEX = 30.0
 """Of a time or an aperture: 34 years, f/32768."""
 
@@ -238,6 +248,21 @@ def _moment(tags: Directory) -> datetime | None:
     return None
 
 
+def _sensor(tags: Directory) -> float | None:
+    """The longer side of the picture on the sensor, mm, by its resolution in the focal plane.
+
+    The resolution refers to the pixels that the file says it has, whatever it was scaled to since.
+    """
+    unit = _UNIT_MM.get(int((*numbers(tags, FOCAL_PLANE_UNIT), 2.0)[0]))
+    sides = []
+    for pixels, resolution in ((PIXELS_ACROSS, FOCAL_PLANE_ACROSS), (PIXELS_DOWN, FOCAL_PLANE_DOWN)):
+        count, dense = _positive(tags, pixels), _positive(tags, resolution)
+        if unit is None or count is None or dense is None:
+            return None
+        sides.append(count / dense * unit)
+    return max(sides) if _SENSORS_MM[0] <= max(sides) <= _SENSORS_MM[1] else None
+
+
 def _metadata(tags: Directory) -> FrameMetadata:
     turned = (*numbers(tags, ORIENTATION), 1.0)[0]
     return FrameMetadata(
@@ -250,5 +275,6 @@ def _metadata(tags: Directory) -> FrameMetadata:
         focal_length_35mm=_positive(tags, FOCAL_LENGTH_35MM),
         lens=text(tags, LENS_MODEL),
         digital_zoom=_positive(tags, DIGITAL_ZOOM),
+        sensor_mm=_sensor(tags),
         orientation=int(turned) if 1 <= turned <= 8 else 1,
     )

@@ -1,0 +1,56 @@
+"""Focal lengths that something beside the scene's points tells, as a term of the bundle adjustment."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyceres
+
+HOLDS = 1e3
+"""By how much tighter than its spread a focal length is held that the points do not tell."""
+_SHARE = 0.25
+"""Of the square of the Cauchy loss's scale, the variance of a coordinate as far as that loss lets it count:
+the scale is the median miss, 1.18 standard deviations of normal noise."""
+_ASPECT = 0.01
+"""By which the focal lengths across and down may differ from each other, relative."""
+_OPEN = 1e6
+"""Standard deviation of terms that are none of this one's business."""
+
+
+@dataclass(frozen=True)
+class FocalPrior:
+    """A focal length, px, and its standard deviation, px; held: the points are not asked."""
+
+    px: float
+    spread: float
+    held: bool = False
+
+
+def add_focal_priors(
+    problem: Any, reconstruction: Any, priors: Mapping[int, FocalPrior], scale: float
+) -> list[Any]:
+    """Add what is known of focal lengths to a Ceres problem, in the unit of a Cauchy loss of `scale` px.
+
+    Returns:
+        What has to live until the problem is solved: the problem does not own it.
+    """
+    added = []
+    for number, prior in sorted(priors.items()):
+        camera = reconstruction.cameras[number]
+        parameters = camera.params
+        if not problem.has_parameter_block(parameters):
+            continue
+        spread = prior.spread / HOLDS if prior.held else prior.spread
+        covariance = np.eye(len(parameters)) * _OPEN**2
+        mean = np.array(parameters, np.float64)
+        focal = list(camera.focal_length_idxs())
+        own, apart = spread**2, (_ASPECT * prior.px) ** 2
+        covariance[np.ix_(focal, focal)] = own
+        if len(focal) == 2:
+            covariance[np.ix_(focal, focal)] += apart * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        mean[focal] = prior.px
+        cost = pyceres.factors.NormalPrior(mean, covariance / (_SHARE * scale**2))
+        problem.add_residual_block(cost, None, [parameters])
+        added.append(cost)
+    return added

@@ -1,0 +1,142 @@
+"""The focal length that a photograph's metadata tell, in pixels, and how far that may be off."""
+
+import math
+import tempfile
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from imaging.files.colmap import pycolmap
+from imaging.files.photo import encode_jpeg
+from imaging.mosaic import FrameMetadata
+
+FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
+"""mm; what a 35 mm equivalent focal length refers to."""
+_SHAPES = 4 / 3, 3 / 2
+"""Long by short side of the sensors of cameras: pictures of other shapes are cut from them."""
+_OWN_SHAPE = 0.02
+"""Relative, by which a picture's shape may differ from that of a sensor."""
+_BUILT = 0.025
+"""By which lenses differ from the equivalent on their label, relative: zooms and near focus by the most."""
+_MILLIMETRES = 0.02
+_TABLE = 0.03
+"""The same where the sensor's size comes from the file, and from a table of models."""
+_EVEN = 1 / math.sqrt(3.0)
+"""Standard deviation of what is spread evenly, in halves of its width."""
+_DISAGREE = 3.0
+"""Spreads by which two tellings may differ."""
+
+
+@dataclass(frozen=True)
+class FocalLength:
+    """What files tell of a focal length.
+
+    px: at the size that was asked for. spread: its standard deviation, relative. words: what the files say,
+    and the pixels of the image that it comes to.
+    """
+
+    px: float
+    spread: float
+    words: str
+
+    def resized(self, factor: float) -> "FocalLength":
+        """The same at another size of the picture; words stay those of the image."""
+        return replace(self, px=factor * self.px)
+
+
+def focal_length(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:
+    """Read the focal length of a picture of this size from its metadata.
+
+    Args:
+        metadata: of the photograph.
+        width: px.
+        height: px.
+
+    Returns:
+        By the 35 mm equivalent and by millimetres on a sensor of known size, as well as each is known, with a
+        wider spread where they contradict each other; None where neither is told.
+    """
+    plain = _by_millimetres(metadata, width, height)
+    found = _by_equivalent(metadata, width, height) or plain
+    if found is None:
+        return None
+    px, spread, words = found.px, found.spread, found.words
+    if plain is not None and plain is not found:
+        apart = abs(math.log(plain.px / px))
+        if apart > _DISAGREE * math.hypot(plain.spread, spread):
+            # The equivalent is the camera's own word; a table may have another sensor of that name.
+            spread = math.hypot(spread, apart / 2)
+        else:
+            share = spread**2 / (spread**2 + plain.spread**2)
+            # Both are rounded from one number: two of them are no surer than the better one.
+            px, spread = px * (plain.px / px) ** share, min(spread, plain.spread)
+            words = f"{words}, {plain.words}"
+    return FocalLength(px, spread, f"{px:.0f} px ({words})")
+
+
+def _by_equivalent(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:
+    """By the 35 mm equivalent, which refers to the diagonal of the sensor and is a whole number."""
+    equivalent = metadata.focal_length_35mm
+    if equivalent is None or not 4 < equivalent < 3000:
+        return None
+    diagonals = _diagonals(width, height)
+    middle = math.sqrt(diagonals[0] * diagonals[-1])
+    shape = _EVEN * 0.5 * math.log(diagonals[-1] / diagonals[0])
+    rounded = _EVEN * 0.5 / equivalent
+    # Some cameras count their digital zoom in it, and some do not.
+    zoom = max(metadata.digital_zoom or 1.0, 1.0)
+    zoomed = 0.5 * math.log(zoom)
+    spread = math.sqrt(_BUILT**2 + shape**2 + rounded**2 + zoomed**2)
+    px = equivalent / FULL_FRAME_DIAGONAL * middle * math.sqrt(zoom)
+    return FocalLength(px, spread, f"{equivalent:g} mm equivalent")
+
+
+def _diagonals(width: int, height: int) -> list[float]:
+    """The diagonals of sensors that a picture may be cut from, px of the picture, ascending."""
+    long, short = max(width, height), min(width, height)
+    own = math.hypot(long, short)
+    if any(abs(long / short / shape - 1) < _OWN_SHAPE for shape in _SHAPES):
+        return [own]
+    wholes = [
+        math.hypot(long, long / shape) if long / short > shape else math.hypot(short * shape, short)
+        for shape in _SHAPES
+    ]
+    return sorted([own, *wholes])
+
+
+def _by_millimetres(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:
+    """By the focal length and the size of the sensor, as the file or pycolmap's table of cameras tells it."""
+    focal = metadata.focal_length_mm
+    if focal is None or not 0.5 < focal < 3000:
+        return None
+    sensor, spread = metadata.sensor_mm, _MILLIMETRES
+    if sensor is None:
+        sensor, spread = sensor_width(metadata.make, metadata.model), _TABLE
+    if sensor is None:
+        return None
+    zoom = max(metadata.digital_zoom or 1.0, 1.0)
+    # Written with one digit behind the point, or with two.
+    digits = 0.1 if abs(10 * focal - round(10 * focal)) < 1e-6 else 0.01
+    spread = math.hypot(spread, _EVEN * 0.5 * digits / focal)
+    px = zoom * focal / sensor * max(width, height)
+    return FocalLength(px, spread, f"{focal:g} mm on a sensor {sensor:.3g} mm wide")
+
+
+@cache
+def sensor_width(make: str, model: str) -> float | None:
+    """The width of a camera's sensor, mm, by pycolmap's table of cameras; None where that has no such model.
+
+    pycolmap tells it by nothing but the focal length of a file.
+    """
+    if not make or not model:
+        return None
+    side, focal = 8, 10.0
+    named = FrameMetadata(make=make, model=model, focal_length_mm=focal)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "camera.jpg"
+        path.write_bytes(encode_jpeg(np.zeros((side, side), np.uint8), metadata=named))
+        bitmap = pycolmap.Bitmap.read(str(path), True)
+    pixels = None if bitmap is None else bitmap.exif_focal_length()
+    return None if pixels is None or pixels <= 0 else focal * side / float(pixels)

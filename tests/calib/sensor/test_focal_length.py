@@ -1,0 +1,74 @@
+"""The focal length of metadata in pixels, against cameras whose pitch is published."""
+
+import math
+
+import pytest
+
+from calib.sensor.focal_length import focal_length, sensor_width
+from imaging.mosaic import FrameMetadata
+
+
+def told(width, height, **tags):
+    found = focal_length(FrameMetadata(**tags), width, height)
+    assert found is not None
+    return found
+
+
+def test_an_equivalent_refers_to_the_diagonal():
+    """An iPhone 7 of 28 mm equivalent has 3.99 mm on a pitch of 1.22 um."""
+    found = told(4032, 3024, focal_length_35mm=28.0)
+    assert found.px == pytest.approx(3.99 / 1.22e-3, rel=0.01)
+    assert 0.02 < found.spread < 0.04
+
+
+@pytest.mark.parametrize(("width", "height"), [(4000, 2250), (2250, 4000)])
+def test_a_wide_picture_may_be_cut_from_a_taller_sensor(width, height):
+    """A DJI FC300S of 20 mm equivalent has 3.6 mm on 6.17 mm of 4000 pixels, of which 16:9 is a part."""
+    found = told(width, height, focal_length_35mm=20.0)
+    true = 3.6 / 6.17 * 4000
+    assert abs(found.px / true - 1) < 2 * found.spread
+    assert found.spread > told(4000, 3000, focal_length_35mm=20.0).spread
+
+
+def test_millimetres_count_where_the_file_or_a_table_tells_the_sensor():
+    assert told(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0).px == pytest.approx(50 / 36 * 6000)
+    assert sensor_width("DJI", "FC300S") == pytest.approx(6.17, rel=0.01)
+    named = told(4000, 3000, focal_length_mm=3.61, make="DJI", model="FC300S")
+    assert named.px == pytest.approx(3.61 / 6.17 * 4000, rel=0.01)
+    assert focal_length(FrameMetadata(focal_length_mm=3.6, make="No", model="Body"), 100, 100) is None
+    assert sensor_width("", "") is None
+
+
+def test_two_tellings_are_one_between_them_and_no_surer():
+    both = told(4000, 2250, focal_length_35mm=20.0, focal_length_mm=3.6, make="DJI", model="FC300S")
+    one = told(4000, 2250, focal_length_35mm=20.0)
+    other = told(4000, 2250, focal_length_mm=3.6, make="DJI", model="FC300S")
+    assert one.px < both.px < other.px
+    assert both.spread == min(one.spread, other.spread)
+    assert "20 mm equivalent" in both.words
+    assert "3.6 mm on a sensor" in both.words
+    assert f"{both.px:.0f} px" in both.words
+
+
+def test_what_contradicts_itself_is_spread_wide():
+    """A table that has another sensor of the same name would be off by half."""
+    found = told(6000, 4000, focal_length_35mm=75.0, focal_length_mm=50.0, sensor_mm=36.0)
+    plain = told(6000, 4000, focal_length_35mm=75.0)
+    assert found.px == plain.px
+    assert found.spread > math.log(1.5) / 2
+
+
+def test_digital_zoom_lengthens_millimetres_and_widens_the_equivalent():
+    """Some cameras count it in their equivalent, and some do not."""
+    zoomed = told(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0, digital_zoom=2.0)
+    assert zoomed.px == pytest.approx(100 / 36 * 6000)
+    with_it = told(6000, 4000, focal_length_35mm=50.0, digital_zoom=2.0)
+    for true in (50.0, 100.0):
+        assert abs(math.log(with_it.px / (true / 36 * 6000))) < 1.2 * with_it.spread
+    once = told(6000, 4000, focal_length_35mm=50.0, digital_zoom=1.0)
+    assert once.px == told(6000, 4000, focal_length_35mm=50.0).px
+
+
+def test_nothing_is_told_by_nothing():
+    assert focal_length(FrameMetadata(), 100, 100) is None
+    assert focal_length(FrameMetadata(focal_length_35mm=1e6, focal_length_mm=1e6), 100, 100) is None
