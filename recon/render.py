@@ -1,7 +1,7 @@
 """Pictures of a scene on disk: linear EXR, and PNG as a display would show it."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.colour import Space
-from imaging.errors import InputError
+from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
@@ -60,6 +60,7 @@ def render(
     rate: float = 24.0,
     raw: str | None = None,
     on_progress: Progress = unreported,
+    on_message: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
     """Render views of a reconstruction, or a path through it, into `out`; the files written, EXR first.
 
@@ -75,8 +76,9 @@ def render(
     as middle grey; the EXR name that factor as `rig:exposure`. width: of the pictures, px; None: as the
     views were trained, or the path says. video: an MP4 of the first of `stops` too, of `rate` frames a
     second. raw: the name of a camera, by whose sensor a bracket of DNG is written of each as well
-    (`recon.rendering.simulated_raw`). ReconstructionError for a view that the scene does not have; InputError
-    for a bad path, or a camera that is not known.
+    (`recon.rendering.simulated_raw`). on_message: is given a line on frames that see nothing of the scene.
+    ReconstructionError for a view that the scene does not have, and, after all is written, where no frame
+    sees any of its Gaussians; InputError for a bad path, or a camera that is not known.
     """
     out = Path(out)
     store.require_writable(out)
@@ -87,13 +89,16 @@ def render(
     frames = list(_frames(scene, views, path, first_frame, width))
     data = DataLayers(scene, on_progress)
     sensor = None if raw is None else RawCamera.of(scene, raw)
-    files, pictures, mosaics = [], [], []
+    files, pictures, mosaics, empty = [], [], [], []
     store.make_folder(out)
     with ExitStack() as stack:
         film = stack.enter_context(Video(out / f"{_title(path)}.mp4", rate)) if video else None
         for done, frame in enumerate(frames):
             on_progress("rendering", done, len(frames))
-            image, alpha = scene.layer(frame.camera)
+            image, covered = scene.covered_layer(frame.camera)
+            alpha = covered if scene.record.transparent else None
+            if not covered.any():
+                empty.append(frame.name)
             file = out / f"{frame.stem}.exr"
             planes = {layer: data.layer(layer, frame.camera) for layer in layers}
             write_light(file, image, scene.record, frame.name, space, alpha, planes)
@@ -110,7 +115,26 @@ def render(
                 if film is not None and index == 0:
                     film.add(seen)
     on_progress("rendering", len(frames), len(frames))
+    _tell_empty(scene, empty, len(frames), path is not None, on_message)
     return files + pictures + mosaics + ([] if film is None else [film.path])
+
+
+def _tell_empty(
+    scene: Scene, empty: Sequence[str], frames: int, moving: bool, say: Callable[[str], None]
+) -> None:
+    """Say which frames see nothing of a scene; ReconstructionError where all are so."""
+    if not empty:
+        return
+    if len(empty) < frames:
+        say(f"{len(empty)} of {frames} frames see nothing of the scene, {empty[0]} first")
+        return
+    fix = (
+        "a path has to be in the coordinates of the calibration, or name by --path-in the file of rig export "
+        "that it was made in"
+        if moving
+        else "its Gaussians are not before its views, so reconstruct it again"
+    )
+    raise ReconstructionError(f"No frame sees anything of {scene.folder} (alpha is 0 everywhere): {fix}.")
 
 
 def render_probe(
@@ -182,15 +206,33 @@ def _frames(
         for view in scene.views if views is None else tuple(scene.view(name) for name in views):
             yield Frame(stem(view), view.name, _resized(view.splat_camera, width))
         return
-    cameras = path if isinstance(path, CameraPath) else _read_path(scene, path)
+    cameras = path if isinstance(path, CameraPath) else camera_path(scene, path)
     start = first if first is not None else FIRST_FRAME
     for index, camera in enumerate(cameras.cameras):
         number = start + index if first is not None or not cameras.numbers else cameras.numbers[index]
         yield Frame(f"{cameras.name}.{number:04d}", f"{cameras.name} {number}", _resized(camera, width))
 
 
-def _read_path(scene: Scene, path: str | PathLike[str]) -> CameraPath:
-    return named_path(scene, str(path)) or read_camera_path(Path(path), scene)
+def camera_path(
+    scene: Scene,
+    path: str | PathLike[str],
+    *,
+    within: str | PathLike[str] | None = None,
+    camera: str | None = None,
+) -> CameraPath:
+    """The path that `render` takes by its name, `orbit`, `spline:240` or a file.
+
+    within: the file of `rig export` in whose coordinates a file is that does not tell them; None: those of
+    the calibration. camera: of a stage of USD, by name. InputError for what is no path.
+    """
+    found = named_path(scene, str(path))
+    if found is None:
+        return read_camera_path(
+            Path(path), scene, within=None if within is None else Path(within), camera=camera
+        )
+    if within is not None or camera is not None:
+        raise InputError(f"{path} is no file of cameras: leave --path-in and --path-camera out.")
+    return found
 
 
 def _resized(camera: SplatCamera, width: int | None) -> SplatCamera:

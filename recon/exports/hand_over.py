@@ -75,7 +75,7 @@ def hand_over(
         assert written.truth is not None
         loss = loss_of(kept, written.truth, written.held, on_progress)
         renders = _write_renders(part / RENDERS, kept, job.factor, on_progress)
-        cameras = write_cameras(part / CAMERAS, kept, job.place) if kept.views else []
+        cameras = write_cameras(part / CAMERAS, kept, job.place)[0] if kept.views else []
         store.write_bytes(part / CONFIG, configuration().encode())
         text = page(kept, job, loss, notes, [*written.files, *renders])
         store.write_bytes(part / PAGE, text.encode())

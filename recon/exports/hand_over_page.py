@@ -57,7 +57,8 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
         "cameras (<code>/World/Cameras</code>, animated by frame)",
         "renders/": "each view as the USD's camera sees it, EXR, float32, named "
         "<code>CAMERA.FRAME.exr</code>; without lens distortion, so that it lines up",
-        "cameras/": "lenses with their distortion: <code>transforms.json</code> and a COLMAP model as text",
+        "cameras/": "lenses with their distortion: <code>transforms.json</code> and a COLMAP model, with "
+        "pictures and points",
         "config.ocio": "OpenColorIO: the ACES configuration for CG, which reads EXR as Linear Rec.709 (sRGB)",
     }
     if sky is not None:

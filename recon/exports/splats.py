@@ -30,7 +30,8 @@ class Splats:
 
     means [N, 3]; scales [N, 3], standard deviations; quats [N, 4], unit, wxyz; opacities [N], 0..1;
     harmonics [N, (degree + 1)^2, 3] as in 3DGS: a colour is max(0, 0.5 + SH(d)). All float64.
-    linear: colours are radiance times `factor`; else the sRGB codes of that, clipped at 1. Of a scene of
+    linear: colours are radiance times `factor`; else sRGB codes, fitted so that pictures drawn of them and
+    clipped at 1 are those of that: of single Gaussians they may be above 1. Of a scene of
     display values `factor` is 1, and light what a display makes of them.
     world: where the scene lies; world coordinates are means + offset.
     dome: how many of them, the last, stand for light from far away; 0 where that is not among them.

@@ -1,12 +1,14 @@
 """Cameras of other programs' files, in the order of their frames, in the world of the calibration.
 
 transforms.json of nerfstudio, Instant NGP and Blender scenes, a folder with a COLMAP model, a table (CSV),
-and USD. Positions are taken as they are: they have to be in the coordinates of the scene, as those of files
-that `rig calibrate` writes are.
+and USD. Files of `rig export` say where the calibration lies in them, and so do stages of USD that were made
+of theirs. Of other files somebody has to say it; else positions are taken as they are, as those of files that
+`rig calibrate` writes have to be.
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,14 @@ from imaging.files import store
 from recon.rendering.camera_paths import MOST_FRAMES, CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
 from recon.rendering.given_camera import camera_of
+from recon.rendering.placement import USD_SUFFIXES, GivenPath, less, placement_of, told_offset
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
 TRANSFORMS = "transforms.json"
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+OFFSET = "world_offset"
+"""Key of the coordinates of a transforms.json of `rig export`: those of the calibration are the file's plus
+this. (An `offset` is what they are less than those of a survey, and Instant NGP's.)"""
 _COLMAP_MODELS = {
     "SIMPLE_PINHOLE": ("fx", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -33,37 +38,55 @@ _COLMAP_MODELS = {
 }
 
 
-def read_camera_path(path: Path, scene: Scene) -> CameraPath:
+def read_camera_path(
+    path: Path, scene: Scene, *, within: Path | None = None, camera: str | None = None
+) -> CameraPath:
     """The cameras of a file or folder; InputError, naming the place in it, for what cannot be read.
 
-    What it says nothing of is taken from the first view: size of the picture, focal length.
+    What it says nothing of is taken from the first view: size of the picture, focal length. within: the file
+    of `rig export` in whose coordinates it is, unless it says that itself. camera: the name of one, where a
+    stage of USD has several.
     """
-    usual = lens_of_path(scene.views)
+    given = _read(path, lens_of_path(scene.views), camera)
+    found, placement = given.path, given.placement
+    if not 1 <= len(found.cameras) <= MOST_FRAMES:
+        raise InputError(f"{path} has {len(found.cameras)} cameras, not 1 to {MOST_FRAMES}: correct it.")
+    coordinates = f"in the coordinates that {path} itself tells"
+    if placement is None and within is not None:
+        placement, coordinates = placement_of(within), f"in the coordinates of {within}"
+    if placement is None:
+        coordinates = f"{path} tells no coordinates: taken for those of the calibration"
+    else:
+        shifted = not scene.folder.is_file()  # else the world is that of the file
+        moved = (placement.in_world(one, given.axes, shifted=shifted) for one in found.cameras)
+        found = replace(found, cameras=tuple(moved))
+    return replace(found, note=", ".join(filter(None, (found.note, coordinates))))
+
+
+def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
     suffix = path.suffix.lower()
+    if camera is not None and suffix not in USD_SUFFIXES:
+        raise InputError(f"{path} has no cameras by name, as a stage of USD has: leave --path-camera out.")
     if path.is_dir():
-        found = _transforms(path / TRANSFORMS, usual) if (path / TRANSFORMS).is_file() else _colmap(path)
-    elif not path.is_file():
+        return _transforms(path / TRANSFORMS, usual) if (path / TRANSFORMS).is_file() else _colmap(path)
+    if not path.is_file():
         raise InputError(
             f"{path} is no path to render: write orbit:N, spline:N, or name transforms.json, a folder with a "
             "COLMAP model, a CSV table or a USD file."
         )
-    elif suffix == ".json":
-        found = _transforms(path, usual)
-    elif suffix == ".csv":
-        found = read_table(path, usual)
-    elif suffix in USD_SUFFIXES:
+    if suffix == ".json":
+        return _transforms(path, usual)
+    if suffix == ".csv":
+        return read_table(path, usual)
+    if suffix in USD_SUFFIXES:
         from recon.rendering.usd_camera import read_usd
 
-        found = read_usd(path, usual)
-    else:
-        what = "Alembic, which has no reader for Python" if suffix == ".abc" else "no file of cameras"
-        raise InputError(f"{path} is {what}: export the camera as USD or CSV, or name transforms.json.")
-    if not 1 <= len(found.cameras) <= MOST_FRAMES:
-        raise InputError(f"{path} has {len(found.cameras)} cameras, not 1 to {MOST_FRAMES}: correct it.")
-    return found
+        return read_usd(path, usual, camera)
+    what = "Alembic, which has no reader for Python" if suffix == ".abc" else "no file of cameras"
+    raise InputError(f"{path} is {what}: export the camera as USD or CSV, or name transforms.json.")
 
 
-def _transforms(path: Path, usual: SplatCamera) -> CameraPath:
+def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
     """nerfstudio's; a frame overrides the top, which the first view's lens stands in for."""
     content = store.read_json(path)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -74,7 +97,14 @@ def _transforms(path: Path, usual: SplatCamera) -> CameraPath:
         where = f"frame {index} of {path}"
         lens = _nerfstudio_lens({**content, **frame}, usual, where)
         cameras.append(camera_of(frame.get("transform_matrix"), lens, where, opengl=True))
-    return CameraPath(path.stem, tuple(cameras))
+    told = content.get("coordinates")
+    offset = told.get(OFFSET) if isinstance(told, dict) else None
+    if offset is None:
+        return GivenPath(CameraPath(path.stem, tuple(cameras)))
+    numbers = offset if isinstance(offset, list) else []
+    if len(numbers) != 3 or not all(isinstance(one, int | float) and math.isfinite(one) for one in numbers):
+        raise InputError(f"{path} has a {OFFSET} that is not three numbers: export it again.")
+    return GivenPath(CameraPath(path.stem, tuple(cameras)), None, less(numbers))
 
 
 def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) -> dict[str, Any]:
@@ -107,7 +137,7 @@ def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) 
     }
 
 
-def _colmap(folder: Path) -> CameraPath:
+def _colmap(folder: Path) -> GivenPath:
     """The images of a model by name, with their own lenses."""
     from imaging.files.colmap import read_model
 
@@ -130,4 +160,9 @@ def _colmap(folder: Path) -> CameraPath:
         pose = np.vstack([image.cam_from_world().inverse().matrix(), [0, 0, 0, 1]])
         fisheye = "FISHEYE" in camera.model_name
         cameras.append(camera_of(pose, {**lens, **size, "fisheye": fisheye}, where, opengl=False))
-    return CameraPath(folder.resolve().name, tuple(cameras))
+    found = CameraPath(folder.resolve().name, tuple(cameras))
+    images = folder / "images.txt"
+    if not images.is_file() or (folder / "images.bin").is_file():
+        return GivenPath(found)
+    first = images.read_text("utf-8", "replace").partition("\n")[0]
+    return GivenPath(found, None, told_offset(first.removeprefix("# ")))

@@ -30,11 +30,15 @@ _DENSE = 64
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Cameras in order, in the world of the calibration; numbers: of their frames, empty: from any."""
+    """Cameras in order, in the world of the calibration; numbers: of their frames, empty: from any.
+
+    note: which camera of a file they are, and in which coordinates that is; empty where nothing was chosen.
+    """
 
     name: str
     cameras: tuple[SplatCamera, ...]
     numbers: tuple[int, ...] = ()
+    note: str = ""
 
 
 def named_path(scene: Scene, text: str) -> CameraPath | None:

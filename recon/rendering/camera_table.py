@@ -1,7 +1,9 @@
 """Cameras as a table (CSV), a line a frame, as any program can write it.
 
-The first line names the columns, in any order; lines that begin with # are passed over. Poses are of the
-camera in the world, its axes x right, y up, z back, as Blender, Nuke, Maya and USD have them:
+The first line names the columns, in any order; lines that begin with # are passed over, but for `# up: z` (or
+`y`) and `# metersPerUnit: 0.01`, which say what the coordinates of the program are, where those are of a file
+of `rig export`. Poses are of the camera in the world, its axes x right, y up, z back, as Blender, Nuke, Maya
+and USD have them:
 
 * `frame`: whole numbers that rise; without it frames count from 1001.
 * `m00` to `m23`, or to `m33`: the matrix from camera to world, row by row; or `x, y, z` and the quaternion
@@ -13,7 +15,8 @@ camera in the world, its axes x right, y up, z back, as Blender, Nuke, Maya and 
 
 import csv
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,7 @@ from scipy.spatial.transform import Rotation
 from imaging.errors import InputError
 from recon.rendering.camera_paths import CameraPath
 from recon.rendering.given_camera import camera_of
+from recon.rendering.placement import Axes, GivenPath
 from recon.splat import SplatCamera
 
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
@@ -32,7 +36,7 @@ _LENS = ("fx", "fy", "cx", "cy", "focal_mm", "sensor_mm", "fov_deg", "width", "h
 _KNOWN = {"frame", *_MATRIX, "m30", "m31", "m32", "m33", *_PLACE, *_TURN, *_LENS}
 
 
-def read_table(path: Path, usual: SplatCamera) -> CameraPath:
+def read_table(path: Path, usual: SplatCamera) -> GivenPath:
     """The cameras of a table; `usual` stands in for the lens that it does not name. InputError."""
     try:
         lines = path.read_text("utf-8-sig").splitlines()
@@ -60,7 +64,26 @@ def read_table(path: Path, usual: SplatCamera) -> CameraPath:
                 raise InputError(f"{where} has a frame that is no whole number above the last: correct it.")
             numbers.append(int(row["frame"]))
         cameras.append(camera_of(_pose(row, where), _lens(row, usual, where), where, opengl=True))
-    return CameraPath(path.stem, tuple(cameras), tuple(numbers))
+    return GivenPath(CameraPath(path.stem, tuple(cameras), tuple(numbers)), _axes(lines, path))
+
+
+def _axes(lines: Sequence[str], path: Path) -> Axes | None:
+    """What the comments say of the coordinates; None: nothing."""
+    up, metres = None, 1.0
+    for number, line in enumerate(lines, 1):
+        told = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)
+        if told is None:
+            continue
+        where, value = f"line {number} of {path}", told[2].lower()
+        if told[1].lower() == "up":
+            if value not in ("y", "z"):
+                raise InputError(f"{where} says that {value!r:.40} is up: write y or z.")
+            up = value
+        else:
+            metres = _number(value, "metersPerUnit", where)
+            if not metres > 0:
+                raise InputError(f"{where} has a unit of {value:.40} m: write a number above 0.")
+    return None if up is None else Axes(up == "z", metres)
 
 
 def _number(cell: str, name: str, where: str) -> float:

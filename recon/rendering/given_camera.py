@@ -23,7 +23,8 @@ def camera_of(
 ) -> SplatCamera:
     """A camera by its pose [4, 4] or [3, 4] and the numbers of its lens; InputError, naming `where`.
 
-    opengl: the pose is of axes x right, y up, z back; else OpenCV's.
+    opengl: the pose is of axes x right, y up, z back; else OpenCV's. A camera that is larger or smaller sees
+    the same: what scales its axes alike is left out.
     """
     try:
         motion = np.asarray(world_from_camera, np.float64)
@@ -34,8 +35,12 @@ def camera_of(
     if motion.shape != (4, 4) or not np.isfinite(motion).all():
         raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
     turn = motion[:3, :3]
+    size = float(np.linalg.norm(turn)) / np.sqrt(3)
+    turn = turn / (size or 1.0)
     if np.abs(turn.T @ turn - np.eye(3)).max() > _ROUNDING or np.linalg.det(turn) < 0:
-        raise InputError(f"{where} has a pose that is no rotation but scales, shears or mirrors: correct it.")
+        raise InputError(
+            f"{where} has a pose that is no rotation but stretches, shears or mirrors: correct it."
+        )
     turn = turn @ _OPENCV_FROM_OPENGL if opengl else turn
     try:
         camera = SplatCamera(np.eye(4), **lens)

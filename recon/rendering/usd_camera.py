@@ -1,4 +1,4 @@
-"""The camera of a USD stage, animated or not, read by usd-core."""
+"""A camera of a USD stage, animated or not, read by usd-core."""
 
 from pathlib import Path
 from typing import Any
@@ -8,56 +8,74 @@ import numpy as np
 from imaging.errors import InputError
 from recon.rendering.camera_paths import MOST_FRAMES, CameraPath
 from recon.rendering.given_camera import camera_of
+from recon.rendering.placement import GivenPath, axes_of, open_stage, placement_in
+from recon.scene.usd_field import SIZE, column_matrix, pinhole_numbers
 from recon.splat import SplatCamera
 
 
-def read_usd(path: Path, usual: SplatCamera) -> CameraPath:
-    """The first camera of a stage, at each frame from the stage's first to its last.
+def read_usd(path: Path, usual: SplatCamera, name: str | None) -> GivenPath:
+    """A camera of a stage at each frame from the stage's first to its last; those of `rig export` at theirs.
 
-    The picture is as wide as that of the first view, and as high as the camera's aperture wants. InputError
-    if usd-core is missing, the file cannot be read, or there is no camera.
+    name: of the camera or of its object, or its path; None: the first that `rig export` did not write, or
+    else the first. The picture is as wide as that of the first view, and as high as the camera's aperture
+    wants, unless the camera tells. InputError if usd-core is missing, the file cannot be read, or there is no
+    such camera.
     """
-    try:
-        from pxr import Tf, Usd, UsdGeom
-    except ImportError as error:
-        raise InputError(
-            f"{path} is read by usd-core, which is not installed: pip install 'hdr-rig[usd]', or export the "
-            "camera as CSV."
-        ) from error
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise InputError(f"{path} is damaged or not USD: export it again.") from error
-    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)]
-    if not prims:
-        raise InputError(f"{path} has no camera: export it with one.")
-    camera = UsdGeom.Camera(prims[0])
+    from pxr import Usd, UsdGeom
+
+    stage = open_stage(path)
+    prim, note = _chosen(stage, path, name)
+    camera = UsdGeom.Camera(prim)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    animated = stage.HasAuthoredTimeCodeRange() and last > first
-    numbers = range(int(np.ceil(first)), int(np.floor(last)) + 1) if animated else range(0)
+    numbers = []
+    if prim.HasAttribute(SIZE):
+        numbers = [round(time) for time in UsdGeom.Xformable(camera).GetTimeSamples()]
+    elif stage.HasAuthoredTimeCodeRange() and last > first:
+        numbers = list(range(int(np.ceil(first)), int(np.floor(last)) + 1))
     if len(numbers) > MOST_FRAMES:
         raise InputError(f"{path} has {len(numbers)} frames, more than {MOST_FRAMES}: export fewer.")
     times = [Usd.TimeCode(number) for number in numbers] or [Usd.TimeCode.Default()]
-    cameras = [_camera(camera.GetCamera(time), usual, f"{prims[0].GetPath()} of {path}") for time in times]
-    return CameraPath(path.stem, tuple(cameras), tuple(numbers))
+    cameras = [_camera(camera, time, usual, f"{prim.GetPath()} of {path}") for time in times]
+    found = CameraPath(path.stem, tuple(cameras), tuple(numbers), note)
+    return GivenPath(found, axes_of(stage), placement_in(stage, path))
 
 
-def _camera(given: Any, usual: SplatCamera, where: str) -> SplatCamera:
-    """A GfCamera; its matrices act on row vectors, and lengths of its lens share one unit."""
+def _chosen(stage: Any, path: Path, name: str | None) -> tuple[Any, str]:
+    """The prim of the camera to draw, and which it is, in words."""
+    from pxr import UsdGeom
+
+    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)]
+    if not prims:
+        raise InputError(f"{path} has no camera: export it with one.")
+    if name is not None:
+        prims = [prim for prim in prims if name in _names(prim)]
+        if not prims:
+            raise InputError(
+                f"{path} has no camera {name!r:.60}: name one that it has, as its outliner does."
+            )
+    else:
+        prims = [prim for prim in prims if not _exported(prim)] or prims
+    others = f", the first of {len(prims)}" if len(prims) > 1 else ""
+    return prims[0], f"camera {prims[0].GetPath()}{others}"
+
+
+def _names(prim: Any) -> tuple[str, ...]:
+    parent = prim.GetParent()
+    return str(prim.GetPath()), prim.GetName(), prim.GetDisplayName(), parent.GetName()
+
+
+def _exported(prim: Any) -> bool:
+    """Whether `rig export` wrote it, as the stage has it or as a program exported it again."""
+    return prim.HasAttribute(SIZE) or "/World/Cameras/" in str(prim.GetPath())
+
+
+def _camera(prim: Any, time: Any, usual: SplatCamera, where: str) -> SplatCamera:
+    """At a time; the matrices of Gf act on row vectors."""
+    given = prim.GetCamera(time)
     if str(given.projection).endswith("Orthographic"):
         raise InputError(f"{where} is orthographic, which rig cannot draw: make it a perspective camera.")
-    across, down = float(given.horizontalAperture), float(given.verticalAperture)
-    if not (across > 0 and down > 0):
-        raise InputError(f"{where} has an aperture without size: correct it.")
-    width = usual.width
-    focal = float(given.focalLength) / across * width
-    height = max(1, round(width * down / across))
-    lens = {
-        "width": width,
-        "height": height,
-        "fx": focal,
-        "fy": focal,
-        "cx": width / 2 - float(given.horizontalApertureOffset) / across * width,
-        "cy": height / 2 + float(given.verticalApertureOffset) / down * height,
-    }
-    return camera_of(np.array(given.transform).T, lens, where, opengl=True)
+    if not (given.horizontalAperture > 0 and given.verticalAperture > 0 and given.focalLength > 0):
+        raise InputError(f"{where} has an aperture or a focal length without size: correct it.")
+    size = prim.GetPrim().GetAttribute(SIZE).Get(time) if prim.GetPrim().HasAttribute(SIZE) else None
+    lens = pinhole_numbers(given, *(size or (usual.width, None)))
+    return camera_of(column_matrix(given.transform), lens, where, opengl=True)

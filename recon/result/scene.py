@@ -187,9 +187,13 @@ class Scene:
         The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
         it. Alpha is None of a scene whose photographs had none (`ModelRecord.transparent`).
         """
+        light, covered = self.covered_layer(camera)
+        return light, covered if self.record.transparent else None
+
+    def covered_layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """What `layer` has, and how much of each pixel is of Gaussians, 0..1 [H, W], of any scene."""
         render = self._rendered(self.record.world.camera(camera))
-        alpha = render.alpha.clamp(0, 1).numpy() if self.record.transparent else None
-        return self.in_units(render.image), alpha
+        return self.in_units(render.image), render.alpha.clamp(0, 1).numpy()
 
     def _rendered(self, camera: SplatCamera) -> Render:
         with torch.no_grad():

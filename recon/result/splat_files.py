@@ -23,6 +23,9 @@ from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training
 
+BLENDED = "fitted so that pictures, clipped at 1, look right; colours of single Gaussians may be above 1"
+"""Of display values, for headers."""
+
 
 def offset_of(dataset: Dataset) -> Vector:
     """What the coordinates in the files leave out of those of the world."""
@@ -133,7 +136,7 @@ def write_splats(
         progress=progress,
     )
     note = (
-        f"display values: sRGB of {what} x {exposure:.6g} ({gauge}), clipped at 1; "
+        f"display values: sRGB of {what} x {exposure:.6g} ({gauge}); {BLENDED}; "
         f"drawn by a viewer {shown.db:.1f} dB from that; linear light is in {RADIANCE}"
     )
     write_ply(folder / SPLATS, gaussians, shown.harmonics, [note, *place], dataset.world, offset)

@@ -16,6 +16,11 @@ Array = npt.NDArray[np.float64]
 _WIDTH = 640
 """px of a camera whose file tells no size, as those of OpenUSD do not."""
 _MOST_VIEWS = 500
+PLACED = "userProperties:rigOffset"
+"""Attribute of the prim that stands for the world of a calibration in a stage of `rig export`: double3, what
+its coordinates have to be given more of to be those of the calibration. Blender keeps what is called so."""
+SIZE = "rig:lens:size"
+"""Attribute of the cameras of `rig export`: width and height of the picture, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +73,7 @@ def read_usd(path: Path) -> UsdField:
         found = f"{len(prims)} fields" if prims else "no field"
         raise InputError(f"{path} has {found} of Gaussians: export one ParticleField3DGaussianSplat.")
     field = UsdVol.ParticleField3DGaussianSplat(prims[0])
-    placed = _column(UsdGeom.Xformable(field).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime()))
+    placed = column_matrix(UsdGeom.Xformable(field).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime()))
     unit = abs(float(np.linalg.det(placed[:3, :3]))) ** (1 / 3)
     turn = placed[:3, :3] / max(unit, 1e-300)
     if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
@@ -140,30 +145,18 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     from pxr import Usd, UsdGeom
 
     times = UsdGeom.Xformable(camera).GetTimeSamples()
-    told = camera.GetPrim().GetAttribute("rig:lens:size")
+    told = camera.GetPrim().GetAttribute(SIZE)
     found = []
     for time in times or [Usd.TimeCode.Default()]:
         gf = camera.GetCamera(time)
         if gf.projection != gf.Perspective or not gf.focalLength > 0 or not gf.verticalAperture > 0:
             continue
         size = told.Get(time) if told else None
-        width = size[0] if size else _WIDTH
-        height = size[1] if size else max(1, round(width * gf.verticalAperture / gf.horizontalAperture))
-        fx = width * gf.focalLength / gf.horizontalAperture
-        fy = height * gf.focalLength / gf.verticalAperture
-        lens = Lens(
-            model="PINHOLE",
-            width=width,
-            height=height,
-            fx=fx,
-            fy=fy,
-            cx=width / 2 - fx * gf.horizontalApertureOffset / gf.focalLength,
-            cy=height / 2 + fy * gf.verticalApertureOffset / gf.focalLength,
-        )
-        pose = _column(gf.transform) @ OPENGL_FROM_OPENCV
+        lens = Lens(model="PINHOLE", **pinhole_numbers(gf, *(size or (_WIDTH, None))))
+        pose = column_matrix(gf.transform) @ OPENGL_FROM_OPENCV
         centre = turn.T @ (pose[:3, 3] - shift) / unit
         motion = np.eye(4)
-        motion[:3, :3] = pose[:3, :3].T @ turn
+        motion[:3, :3] = unscaled(pose[:3, :3]).T @ turn
         motion[:3, 3] = -motion[:3, :3] @ centre
         frame = 0 if isinstance(time, Usd.TimeCode) else max(0, round(time))
         found.append(
@@ -172,6 +165,31 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     return found
 
 
-def _column(matrix: Any) -> Array:
+def pinhole_numbers(gf: Any, width: int, height: int | None) -> dict[str, Any]:
+    """Width, height, fx, fy, cx and cy, px, of a GfCamera; without a height pixels are square.
+
+    Lengths of its lens share one unit, which therefore does not matter.
+    """
+    fx = width * gf.focalLength / gf.horizontalAperture
+    if height is None:
+        height, fy = max(1, round(width * gf.verticalAperture / gf.horizontalAperture)), fx
+    else:
+        fy = height * gf.focalLength / gf.verticalAperture
+    return {
+        "width": width,
+        "height": height,
+        "fx": fx,
+        "fy": fy,
+        "cx": width / 2 - fx * gf.horizontalApertureOffset / gf.focalLength,
+        "cy": height / 2 + fy * gf.verticalApertureOffset / gf.focalLength,
+    }
+
+
+def unscaled(turn: Array) -> Array:
+    """A rotation [3, 3] times a number, without the number: that of a unit other than the world's."""
+    return np.asarray(turn / np.cbrt(np.linalg.det(turn)))
+
+
+def column_matrix(matrix: Any) -> Array:
     """A matrix of Gf, whose vectors are rows, for columns."""
     return np.array(matrix, np.float64).reshape(4, 4).T

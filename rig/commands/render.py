@@ -35,6 +35,23 @@ def render(
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
+    path_in: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The file of rig export (USD, glb, PLY) in whose coordinates the path is, where the path "
+            "does not tell them, as CSV of Blender or Nuke. [default: those of the calibration]",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
+    path_camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Which camera of a USD stage. [default: the first that rig export did not write, if any]",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
     start_frame: Annotated[
         int | None,
         typer.Option(
@@ -140,6 +157,8 @@ def render(
         wanted = _layers(layers)
         if start_frame is not None and path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
+        if (path_in is not None or path_camera is not None) and path is None:
+            raise InputError("--path-in and --path-camera are of a path: name one by --path.")
         place = _place(probe, probe_view)
         if place is not None and (path or wanted or video or raw):
             raise InputError("A light probe is one picture: leave --path, --layers, --video and --raw out.")
@@ -148,7 +167,7 @@ def render(
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 from imaging.files.exr import read_exr_header
-                from recon.render import PROBE_WIDTH, render_probe
+                from recon.render import PROBE_WIDTH, camera_path, render_probe
                 from recon.render import render as render_scene
                 from recon.result.scene import open_scene
 
@@ -171,10 +190,14 @@ def render(
                             *_unknown(read_exr_header(files[0]).attributes),
                         ],
                     )
+                cameras = None
+                if path is not None:
+                    cameras = camera_path(scene, path, within=path_in, camera=path_camera)
+                said = [cameras.note] if cameras is not None and cameras.note else []
                 files = render_scene(
                     scene,
                     target,
-                    path=path,
+                    path=cameras,
                     first_frame=start_frame,
                     space=space,
                     exposure=exposure,
@@ -185,6 +208,7 @@ def render(
                     rate=fps,
                     raw=raw,
                     on_progress=status,
+                    on_message=said.append,
                 )
             scale = scene.exposure
             count = sum(file.suffix == ".exr" for file in files)
@@ -195,6 +219,7 @@ def render(
                     f"{', and ' + files[-1].name if video else ''}",
                     f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
                     "of the scene as middle grey",
+                    *said,
                 ],
             )
 

@@ -1,8 +1,8 @@
 """A mesh of what is opaque: the depths of all views fused to a truncated signed distance, and its zero.
 
 Curless and Levoy 1996; marching cubes by scikit-image. Depth is the median along each ray
-(`recon.rendering`), colours are linear radiance, float32: libraries of fusion keep 8 bits of them. They are
-the geometric mean of the views that see a place, away from edges in depth, where a lamp a thousand times
+(`recon.rendering`), colours are linear radiance, float32, beside those that screens show. They are the
+geometric mean of the views that see a place, away from edges in depth, where a lamp a thousand times
 brighter would outshine what is beside it.
 """
 
@@ -16,7 +16,8 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, map_coordinate
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from recon.exports.formats.ply import comments
+from recon.exports.formats.ply import vertex_comments
+from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
 from recon.exports.place import pinhole
@@ -71,22 +72,9 @@ def write(job: Job) -> Written:
         [map_coordinates(plane, places.T, order=1, mode="nearest") for plane in volume.colours()], 1
     )
     points = volume.origin + places * volume.cell - job.scene.record.offset
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        *(f"comment {line}" for line in comments(job, linear=True, factor=job.factor)),
-        f"element vertex {len(points)}",
-        *(f"property float {name}" for name in ("x", "y", "z", "red", "green", "blue")),
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "end_header",
-    ]
-    corners = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-    corners["count"], corners["corners"] = 3, faces
-    table = np.column_stack([points, colours * job.factor]).astype("<f4")
-    store.write_bytes(
-        job.out, ("\n".join(header) + "\n").encode("ascii") + table.tobytes() + corners.tobytes()
-    )
+    light = colours * job.factor
+    packed = packed_vertices(points, shown(light), vertex_comments(job), light=light, faces=faces)
+    store.write_bytes(job.out, packed)
     unit = "m" if job.place.metres else "units"
     return Written(
         [job.out],

@@ -22,7 +22,7 @@ from recon.exports.splats import Splats
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene
-from recon.scene.usd_field import require_usd
+from recon.scene.usd_field import PLACED, require_usd
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 COLOUR_SPACE = "lin_rec709_scene"
@@ -46,7 +46,7 @@ def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Pa
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} is not the name of a USD file: end it in .usd, .usdc or .usda.")
     require_usd()
-    from pxr import Usd, UsdGeom
+    from pxr import Gf, Sdf, Usd, UsdGeom
 
     stage = Usd.Stage.CreateInMemory()
     world = UsdGeom.Xform.Define(stage, "/World")
@@ -56,6 +56,8 @@ def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Pa
     colour = Usd.ColorSpaceAPI.Apply(world.GetPrim())
     colour.CreateColorSpaceNameAttr(COLOUR_SPACE)
     world.AddTransformOp().Set(_matrix(place.turn))
+    marker = world.GetPrim().CreateAttribute(PLACED, Sdf.ValueTypeNames.Double3, custom=True)
+    marker.Set(Gf.Vec3d(*splats.offset))
     _define_splats(stage, splats)
     define_cameras(stage, scene, splats.offset)
     files = [path]

@@ -1,4 +1,4 @@
-"""The cameras of a scene's views in OpenUSD: one for each camera, with a time sample for each frame."""
+"""The cameras of a scene's views in OpenUSD: one for each camera, with time samples of what changes."""
 
 from itertools import groupby
 from typing import Any
@@ -9,9 +9,10 @@ from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
 from recon.data.world import Vector
 from recon.result.model import SceneView
 from recon.result.scene import Scene
+from recon.scene.usd_field import SIZE
 
-FILM = 36.0
-"""Width that every film is given: only the ratios of focal length, film and offsets mean anything."""
+FILM = 0.36
+"""Width that every film is given, 36 mm: OpenUSD has lenses in tenths of a unit, which is a metre here."""
 _FAR = 1e6
 """Far end of what is drawn over its near end, which is the rasteriser's."""
 
@@ -19,7 +20,8 @@ _FAR = 1e6
 def define_cameras(stage: Any, scene: Scene, offset: Vector) -> dict[str, str]:
     """Define /World/Cameras/NAME in a stage; the path of each camera by its name.
 
-    A camera of one view has plain values, one of several is animated: time codes are the numbers of frames.
+    What is the same in all frames of a camera is a plain value, as programs that look at no frame read it;
+    what changes is animated, by the numbers of the frames, and has its first value besides.
     """
     from pxr import Tf, UsdGeom
 
@@ -45,38 +47,47 @@ def define_cameras(stage: Any, scene: Scene, offset: Vector) -> dict[str, str]:
 
 
 def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> None:
-    from pxr import Gf, Sdf, Usd
+    from pxr import Gf, Sdf
 
     near = scene.renderer.limits.near * scene.record.world.unit
     camera.CreateClippingRangeAttr(Gf.Vec2f(near, _FAR * near))
     place = camera.AddTransformOp()
-    attributes = {
-        "focal": camera.CreateFocalLengthAttr(),
-        "width": camera.CreateHorizontalApertureAttr(),
-        "height": camera.CreateVerticalApertureAttr(),
-        "right": camera.CreateHorizontalApertureOffsetAttr(),
-        "up": camera.CreateVerticalApertureOffsetAttr(),
-    }
     prim = camera.GetPrim()
-    model = prim.CreateAttribute("rig:lens:model", Sdf.ValueTypeNames.Token, custom=True)
-    terms = prim.CreateAttribute("rig:lens:terms", Sdf.ValueTypeNames.DoubleArray, custom=True)
-    size = prim.CreateAttribute("rig:lens:size", Sdf.ValueTypeNames.Int2, custom=True)
+
+    def own(name: str, kind: Any) -> Any:
+        return prim.CreateAttribute(name, kind, custom=True)
+
+    values: dict[Any, list[Any]] = {
+        camera.CreateFocalLengthAttr(): [],
+        camera.CreateHorizontalApertureAttr(): [],
+        camera.CreateVerticalApertureAttr(): [],
+        camera.CreateHorizontalApertureOffsetAttr(): [],
+        camera.CreateVerticalApertureOffsetAttr(): [],
+        place.GetAttr(): [],
+        own("rig:lens:model", Sdf.ValueTypeNames.Token): [],
+        own("rig:lens:terms", Sdf.ValueTypeNames.DoubleArray): [],
+        own(SIZE, Sdf.ValueTypeNames.Int2): [],
+    }
     for view in views:
-        time = Usd.TimeCode(view.frame) if len(views) > 1 else Usd.TimeCode.Default()
         lens = view.lens
         focal = FILM * lens.fx / lens.width
-        values = {
-            "focal": focal,
-            "width": FILM,
-            "height": focal * lens.height / lens.fy,
-            "right": focal * (lens.width / 2 - lens.cx) / lens.fx,
-            "up": focal * (lens.cy - lens.height / 2) / lens.fy,
-        }
-        for name, attribute in attributes.items():
-            attribute.Set(values[name], time)
         motion = np.linalg.inv(view.cam_from_world.matrix()) @ OPENGL_FROM_OPENCV
         motion[:3, 3] -= offset
-        place.Set(Gf.Matrix4d(*motion.T.ravel().tolist()), time)
-        model.Set("OPENCV_FISHEYE" if lens.fisheye else "OPENCV", time)
-        terms.Set(list(lens.terms), time)
-        size.Set(Gf.Vec2i(lens.width, lens.height), time)
+        told = (
+            focal,
+            FILM,
+            focal * lens.height / lens.fy,
+            focal * (lens.width / 2 - lens.cx) / lens.fx,
+            focal * (lens.cy - lens.height / 2) / lens.fy,
+            Gf.Matrix4d(*motion.T.ravel().tolist()),
+            "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
+            list(lens.terms),
+            Gf.Vec2i(lens.width, lens.height),
+        )
+        for column, value in zip(values.values(), told, strict=True):
+            column.append(value)
+    for attribute, column in values.items():
+        attribute.Set(column[0])
+        if any(value != column[0] for value in column):
+            for view, value in zip(views, column, strict=True):
+                attribute.Set(value, view.frame)

@@ -8,6 +8,7 @@ import pytest
 import torch
 import trimesh
 
+from imaging.colour import srgb_encode
 from imaging.errors import ReconstructionError
 from recon.exports.export import export
 from recon.exports.formats import mesh
@@ -15,7 +16,7 @@ from recon.result.environment_files import evenly
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
 from tests.recon.exports.made_scene import WORLD, write_made
-from tests.recon.ply_files import read_ply_mesh
+from tests.recon.ply_files import read_ply
 
 RADIUS = 0.5
 """In scene units."""
@@ -55,7 +56,10 @@ def test_a_sphere_is_a_sphere_in_linear_light(
     centres = found.triangles_center - WORLD.origin
     outwards = (centres * found.face_normals).sum(1) > 0
     assert np.average(outwards, weights=found.area_faces) > 0.97
-    vertices, colours = read_ply_mesh(tmp_path / "mesh.ply")
+    table = read_ply(tmp_path / "mesh.ply", faces=True)
+    vertices = np.stack([table[axis] for axis in "xyz"], 1)
+    colours = np.stack([table[f"radiance_{name}"] for name in ("red", "green", "blue")], 1)
+    assert np.abs(found.visual.vertex_colors[:, :3] - 255 * srgb_encode(colours.clip(0, 1))).max() <= 0.51
     side = (vertices - WORLD.origin)[:, 0] / WORLD.unit
     bright, dim = colours[side > 0.2], colours[side < -0.2]
     assert np.median(bright) == pytest.approx(GREY * told.factor, rel=0.05)

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
+from imaging.colour import srgb_encode
 from recon.exports.export import export
 from recon.exports.splats import linear_splats
 from recon.result.scene import open_scene
@@ -63,8 +65,13 @@ def test_points_are_the_solid_ones_in_linear_light(made_sky: Path, tmp_path: Pat
     means = scene.record.world.to_world(scene.gaussians.parameters["means"].numpy())[solid]
     assert np.allclose(np.stack([table[axis] for axis in "xyz"], 1), means, atol=1e-5)
     light = linear_splats(scene, scene.exposure, with_dome=False).light[solid] * scene.exposure
-    found = np.stack([table[name] for name in ("red", "green", "blue")], 1)
+    found = np.stack([table[f"radiance_{name}"] for name in ("red", "green", "blue")], 1)
     assert np.allclose(found, light, rtol=1e-5)
     assert found.max() > 2
+    cloud = trimesh.load(tmp_path / "points.ply")
+    assert np.abs(cloud.colors[:, :3] - 255 * srgb_encode(light.clip(0, 1))).max() <= 0.51
+    head = (tmp_path / "points.ply").read_bytes().partition(b"end_header")[0].decode()
+    assert "red, green, blue: display values, sRGB of the light, clipped at 1" in head
+    assert "radiance_blue: linear Rec.709 radiance" in head
     assert any("less than half opaque" in note for note in told.notes)
     assert any("far away" in note for note in told.notes)

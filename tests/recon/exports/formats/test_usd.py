@@ -1,5 +1,6 @@
 """USD files, read back and validated by OpenUSD itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,37 @@ def test_cameras_see_what_the_views_saw(scene: Scene, tmp_path: Path) -> None:
             expected = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
             found = 0.5 * (1 + ndc[0]) * camera.width, 0.5 * (1 - ndc[1]) * camera.height
             assert found == pytest.approx(expected, abs=1e-4)
+
+
+def test_what_does_not_change_is_a_plain_value_in_millimetres(scene: Scene, tmp_path: Path) -> None:
+    """OpenUSD has lenses in tenths of a unit, here of a metre; programs show millimetres."""
+    stage = written(scene, tmp_path / "scene.usda")
+    to_mm = 0.1 * UsdGeom.GetStageMetersPerUnit(stage) * 1000
+    for prim in stage.GetPrimAtPath("/World/Cameras").GetChildren():
+        moving = [one.GetName() for one in prim.GetAttributes() if one.GetNumTimeSamples()]
+        assert moving == ["xformOp:transform"]
+        camera, (view, *_) = (
+            UsdGeom.Camera(prim),
+            [v for v in scene.views if v.camera == prim.GetDisplayName()],
+        )
+        assert to_mm * camera.GetHorizontalApertureAttr().Get() == pytest.approx(36)
+        assert to_mm * camera.GetFocalLengthAttr().Get() == pytest.approx(36 * view.lens.fx / view.lens.width)
+        at_rest = camera.GetCamera(Usd.TimeCode.Default())
+        for time in (0, 1):
+            assert camera.GetCamera(time).focalLength == at_rest.focalLength
+            assert camera.GetCamera(time).horizontalApertureOffset == at_rest.horizontalApertureOffset
+        assert at_rest.transform == camera.GetCamera(view.frame).transform
+
+
+def test_lenses_that_change_are_animated(scene: Scene, tmp_path: Path) -> None:
+    first, *others = scene.views
+    wide = first.model_copy(update={"lens": first.lens.model_copy(update={"fx": 25.0, "fy": 23.5})})
+    changed = replace(scene, record=scene.record.model_copy(update={"views": (wide, *others)}))
+    stage = written(changed, tmp_path / "scene.usda")
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Cameras/a_1"))
+    assert [10 * camera.GetFocalLengthAttr().Get(time) for time in (0, 1)] == pytest.approx(
+        [3.6 * fx / 48 for fx in (25, 50)]
+    )
 
 
 def test_the_dome_light_shows_the_map_where_the_scene_has_it(made_sky: Path, tmp_path: Path) -> None:

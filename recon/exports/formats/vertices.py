@@ -1,0 +1,53 @@
+"""Coloured vertices as binary PLY: what screens show, as programs read it, and the light itself beside it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.colour import srgb_encode
+
+_SHOWN = ("red", "green", "blue")
+_LIGHT = tuple(f"radiance_{name}" for name in _SHOWN)
+
+
+def shown(light: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+    """Linear Rec.709 [N, 3], 1 being white, as 8 bits of sRGB."""
+    return np.round(255 * srgb_encode(np.clip(np.asarray(light, np.float64), 0, 1))).astype(np.uint8)
+
+
+def packed_vertices(
+    places: npt.ArrayLike,
+    codes: npt.NDArray[np.uint8],
+    comments: Sequence[str],
+    *,
+    light: npt.ArrayLike | None = None,
+    faces: npt.NDArray[np.integer] | None = None,
+) -> bytes:
+    """A file of vertices [N, 3], float32, with colours [N, 3] of 8 bits.
+
+    light: linear colours [N, 3], float32, as properties of their own. faces: triangles [M, 3] by the rows of
+    their vertices.
+    """
+    fields = [(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in _SHOWN]
+    columns = [*np.asarray(places).T, *codes.T]
+    if light is not None:
+        fields += [(name, "<f4") for name in _LIGHT]
+        columns += [*np.asarray(light).T]
+    table = np.empty(len(codes), fields)
+    for (name, _), column in zip(fields, columns, strict=True):
+        table[name] = column
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {line}" for line in comments),
+        f"element vertex {len(table)}",
+        *(f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in fields),
+    ]
+    body = table.tobytes()
+    if faces is not None:
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        corners = np.empty(len(faces), [("count", "u1"), ("rows", "<i4", 3)])
+        corners["count"], corners["rows"] = 3, faces
+        body += corners.tobytes()
+    return "\n".join([*header, "end_header", ""]).encode("ascii", "replace") + body
