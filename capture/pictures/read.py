@@ -13,7 +13,7 @@ from imaging.errors import InputError
 from imaging.files.exr import read_exr_header
 from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.files.radiance_hdr import SUFFIX as RADIANCE
-from imaging.files.radiance_hdr import read_light
+from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
 from imaging.merge.linear_frame import Bool, LinearFrame, from_raw
 from imaging.merge.masks import without
@@ -89,8 +89,9 @@ def examine(path: Path, counts: Bool | None = None) -> Examined:
     if isinstance(content, Photo):
         small = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
         return Examined(picture, small, thumbnails.of_photo(content.pixels))
-    small = reduced.of_light(content, _fitting(counts, picture)) if _large(picture) else None
-    return Examined(picture, small, thumbnails.of_light(content))
+    light = content.pixels
+    small = reduced.of_light(light, _fitting(counts, picture)) if _large(picture) else None
+    return Examined(picture, small, thumbnails.of_light(light))
 
 
 def _fitting(counts: Bool | None, picture: PictureFacts) -> Bool | None:
@@ -101,18 +102,18 @@ def _large(picture: PictureFacts) -> bool:
     return min(picture.width, picture.height) >= SMALLEST
 
 
-def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
+def _content(path: Path) -> RawMosaic | Photo | Light:
     kind = kind_of(path)
     if kind == "raw":
         return read_raw(path)
     if kind == "ldr":
         return read_photo(path)
     if kind == "hdr":
-        return read_light(path)
+        return read_with_alpha(path)
     raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF, EXR or HDR.")
 
 
-def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> PictureFacts:
+def _shares(path: Path, content: RawMosaic | Photo | Light) -> PictureFacts:
     if isinstance(content, RawMosaic):
         return _of_mosaic(content, from_raw(content, 1.0))
     if isinstance(content, Photo):
@@ -122,11 +123,18 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
         return PictureFacts(
             "ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile
         )
-    height, width = content.shape[:2]
-    black = float(np.mean(content <= 0))
-    doubt = "" if path.suffix.lower() == RADIANCE else read_exr_header(path).doubt
+    height, width = content.pixels.shape[:2]
+    black = float(np.mean(content.pixels <= 0))
     return PictureFacts(
-        "hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black, doubt=doubt
+        "hdr",
+        width,
+        height,
+        read_metadata(path),
+        (0.0, 0.0, 0.0),
+        black,
+        1.0 - black,
+        transparent=content.transparent,
+        doubt="" if path.suffix.lower() == RADIANCE else read_exr_header(path).doubt,
     )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
+from imaging.files.exr_layers import depth_channel
 from imaging.files.photo import decode_codes
 
 Float = npt.NDArray[np.float32]
@@ -18,8 +19,6 @@ SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".npy")
 MILLIMETRE = 1e-3
 """Unit of whole numbers, as nerfstudio, Polycam and Record3D have it, in units of the world."""
 _LAST = np.iinfo(np.uint16).max
-_CHANNELS = ("Z", "depth.Z", "Y", "R")
-"""Of an EXR, the first that it has: OpenEXR's name, Blender's, and those of files of grey."""
 _FIX = "export it again"
 
 
@@ -74,9 +73,9 @@ def _known(values: npt.NDArray[Any]) -> Float:
 
 def _of_exr(path: Path, name: str) -> Float:
     channels = read_exr(path).channels
-    for channel in _CHANNELS:
-        if channel in channels:
-            return channels[channel]
+    channel = depth_channel(channels)
+    if channel:
+        return channels[channel]
     found = ", ".join(sorted(channels))
     raise InputError(f"{name} has channels {found}, and none is depth: name it Z.")
 

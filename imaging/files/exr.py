@@ -1,7 +1,7 @@
 """OpenEXR files: linear light in float, with what is needed to know which light."""
 
 import errno
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +14,7 @@ import OpenEXR
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files import store
+from imaging.files import exr_layers, store
 from imaging.files.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 from imaging.files.silence import quiet
 
@@ -22,13 +22,14 @@ Planes = Mapping[str, npt.NDArray[Any]]
 """Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
 
+_ASPECT = "pixelAspectRatio"
 _STRUCTURE = {
     "channels",
     "compression",
     "dataWindow",
     "displayWindow",
     "lineOrder",
-    "pixelAspectRatio",
+    _ASPECT,
     "screenWindowCenter",
     "screenWindowWidth",
     "type",
@@ -47,28 +48,45 @@ _MAGIC = b"\x76\x2f\x31\x01"
 
 @dataclass(frozen=True)
 class ExrImage:
-    """Channels, each float32 [H, W], by name, and the attributes that are text or numbers."""
+    """Channels, each float32 [H, W], by name, and the attributes that are text or numbers.
+
+    light: names of the channels of the part that holds the light; None: all.
+    """
 
     channels: dict[str, npt.NDArray[np.float32]]
     attributes: dict[str, Attribute] = field(default_factory=dict)
+    light: frozenset[str] | None = None
 
     def rgb(self) -> npt.NDArray[np.float32]:
-        """Linear Rec.709, float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither.
+        """Linear Rec.709, float32 [H, W, 3], of the channels that are light (`imaging.files.exr_layers`).
 
         Another space of linear light that the file names is converted; one that names none is Rec.709.
-        InputError too if it says that its R, G, B are data, or not linear (`imaging.files.exr_colour`).
+        InputError if no channels, or several, could be the light, and if the file says that its R, G, B are
+        data, or not linear (`imaging.files.exr_colour`).
         """
-        names = "RGB" if all(name in self.channels for name in "RGB") else "YYY"
-        if not all(name in self.channels for name in names):
-            found = ", ".join(sorted(self.channels))
-            raise InputError(f"the EXR has channels {found}, but neither R, G, B nor Y: export it as RGB.")
+        names = exr_layers.light_channels(self._names)
         light = np.stack([self.channels[name] for name in names], axis=-1)
-        matrix = colour_of(self.attributes).matrix if names == "RGB" else None
+        matrix = colour_of(self.attributes).matrix if len(set(names)) == 3 else None
         return light if matrix is None else (light @ matrix.T).astype(np.float32)
 
     @property
+    def alpha(self) -> npt.NDArray[np.float32] | None:
+        """How opaque each pixel is, 0..1, float32 [H, W]; None where all is opaque.
+
+        The light of an EXR is multiplied by it: what is transparent stands before black. InputError as `rgb`.
+        """
+        name = exr_layers.alpha_channel(self._names)
+        if not name:
+            return None
+        cover = np.nan_to_num(self.channels[name], nan=1.0).clip(0.0, 1.0)
+        return None if (cover == 1).all() else np.asarray(cover, np.float32)
+
+    @property
     def doubt(self) -> str:
-        """A sentence if what the file says of the colour of its R, G, B is not clear; else empty."""
+        """A sentence if what the file says of its R, G, B or its pixels is not clear; else empty."""
+        aspect = self.attributes.get(_ASPECT, 1.0)
+        if aspect != 1:
+            return f"{_ASPECT} {aspect:g} is not used: pixels count as square unless a lens is given."
         try:
             return colour_of(self.attributes).doubt
         except InputError:  # which `rgb` says, if there are R, G and B at all
@@ -79,6 +97,10 @@ class ExrImage:
         """From `expTime`, `aperture` and `isoSpeed`; None if the file names no time."""
         time, f_number, iso = (self._positive(name) for name in ("expTime", "aperture", "isoSpeed"))
         return None if time is None else Exposure(time=time, f_number=f_number, iso=iso)
+
+    @property
+    def _names(self) -> frozenset[str]:
+        return frozenset(self.channels) if self.light is None else self.light
 
     def _positive(self, name: str) -> float | None:
         value = self.attributes.get(name)
@@ -149,17 +171,18 @@ def read_exr(path: str | Path) -> ExrImage:
     """An EXR file; InputError if it is none, is damaged, deep or subsampled.
 
     The pixels are those of the display window; what the data window leaves out of it is 0. Of several parts
-    the attributes are those of the first, and the channels those of all: one whose name an earlier part has
-    too is called PART.NAME.
+    the attributes are those of the one that holds the light, else of the first, and the channels those of
+    all: one whose name that part, or an earlier one, has too is called PART.NAME.
     """
     path = Path(path)
     _check_size(path)
     parts = _parts(path)
+    parts.insert(0, parts.pop(_light_part([header for header, _ in parts])))
     channels: dict[str, npt.NDArray[np.float32]] = {}
     for header, pixels in parts:
         for name, plane in _channels(path, header, pixels).items():
             channels[f"{header.get('name', '')}.{name}" if name in channels else name] = plane
-    return ExrImage(channels, _attributes(parts[0][0]))
+    return ExrImage(channels, _attributes(parts[0][0]), frozenset(parts[0][1]))
 
 
 def _channels(path: Path, header: Mapping[str, Any], pixels: Planes) -> dict[str, npt.NDArray[np.float32]]:
@@ -220,7 +243,20 @@ def _on_display(
 
 def read_exr_header(path: Path) -> ExrImage:
     """The attributes alone, without channels; InputError if it is no EXR file."""
-    return ExrImage({}, _attributes(_headers(path)[0]))
+    headers = _headers(path)
+    return ExrImage({}, _attributes(headers[_light_part(headers)]))
+
+
+def _light_part(headers: Sequence[Mapping[str, Any]]) -> int:
+    """Number of the part that is the light: of several the one that is called so, else the first."""
+    holding = [
+        number
+        for number, header in enumerate(headers)
+        if header.get(INTEROP_ID) != DATA
+        and exr_layers.holds_light({channel.name for channel in header["channels"]})
+    ]
+    named = [number for number in holding if exr_layers.is_picture(str(headers[number].get("name", "")))]
+    return next(iter([*named, *holding]), 0)
 
 
 def _headers(path: Path) -> list[dict[str, Any]]:
@@ -265,6 +301,8 @@ def _damaged(path: Path) -> InputError:
 
 def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:
     kept = {name: _attribute(value) for name, value in header.items() if name not in _STRUCTURE}
+    if header.get(_ASPECT, 1.0) != 1:
+        kept[_ASPECT] = float(header[_ASPECT])
     return {name: value for name, value in kept.items() if value is not None}
 
 

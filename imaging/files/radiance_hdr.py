@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import imagecodecs
@@ -20,11 +21,34 @@ _LONGEST_HEADER = 1 << 16
 _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
 
 
+@dataclass(frozen=True, eq=False)
+class Light:
+    """pixels: linear Rec.709, float32 [H, W, 3]; alpha: how opaque each is, 0..1, float32 [H, W], None where
+    all is opaque. What is transparent stands before black."""
+
+    pixels: npt.NDArray[np.float32]
+    alpha: npt.NDArray[np.float32] | None = None
+
+    @property
+    def transparent(self) -> float:
+        """Share of the pixels, 0..1, that are so in part or wholly."""
+        return 0.0 if self.alpha is None else float(np.mean(self.alpha < 1))
+
+
 def read_light(path: Path) -> npt.NDArray[np.float32]:
     """Linear Rec.709 of an EXR or Radiance file, by its suffix, float32 [H, W, 3]; errors as `read_hdr`."""
+    return read_with_alpha(path).pixels
+
+
+def read_with_alpha(path: Path) -> Light:
+    """Light and alpha of an EXR or Radiance file, by its suffix; errors as `read_hdr`."""
     if path.suffix.lower() == SUFFIX:
-        return read_hdr(path)
-    return np.asarray(read_exr(path).rgb(), np.float32)
+        return Light(read_hdr(path))
+    image = read_exr(path)
+    try:
+        return Light(np.asarray(image.rgb(), np.float32), image.alpha)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def read_hdr(path: Path) -> npt.NDArray[np.float32]:

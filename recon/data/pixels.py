@@ -14,7 +14,7 @@ import numpy.typing as npt
 from imaging.cfa import Cfa
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files.photo import read_photo
-from imaging.files.radiance_hdr import read_light
+from imaging.files.radiance_hdr import read_with_alpha
 from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import (
     Bool,
@@ -140,15 +140,18 @@ def _read(
         alpha = None if alpha is None else area_mean(alpha, size)
         valid = np.ones(codes.shape, bool)
         return Shot.of(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
-    frame = from_light(read_light(path), k)
+    seen = read_with_alpha(path)
+    frame, alpha = from_light(seen.pixels, k), seen.alpha
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]
     size = _smaller(light, max_width)
     if size is not None:
         weight = area_mean(valid, size)
         light, valid = np.asarray(area_mean(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
+        alpha = None if alpha is None else area_mean(alpha, size)
     never = np.zeros(light.shape, bool)
-    return Shot.of(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
+    light = np.ascontiguousarray(light, np.float32)
+    return Shot.of(name, k, light, never, never, valid, alpha=alpha), None, whole
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
