@@ -22,9 +22,9 @@ from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files.silence import quiet
-from imaging.files.tiff import dng_colour, dng_tags
+from imaging.files.tiff import dng_colour, dng_tags, dng_unread
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader
-from imaging.files.tiff.dng_pixels import read_pixels
+from imaging.files.tiff.dng_pixels import is_foreign, read_pixels
 from imaging.files.tiff.exif import from_names, read_exif
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 
@@ -48,16 +48,20 @@ def read_raw(path: str | Path) -> RawMosaic:
     """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
 
     Orientation is not applied. Black, white, colour and noise are those that the file states: real
-    clipping may lie below its white level. Gain maps and other opcodes of a DNG are not applied.
+    clipping may lie below its white level. A DNG whose tags make its samples something else is refused by the
+    name of the tag (`dng_unread`), which also says what is not applied.
     """
     path = Path(path)
     tags, metadata = _read_tags(path)
+    unread = "" if tags is None else dng_unread.reason(tags)
+    if unread:
+        raise InputError(f"{path} {unread}.")
     developed = tags is not None and dng_tags.is_developed(tags)
     cfa = None if tags is None or developed else _cfa(path, tags)
     try:
         if tags is not None and developed:
             mosaic = _of_linear_dng(path, tags)
-        elif tags is not None and cfa is not None and not cfa.bayer:
+        elif tags is not None and cfa is not None and (not cfa.bayer or is_foreign(tags)):
             mosaic = _of_dng(path, tags, cfa)
         else:
             with quiet(), rawpy.imread(str(path)) as raw:
@@ -128,7 +132,7 @@ def _undecodable(path: Path, tags: Directory | None) -> InputError:
     compression = None if tags is None else dng_tags.foreign_compression(tags)
     if compression is not None:
         return InputError(
-            f"{path} holds its mosaic as {compression}, which LibRaw does not decode: convert it to an "
+            f"{path} holds its mosaic as {compression}, which could not be decoded: convert it to an "
             "uncompressed or losslessly compressed DNG, as Adobe DNG Converter does."
         )
     return InputError(f"{path} cannot be decoded as RAW: copy it again from the camera.")
@@ -192,10 +196,11 @@ def _of_dng(path: Path, tags: Directory, cfa: Cfa) -> RawMosaic:
 
 def _of_linear_dng(path: Path, tags: Directory) -> RawMosaic:
     """Light of three colours, lossy or not, of unequal levels with black at 0 and white at 65535."""
-    pixels, (black, white) = read_pixels(path, tags), dng_tags.levels(tags)
+    pixels = read_pixels(path, tags)
+    black, white = dng_tags.levels(tags, *pixels.shape[:2])
     if pixels.ndim != 3 or pixels.shape[2] != 3:
         raise TiffError("the samples of a pixel are missing")
-    level, top = float(black[0]), int(white[0])
+    level, top = float(black[0, 0, 0]), int(white[0])
     if pixels.dtype != np.uint16 or np.any(black != level) or np.any(white != top):
         share = (pixels.astype(np.float32) - black.astype(np.float32)) / (white - black).astype(np.float32)
         pixels, level, top = np.rint(65535 * share.clip(0, 1)).astype(np.uint16), 0.0, 65535

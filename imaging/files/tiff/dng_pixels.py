@@ -1,4 +1,4 @@
-"""The pixels of a DNG whose colour filters LibRaw does not know: decoded by tifffile and imagecodecs."""
+"""The pixels of a DNG that LibRaw does not know how to read: decoded by tifffile and imagecodecs."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +11,29 @@ import tifffile
 from imaging.compute.memory import check_picture
 from imaging.files.tiff import dng_tags
 from imaging.files.tiff.directory import Directory, TiffError, integers
+
+
+def is_foreign(tags: Directory) -> bool:
+    """Whether LibRaw takes the samples of a Bayer mosaic for others, or cannot decode them."""
+    return (
+        dng_tags.interleaving(tags) != (1, 1)
+        or dng_tags.foreign_compression(tags) is not None
+        or integers(tags, dng_tags.FILL_ORDER) == (2,)
+    )
+
+
+def in_place(pixels: npt.NDArray[Any], rows: int, columns: int) -> npt.NDArray[Any]:
+    """Samples [H, W, ...] where they belong, of an image stored in so many fields of rows and columns.
+
+    RowInterleaveFactor and ColumnInterleaveFactor (DNG 1.7): the first field has every row that is a multiple
+    of the factor, the second those behind them, and so on.
+    """
+    for axis, factor in enumerate((rows, columns)):
+        if factor > 1:
+            length = pixels.shape[axis]
+            stored = np.concatenate([np.arange(field, length, factor) for field in range(factor)])
+            pixels = np.take(pixels, np.argsort(stored), axis=axis)
+    return pixels
 
 
 def read_pixels(path: Path, tags: Directory) -> npt.NDArray[np.uint16]:
@@ -28,11 +51,14 @@ def read_pixels(path: Path, tags: Directory) -> npt.NDArray[np.uint16]:
         if page is None:
             raise TiffError("the raw image is missing")
         pixels = np.asarray(page.asarray())
+        if page.axes.startswith("S"):  # planes
+            pixels = np.moveaxis(pixels, 0, -1)
     if pixels.shape[:2] != (height, width) or pixels.dtype not in (np.uint8, np.uint16):
         raise TiffError("the raw image is of another size")
     table = np.array(integers(tags, dng_tags.LINEARIZATION), np.uint16)
     if table.size:
         pixels = table[np.minimum(pixels, table.size - 1)]
+    pixels = in_place(pixels, *dng_tags.interleaving(tags))
     top, left, bottom, right = dng_tags.active_area(tags)
     return np.ascontiguousarray(pixels[top:bottom, left:right], np.uint16)
 

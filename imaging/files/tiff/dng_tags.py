@@ -1,4 +1,4 @@
-"""What the tags of a DNG say: extents, levels and noise (Adobe DNG specification 1.4)."""
+"""What the tags of a DNG say: extents, levels and noise (Adobe DNG specification 1.7)."""
 
 from collections.abc import Sequence
 
@@ -28,12 +28,15 @@ ILLUMINANT_1, ILLUMINANT_2, ILLUMINANT_3 = 50778, 50779, 52529
 CAMERA_SIGNATURE, PROFILE_SIGNATURE = 50931, 50932
 BASELINE_EXPOSURE, BASELINE_NOISE, BASELINE_SHARPNESS, LINEAR_LIMIT = 50730, 50731, 50732, 50734
 NOISE_PROFILE, LINEARIZATION = 51041, 50712
+FILL_ORDER, ROW_INTERLEAVE, COLUMN_INTERLEAVE = 266, 50975, 52547
+_OF_ONE_IMAGE = frozenset((*range(254, 260), 262, 266, 273, 277, 278, 279, 284, 317, *range(322, 326), 339))
+"""Tags that speak of the image of their own directory alone."""
 
 CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC = 32803, 34892
 COLOUR_CODES = {0: "R", 1: "G", 2: "B", 6: "W"}
 """Of CFAPattern and CFAPlaneColor (TIFF/EP; EXIF's CFAPattern)."""
 LOSSLESS_JPEG = 7
-FOREIGN_COMPRESSIONS = {8: "deflate", 34892: "lossy JPEG", 52546: "JPEG XL"}
+FOREIGN_COMPRESSIONS = {8: "deflate", 32946: "deflate", 34892: "lossy JPEG", 52546: "JPEG XL"}
 """Allowed by the specification, and beyond LibRaw for the whole numbers of a mosaic."""
 D65 = 21
 
@@ -93,13 +96,25 @@ def _check_ends(directory: Directory, file: TiffReader) -> None:
 
 
 def image_tags(directories: Sequence[Directory]) -> Directory | None:
-    """The tags about the mosaic of a DNG over those of its main directory; None if it is no DNG."""
+    """The tags about the mosaic of a DNG over those of its main directory; None if it is no DNG.
+
+    The mosaic is the largest image that NewSubfileType calls neither reduced, nor enhanced by a program.
+    """
     main = next((directory for directory in directories if DNG_VERSION in directory), None)
     if main is None:
         return None
     mosaics = [d for d in directories if _number(d, PHOTOMETRIC) in (CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC)]
-    largest = max(mosaics, key=lambda d: _number(d, WIDTH) * _number(d, HEIGHT), default=main)
-    return {**main, **largest}
+    whole = [directory for directory in mosaics if _number(directory, SUBFILE_TYPE) == 0] or mosaics
+    largest = max(whole, key=lambda d: _number(d, WIDTH) * _number(d, HEIGHT), default=main)
+    return {tag: value for tag, value in main.items() if tag not in _OF_ONE_IMAGE} | largest
+
+
+def interleaving(tags: Directory) -> tuple[int, int]:
+    """RowInterleaveFactor and ColumnInterleaveFactor; TiffError for more fields than rows or columns."""
+    factors = _number(tags, ROW_INTERLEAVE) or 1, _number(tags, COLUMN_INTERLEAVE) or 1
+    if any(factor > max(length, 1) for factor, length in zip(factors, size(tags), strict=True)):
+        raise TiffError("more fields than rows or columns")
+    return factors
 
 
 def foreign_compression(tags: Directory) -> str | None:
@@ -189,12 +204,29 @@ def black(
     return as_tile(means), offset
 
 
-def levels(tags: Directory) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Black and white of the three samples of a pixel; TiffError if these are no levels."""
+def levels(
+    tags: Directory, height: int, width: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Black and white of the three samples of a pixel of the active area; TiffError if these are no levels.
+
+    Black is [1, 1, 3], or [H, W, 3] where it varies: by BlackLevelRepeatDim, BlackLevelDeltaV and DeltaH.
+    """
     low, high = numbers(tags, BLACK) or (0.0,), numbers(tags, WHITE) or (float(largest(tags)),)
-    if integers(tags, BLACK_REPEAT) not in ((), (1, 1)) or {len(low), len(high)} - {1, 3}:
+    rows, columns = (*integers(tags, BLACK_REPEAT)[:2], 1, 1)[:2]
+    if (
+        min(rows, columns) < 1
+        or len(low) not in (rows * columns, 3 * rows * columns)
+        or len(high) not in (1, 3)
+    ):
         raise TiffError("the levels are not those of three colours")
-    black, top = np.broadcast_to(low, 3).astype(np.float64), np.broadcast_to(high, 3).astype(np.float64)
+    black = np.reshape(low, (rows, columns, -1)).astype(np.float64)
+    if (rows, columns) != (1, 1):
+        black = black[np.ix_(np.arange(height) % rows, np.arange(width) % columns)]
+    down, across = _deltas(tags, BLACK_DELTA_V, 0, height), _deltas(tags, BLACK_DELTA_H, 0, width)
+    if down.any() or across.any():
+        black = black + down[:, None, None] + across[:, None]
+    black = np.broadcast_to(black, (*black.shape[:2], 3))
+    top = black.mean((0, 1)) + limit(tags) * (np.broadcast_to(high, 3) - black.mean((0, 1)))
     if not np.all((black >= 0) & (black < top)):
         raise TiffError("black is above white")
     return black, top
@@ -211,9 +243,19 @@ def largest(tags: Directory) -> int:
     return int(2 ** (_number(tags, BITS) or 16) - 1)
 
 
+def limit(tags: Directory) -> float:
+    """LinearResponseLimit: the share of the range above black that is linear; 1 where it is none."""
+    share = next(iter(numbers(tags, LINEAR_LIMIT)), 1.0)
+    return share if 0 < share < 1 else 1.0
+
+
 def white(tags: Directory) -> int | None:
-    """WhiteLevel."""
-    return _number(tags, WHITE) or None
+    """WhiteLevel, or what LinearResponseLimit leaves of it."""
+    level, share = _number(tags, WHITE), limit(tags)
+    if share == 1:
+        return level or None
+    black = float(np.mean(numbers(tags, BLACK) or (0.0,)))
+    return int(black + share * ((level or largest(tags)) - black))
 
 
 def as_neutral(values: Sequence[float], channels: int) -> tuple[float, ...] | None:
@@ -234,12 +276,13 @@ def neutral(tags: Directory, channels: int) -> tuple[float, ...] | None:
 
 
 def noise_profile(tags: Directory) -> tuple[float, float] | None:
-    """(S, O) of NoiseProfile; of a file with a pair for each colour the green one."""
+    """(S, O) of NoiseProfile on 0..1 of `white`; of a file with a pair for each colour the green one."""
     values = numbers(tags, NOISE_PROFILE)
     if len(values) < 2 or len(values) % 2:
         return None
     slope, offset = values[2:4] if len(values) >= 6 else values[:2]
-    return (slope, offset) if 0 < slope < np.inf and 0 <= offset < np.inf else None
+    share = limit(tags)
+    return (slope / share, offset / share**2) if 0 < slope < np.inf and 0 <= offset < np.inf else None
 
 
 def noise_shares(tags: Directory) -> tuple[float, ...] | None:

@@ -171,9 +171,8 @@ XTRANS = [
         {"CFA_PATTERN": Entry(BYTE, [3, 4, 4, 5])},
         {"CFA_PLANES": Entry(BYTE, [3, 4, 5])},
         {"CFA_LAYOUT": Entry(SHORT, [2])},
-        {"SAMPLE_FORMAT": Entry(SHORT, [3])},
     ],
-    ids=["all green", "emerald", "short", "cmy", "cmy planes", "staggered", "float"],
+    ids=["all green", "emerald", "short", "cmy", "cmy planes", "staggered"],
 )
 def test_what_is_no_mosaic_of_rgb_is_refused(write: Write, tags: dict[str, Entry]) -> None:
     path = write(**tags)
