@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from capture.imports.copying import Place
-from capture.imports.layouts.colmap import read_model
+from capture.imports.layouts.colmap import MODELS, lens_of_camera, read_model
 from capture.imports.layouts.given import Given, GivenPhoto
+from capture.imports.layouts.named_files import file_named
 from capture.imports.originals import Original, shown
 from imaging.errors import InputError
 from imaging.files import store
@@ -212,9 +213,14 @@ def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
     if given.model is None or given.images is None:
         return None
     model = read_model(given.model)
+    for camera in model.cameras.values():
+        lens = None if camera.model_name in MODELS else lens_of_camera(camera, given.model)
+        if lens is not None:
+            kind = "OPENCV_FISHEYE" if lens.fisheye else "OPENCV"
+            camera.model, camera.params = getattr(pycolmap.CameraModelId, kind), list(lens.terms)
     free = set(names.values())
     for _, image in sorted(model.images.items()):
-        name = names.get(given.developed.get(image.name, given.images / image.name))
+        name = names.get(given.developed.get(image.name) or file_named(given.images, image.name))
         if name in free:
             free.remove(name)
             image.name = name

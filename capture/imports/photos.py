@@ -100,7 +100,7 @@ def import_photos(
     notes = [*surveyed.notes]
     if given is not None:
         check_sizes(given, surveyed.originals)
-        notes = [_told_layout(given, layout), *given.notes, *notes]
+        notes = [_told_layout(given, layout), *given.notes, *_absent(given), *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     sorted_series, guesses = sort_into_cameras(
@@ -167,7 +167,7 @@ def import_photos(
         shots=len([place for place in places if place.original.picture]) - len(unread),
         views=given_views,
         guesses=(*notes, *guesses),
-        missing=(*lost, *unreadable, *unread),
+        missing=(*unreadable, *unread),
     )
 
 
@@ -175,6 +175,15 @@ def _told_layout(given: Given, asked: LayoutName | None) -> str:
     what = f"Lenses and poses are those of {given.teller}" if has_poses(given) else "There are no poses"
     reason = "as given" if asked is not None else "--layout photos takes the photographs alone"
     return f"{what}, the folder being read in the layout of {given.layout}; {reason}."
+
+
+def _absent(given: Given) -> list[str]:
+    """A sentence on what a data set lists without having it, as many that are handed on in part."""
+    if not given.missing:
+        return []
+    count = len(given.missing)
+    photos = "1 photo that is listed is" if count == 1 else f"{count} photos that are listed are"
+    return [f"{photos} not there and left out: {given.missing[0]}{' (the first)' if count > 1 else ''}."]
 
 
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:

@@ -9,6 +9,7 @@ from typing import get_args
 
 from capture.imports.layouts import colmap, hdr_nerf, llff, nerfstudio, rawnerf
 from capture.imports.layouts.given import Given, LayoutName
+from capture.imports.layouts.split_lists import with_lists
 from imaging.errors import InputError
 
 
@@ -18,11 +19,13 @@ def detect(folder: Path) -> LayoutName:
         return "hdr-nerf"
     if rawnerf.is_one(folder):
         return "rawnerf"
-    if colmap.model_folder(folder) is not None:
+    if colmap.usual_model_folder(folder) is not None:
         return "colmap"
-    if nerfstudio.is_one(folder):
+    if nerfstudio.is_one(folder):  # beside the model in colmap/ that it was made of
         return "nerfstudio"
-    return "llff" if llff.is_one(folder) else "photos"
+    if llff.is_one(folder):
+        return "llff"
+    return "photos" if colmap.model_folder(folder) is None else "colmap"
 
 
 def read_layout(folder: Path, name: LayoutName) -> Given | None:
@@ -42,4 +45,4 @@ def read_layout(folder: Path, name: LayoutName) -> Given | None:
     }
     if name not in readers:
         raise InputError(f"{name!r} is no layout: give one of {', '.join(get_args(LayoutName))}.")
-    return readers[name](folder)
+    return with_lists(readers[name](folder), folder)

@@ -1,18 +1,22 @@
 """A COLMAP project: `images/` beside `sparse/0/` with cameras, images and points3D (.bin or .txt)."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from capture.imports.layouts.colmap_files import check_whole
-from capture.imports.layouts.given import Given, GivenPhoto, lens_of, pose_of
+from capture.imports.layouts.given import Array, Given, GivenPhoto, lens_of, pose_of
+from capture.imports.layouts.named_files import file_named
+from capture.imports.layouts.nearest_lens import nearest_lens
+from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.masks import masks_beside
 from capture.imports.originals import natural, pictures_in, shown
 from imaging.compute.memory import check
 from imaging.errors import InputError
-from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
 from imaging.pose import Pose
@@ -31,22 +35,72 @@ MODELS: Mapping[str, LensModel] = {
 }
 """COLMAP's camera models that rig has a lens for."""
 
+_DEEPEST = 3
+"""Steps below the folder in which a model is looked for."""
+_SAMPLE = 200
+"""Images of a model by which the folder of its photographs is known."""
 _PER_BYTE = 4
 """Bytes of memory that pycolmap takes for each of a model's files."""
 
 
 def model_folder(folder: Path) -> Path | None:
-    """Where the sparse model of a project lies; None if the folder has none."""
-    for place in (folder / "sparse" / "0", folder / "sparse"):
-        if any((place / f"cameras.{kind}").is_file() for kind in ("bin", "txt")):
-            return place
-    return None
+    """Where the sparse model of a project lies; None if the folder has none.
+
+    Where COLMAP, nerfstudio and 3DGS put it, else in the first folder of a project that holds one.
+    """
+    usual = usual_model_folder(folder)
+    if usual is not None:
+        return usual
+    for relative in ("colmap/sparse/0", "dense/sparse", "dense/0/sparse"):
+        if _is_model(folder / relative):
+            return folder / relative
+    places = [folder, *(path for depth in range(1, _DEEPEST + 1) for path in _folders(folder, depth))]
+    return next((place for place in places if _is_model(place)), None)
 
 
-def images_folder(folder: Path) -> Path:
-    """Where the photographs lie that the model names: `images/`, else the folder itself."""
+def usual_model_folder(folder: Path) -> Path | None:
+    """Where the model lies if it is where COLMAP writes it, `sparse/0` or `sparse`."""
+    return next((p for p in (folder / "sparse" / "0", folder / "sparse") if _is_model(p)), None)
+
+
+def _is_model(place: Path) -> bool:
+    return any((place / f"cameras.{kind}").is_file() for kind in ("bin", "txt")) and any(
+        (place / f"images.{kind}").is_file() for kind in ("bin", "txt")
+    )
+
+
+def _folders(folder: Path, depth: int) -> list[Path]:
+    """Folders so many steps below, in natural order; hidden ones and links are passed over."""
+    found = [
+        path
+        for path in folder.glob("/".join("*" * depth))
+        if path.is_dir()
+        and not path.is_symlink()
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
+    ]
+    return sorted(found, key=lambda path: natural(path.relative_to(folder)))
+
+
+def images_folder(folder: Path, names: Iterable[str] = ()) -> Path:
+    """Where the photographs lie that a model names: the folder that has most of them, `images/` first."""
+    place = model_folder(folder)
+    above = [] if place is None else [path for path in place.parents if path.is_relative_to(folder)]
+    roots = [root / name for root in (folder, *above) for name in ("images", "input", ".")]
+    there = [root for root in dict.fromkeys(roots) if root.is_dir()]
+    some = list(islice(names, _SAMPLE))
     images = folder / "images"
-    return images if images.is_dir() else folder
+    best = max(there, key=lambda root: sum(_named(root, name).is_file() for name in some))
+    if images.is_dir() and not any(_named(best, name).is_file() for name in some):
+        return images
+    return folder if best == folder / "." else best
+
+
+def _named(root: Path, name: str) -> Path:
+    """The file of an image of a model; a path that is no file where its name leads out of the folder."""
+    try:
+        return file_named(root, name)
+    except InputError:
+        return root
 
 
 def read(folder: Path) -> Given:
@@ -59,14 +113,20 @@ def read(folder: Path) -> Given:
     if place is None:
         raise InputError(f"{folder} has no sparse/0 with cameras.bin or cameras.txt: use --layout photos.")
     model = read_model(place)
-    root = images_folder(folder)
+    root = images_folder(folder, (image.name for _, image in sorted(model.images.items())))
     notes, missing = [], []
     lenses = {key: lens_of_camera(camera, place) for key, camera in sorted(model.cameras.items())}
     unfit = {model.cameras[key].model_name for key, lens in lenses.items() if lens is None}
     if unfit:
         notes.append(
-            f"Cameras of the model {' and '.join(sorted(unfit))} come without lens and poses, since rig has "
-            "no such lens: undistort the images first if the poses matter."
+            f"Cameras of the model {' and '.join(sorted(unfit))} come without lens and poses, since no lens "
+            "of rig is like theirs: undistort the images first if the poses matter."
+        )
+    near = {c.model_name for c in model.cameras.values()} - MODELS.keys() - unfit
+    if near:
+        notes.append(
+            f"Lenses of the model {' and '.join(sorted(near))} become the nearest that rig has, which differ "
+            "by less than a pixel anywhere."
         )
     others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]
     if place.name == "0" and others:
@@ -78,7 +138,7 @@ def read(folder: Path) -> Given:
     frames = _frames(model) if rigs else {}
     photos: dict[Path, GivenPhoto] = {}
     for key, image in sorted(model.images.items(), key=lambda item: natural(Path(item[1].name))):
-        path = store.inside(root, image.name)
+        path = file_named(root, image.name)
         if path in photos:
             raise InputError(f"{place} names {shown(path)} twice: take one of both out.")
         if not path.is_file():
@@ -113,7 +173,7 @@ def read_model(place: Path) -> Any:
     check(f"{place} is a COLMAP model of {size / 1e6:.0f} MB", _PER_BYTE * size)
     check_whole(place)
     try:
-        model = pycolmap.Reconstruction(str(place))
+        model = _whole(place) if _has_points(place) else _without_points(place)
         for image in model.images.values():
             image.name.encode()  # raises for a name that is no UTF-8
     except Exception as error:  # of many types, one for each way in which a file may be wrong
@@ -121,11 +181,46 @@ def read_model(place: Path) -> Any:
     return model
 
 
+def _whole(place: Path) -> Any:
+    return pycolmap.Reconstruction(str(place))
+
+
+def _has_points(place: Path) -> bool:
+    return any((place / f"points3D.{kind}").is_file() for kind in ("bin", "txt"))
+
+
+def _without_points(place: Path) -> Any:
+    """A model whose points are left out, or lie in points3D.ply alone, as 3DGS has them."""
+    with TemporaryDirectory() as folder:
+        aside = Path(folder)
+        for name in ("cameras", "images", "rigs", "frames"):
+            for path in (place / f"{name}.bin", place / f"{name}.txt"):
+                if path.is_file():
+                    (aside / path.name).symlink_to(path.resolve())
+        if (place / "images.bin").is_file():
+            (aside / "points3D.bin").write_bytes(bytes(8))
+        else:
+            (aside / "points3D.txt").write_text("")
+            _drop_features(place / "images.txt", aside / "images.txt")
+        model = pycolmap.Reconstruction(str(aside))
+    if (place / "points3D.ply").is_file():
+        for point in read_ply_points(place / "points3D.ply"):
+            model.add_point3D(point, pycolmap.Track())
+    return model
+
+
+def _drop_features(source: Path, to: Path) -> None:
+    """Copy images.txt without the features, which name points that are not there."""
+    lines = [line for line in source.read_text().splitlines() if not line.startswith("#")]
+    to.unlink()
+    to.write_text("".join(f"{line}\n\n" for line in lines[::2]))
+
+
 def lens_of_camera(camera: Any, place: Path) -> Lens | None:
     """The lens of a COLMAP camera; None if its model is none that rig has."""
     model = MODELS.get(camera.model_name)
     if model is None:
-        return None
+        return _nearest(camera, place)
     names = [name.strip() for name in camera.params_info.split(",")]
     values = dict(zip(names, (float(value) for value in camera.params), strict=True))
     focal = values.pop("f", None)
@@ -135,6 +230,27 @@ def lens_of_camera(camera: Any, place: Path) -> Lens | None:
         values["k1"] = values.pop("k")
     size = (int(camera.width), int(camera.height))
     return lens_of(model, size, values, f"camera {camera.camera_id} of {place}")
+
+
+def _nearest(camera: Any, place: Path) -> Lens | None:
+    """The lens of `rig` nearest to a camera of a model that it has not; None where none is near."""
+
+    def image_of(tangents: Array) -> Array:
+        rays = np.concatenate([tangents, np.ones((len(tangents), 1))], axis=1)
+        pixels = camera.img_from_cam(rays)
+        return np.full(tangents.shape, np.nan) if pixels is None else np.asarray(pixels, np.float64)
+
+    try:
+        centred = (
+            float(camera.focal_length_x),
+            float(camera.focal_length_y),
+            float(camera.principal_point_x),
+            float(camera.principal_point_y),
+        )
+        size = (int(camera.width), int(camera.height))
+        return nearest_lens(image_of, size, centred, f"camera {camera.camera_id} of {place}")[0]
+    except (RuntimeError, ValueError, TypeError, IndexError):  # a model that has no focal length, or no rays
+        return None
 
 
 def pose_of_image(image: Any, place: Path) -> Pose:

@@ -103,16 +103,20 @@ def pose_of(cam_from_world: Array, where: str) -> Pose:
     return Pose(quaternion=(w, x, y, z), translation=(tx, ty, tz))
 
 
-def inverse(motion: Array, where: str) -> Array:
-    """The inverse of a motion [4, 4]; InputError, naming `where`, if it has none."""
-    try:
-        if not np.isfinite(motion).all():
-            raise np.linalg.LinAlgError
-        return np.asarray(np.linalg.inv(motion))
-    except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"{where} has a pose that is not made of 4x4 finite numbers: export it again."
-        ) from error
+def pose_seen(world_from_cam: Array, where: str) -> Pose:
+    """The pose of a camera [4, 4] in OpenCV's axes; InputError, naming `where`, if it is none.
+
+    Its centre stays what is stated: a rounded rotation is made a rotation before it is turned round, since
+    far from the origin its inverse would move the camera.
+    """
+    if np.isfinite(world_from_cam).all() and not np.linalg.det(world_from_cam):
+        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+    centre = pose_of(world_from_cam, where)
+    rotation = centre.matrix()[:3, :3]
+    cam_from_world = np.eye(4)
+    cam_from_world[:3, :3] = rotation.T
+    cam_from_world[:3, 3] = -rotation.T @ world_from_cam[:3, 3]
+    return pose_of(cam_from_world, where)
 
 
 def lens_of(model: LensModel, size: tuple[int, int], parameters: dict[str, float], where: str) -> Lens:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from capture.imports.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, inverse, lens_of, pose_of
+from capture.imports.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, lens_of, pose_seen
 from capture.imports.originals import pictures_in
 from imaging.compute.memory import check
 from imaging.errors import InputError
@@ -91,7 +91,7 @@ def pose_of_row(matrix: Array, where: str) -> Pose:
     """The pose in a matrix [3, 4 or 5] of a row, whose camera axes are x down, y right, z back."""
     world_from_cam = np.eye(4)
     world_from_cam[:3] = np.stack([matrix[:, 1], -matrix[:, 0], matrix[:, 2], matrix[:, 3]], axis=1)
-    return pose_of(OPENCV_FROM_OPENGL @ inverse(world_from_cam, where), where)
+    return pose_seen(world_from_cam @ OPENCV_FROM_OPENGL, where)
 
 
 def lens_of_rows(table: Array, source: Path) -> Lens:

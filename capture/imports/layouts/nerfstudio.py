@@ -20,17 +20,19 @@ from capture.imports.layouts.given import (
     Given,
     GivenDepth,
     GivenPhoto,
-    inverse,
     lens_of,
-    pose_of,
+    pose_seen,
 )
+from capture.imports.layouts.named_files import file_named
+from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
+from capture.imports.layouts.split_lists import PARTS, paths_of, split
 from capture.imports.originals import natural, shown
 from capture.pictures.read import read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.lens import Lens
+from imaging.lens import Lens, distort
 from imaging.pose import Pose
 
 FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
@@ -43,8 +45,9 @@ FISHEYE = "OPENCV_FISHEYE"
 MOST_POINTS = 100_000
 """Scene points that are kept, evenly over their file."""
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
-"""Tried in order for a file_path without a suffix, as Blender scenes have it."""
+
+_NEAREST: dict[tuple[object, ...], Lens | None] = {}
+"""Lenses that were sought already, since all frames of a file mostly have one."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class PosedFrame:
             matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
         if matrix.shape != (4, 4):
             raise InputError(f"{self.where} has no transform_matrix of 4x4 numbers: correct it.")
-        return pose_of(OPENCV_FROM_OPENGL @ inverse(matrix, self.where), self.where)
+        return pose_seen(matrix @ OPENCV_FROM_OPENGL, self.where)
 
     def _camera_model(self) -> Any:
         """`camera_model`, or what `is_fisheye` says in its place, as Instant NGP writes it."""
@@ -99,7 +102,9 @@ class PosedFrame:
         fisheye = model == FISHEYE
         names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
         others = [key for key in ("p1", "p2", "k3", "k4", "k5", "k6") if key not in names]
-        if (not fisheye and model not in KNOWN_MODELS) or any(self.number(key) for key in others):
+        unlike = [key for key in others if self.number(key)]
+        further = not fisheye and set(unlike) <= {"k3", "k4"}
+        if (not fisheye and model not in KNOWN_MODELS) or (unlike and not further):
             return None
         width, height = self.number("w"), self.number("h")
         if width is None or height is None:
@@ -123,12 +128,31 @@ class PosedFrame:
             )
         }
         terms = {key: self.number(key) or 0.0 for key in names}
+        if unlike:
+            return self._nearest((int(width), int(height)), (fx, fy, centre["cx"], centre["cy"]), terms)
         return lens_of(
             "OPENCV_FISHEYE" if fisheye else "OPENCV" if any(terms.values()) else "PINHOLE",
             (int(width), int(height)),
             {"fx": fx, "fy": fy, **centre, **terms},
             self.where,
         )
+
+    def _nearest(
+        self, size: tuple[int, int], centred: tuple[float, float, float, float], terms: dict[str, float]
+    ) -> Lens | None:
+        """The lens of `rig` nearest to one with the radial terms k3 and k4 as well."""
+        k3, k4 = self.number("k3") or 0.0, self.number("k4") or 0.0
+        focal, middle = np.array(centred[:2]), np.array(centred[2:])
+
+        def image_of(tangents: Array) -> Array:
+            square = (tangents**2).sum(-1, keepdims=True)
+            bent = distort(tangents, list(terms.values()), fisheye=False)
+            return np.asarray((bent + tangents * square**3 * (k3 + square * k4)) * focal + middle)
+
+        key = (size, centred, *terms.values(), k3, k4)
+        if key not in _NEAREST:
+            _NEAREST[key] = nearest_lens(image_of, size, centred, self.where)[0]
+        return _NEAREST[key]
 
     def exposure(self) -> Exposure | None:
         """What `exposure_time`, in seconds, says; no other key has an agreed meaning."""
@@ -167,11 +191,12 @@ def read(folder: Path) -> Given:
     read, one that leads out of the folder, and two that name one photograph.
     """
     sources = files_in(folder)
+    top = store.read_json(sources[0])
     lenses: dict[Lens | None, str] = {}
     photos: dict[Path, GivenPhoto] = {}
     missing = []
     for entry, use in ((entry, _use(source, sources)) for source in sources for entry in entries(source)):
-        path = _photo(folder, entry.file_path)
+        path = file_named(folder, entry.file_path)
         if path in photos:
             raise InputError(f"{entry.where} names {shown(path)} a second time: take one of both out.")
         if not path.is_file():
@@ -184,14 +209,21 @@ def read(folder: Path) -> Given:
             path, camera, lens, pose if lens else None, entry.exposure(), use=use, mask=_mask(folder, entry),
             depth=_depth(folder, entry),
         )  # fmt: skip
-    return Given(
+    given = Given(
         "nerfstudio",
         sources[0],
         tuple(sorted(photos.values(), key=lambda photo: natural(photo.path))),
         points=_scene_points(folder, sources[0]),
         missing=tuple(missing),
-        notes=tuple(_notes(photos.values(), lenses)),
+        notes=tuple(_notes(photos.values(), lenses, top)),
     )
+    lists = {part: top[f"{part}_filenames"] for part in PARTS if top.get(f"{part}_filenames")}
+    if lists and len(sources) == 1:
+        named = {
+            part: paths_of(names, lambda name: file_named(folder, name)) for part, names in lists.items()
+        }
+        given = split(given, named, " and ".join(f"{part}_filenames" for part in lists))
+    return given
 
 
 def _use(source: Path, sources: list[Path]) -> Literal["train", "test"] | None:
@@ -202,12 +234,19 @@ def _use(source: Path, sources: list[Path]) -> Literal["train", "test"] | None:
     return {"train": "train", "test": "test"}.get(part)  # type: ignore[return-value]
 
 
-def _notes(photos: Iterable[GivenPhoto], lenses: dict[Lens | None, str]) -> Iterable[str]:
+def _notes(
+    photos: Iterable[GivenPhoto], lenses: dict[Lens | None, str], top: dict[str, Any]
+) -> Iterable[str]:
+    if any(lens is not None and not lens.fisheye for lens in lenses) and (top.get("k3") or top.get("k4")):
+        yield (
+            "The radial terms k3 and k4 are folded into the others, which differs by less than a pixel "
+            "anywhere."
+        )
     if None in lenses:
         count = sum(photo.lens is None for photo in photos)
         yield (
-            f"{count} photos come without lens and pose, since rig has no lens of their camera_model: "
-            "undistort the images first if the poses matter."
+            f"{count} photos come without lens and pose, since no lens of rig is like that of their "
+            "camera_model: undistort the images first if the poses matter."
         )
 
 
@@ -218,20 +257,10 @@ def _scene_points(folder: Path, source: Path) -> Array | None:
         return None
     if not isinstance(name, str):
         raise InputError(f"{source} has a ply_file_path that is no name: correct it or take it out.")
-    points = read_ply_points(store.inside(folder, name))
+    points = read_ply_points(file_named(folder, name))
     points = points[np.isfinite(points).all(axis=1)]
     # Laser scanners write millions; training starts from some ten thousand.
     return points[:: 1 + len(points) // MOST_POINTS]
-
-
-def _photo(folder: Path, name: str) -> Path:
-    """The file that a `file_path` means, with the suffix that it left out."""
-    path = store.inside(folder, name)
-    for suffix in () if path.suffix else _SUFFIXES:
-        with_suffix = path.with_name(path.name + suffix)
-        if with_suffix.is_file():
-            return with_suffix
-    return path
 
 
 def _mask(folder: Path, entry: PosedFrame) -> Path | None:
@@ -258,7 +287,7 @@ def _file(folder: Path, entry: PosedFrame, key: str) -> Path | None:
     name = entry.values.get(key)
     if name is None:
         return None
-    path = store.inside(folder, name) if isinstance(name, str) and name else None
+    path = file_named(folder, name) if isinstance(name, str) and name else None
     if path is None or not path.is_file():
         raise InputError(f"{entry.where} has a {key} {name!r} that is no file: correct it or take it out.")
     return path
