@@ -93,7 +93,10 @@ class Camera(Protocol):
         ...
 
     def trigger(self) -> float:
-        """Expose; the monotonic time, in seconds, at which the shutter opened."""
+        """Expose; the monotonic time, in seconds, at which it was told to.
+
+        How much later its shutter opens is not known unless the frame says so, in `FrameMetadata.opened`.
+        """
         ...
 
     def collect(self) -> RawMosaic | CameraFile:

@@ -18,12 +18,12 @@ T = TypeVar("T")
 class CapturedFrame:
     """A frame that a camera delivered.
 
-    set_to: what the camera read back when it was set. opened: monotonic time of its trigger, seconds.
+    set_to: what the camera read back when it was set. told: when it was told to expose, monotonic, seconds.
     """
 
     frame: RawMosaic | CameraFile
     set_to: Exposure
-    opened: float
+    told: float
     retries: int
 
     @property
@@ -76,9 +76,9 @@ def _expose_once(
     errors: dict[str, CameraError] = {}
 
     ready = _each(cameras, cameras, lambda camera: made_ready(camera, requested), errors)
-    opened = _each(cameras, ready, lambda camera: camera.trigger(), errors)
-    frames = _each(cameras, opened, lambda camera: camera.collect(), errors)
-    return {name: CapturedFrame(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
+    told = _each(cameras, ready, lambda camera: camera.trigger(), errors)
+    frames = _each(cameras, told, lambda camera: camera.collect(), errors)
+    return {name: CapturedFrame(frames[name], ready[name], told[name], attempt) for name in frames}, errors
 
 
 def _each(

@@ -87,6 +87,7 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
         warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
         looks=tuple(looks),
         skews=tuple(_skews(shots)),
+        untimed=tuple(sorted({shot.camera for shot in shots if shot.skew is None and shot.told is not None})),
         thumbnails={shot.file: content.thumbnail for shot, content in pictures},
     )
 
@@ -203,11 +204,12 @@ def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> 
     """Shots that came late because they had to be repeated, which no trigger would have helped."""
     for _, step_shots in _steps(shots):
         for shot in step_shots if len(step_shots) > 1 else ():
-            if shot.retries and (shot.skew or 0.0) > together.get(shot.plan, SKEW_TOLERANCE):
+            late = max(shot.skew or 0.0, shot.told or 0.0)
+            if shot.retries and late > together.get(shot.plan, SKEW_TOLERANCE):
                 yield _problem(
                     "skew",
                     shot,
-                    f"{shot.file} had to be taken again, {1000 * (shot.skew or 0.0):.0f} ms after the first "
+                    f"{shot.file} had to be taken again, {1000 * late:.0f} ms after the first "
                     "camera of its step: take the frame again if the scene moves.",
                 )
 

@@ -109,7 +109,8 @@ class CheckReport(FindingModel):
     """What `check` found. planned: shots of all plans; shots: records; sound: files that are proven.
 
     problems: files and records that are not as they should be. warnings: pictures that are whole, and
-    show something that a photographer would want to know. thumbnails: JPEG by file, not written with the
+    show something that a photographer would want to know. untimed: cameras whose skew is unknown.
+    thumbnails: JPEG by file, not written with the
     rest.
     """
 
@@ -122,6 +123,7 @@ class CheckReport(FindingModel):
     warnings: tuple[Problem, ...] = ()
     looks: tuple[ShotLook, ...] = ()
     skews: tuple[StepSkew, ...] = ()
+    untimed: tuple[str, ...] = ()
     thumbnails: dict[str, bytes] = Field(default_factory=dict, exclude=True, repr=False)
 
     @property

@@ -35,7 +35,7 @@ class _StoredShot(NamedTuple):
 
     step: ExposureStep
     set_to: Exposure
-    opened: float
+    told: float
     shot: Any
 
 
@@ -181,14 +181,14 @@ class CameraWorker:
 
     def _shoot(self, step: ExposureStep, set_to: Exposure) -> None:
         """Expose, and meanwhile fetch the shot before; this one stays in the camera if another is to come."""
-        opened, camera = self._camera.trigger(), self._camera
+        told, camera = self._camera.trigger(), self._camera
         self._empty(again=True)
         if isinstance(camera, StoresShots) and self._overlaps and self.orders.has_items and camera.keeps():
             shot = camera.keep()
             self._empty()
-            self._stored = _StoredShot(step, set_to, opened, shot)
+            self._stored = _StoredShot(step, set_to, told, shot)
         else:
-            self._collect(step, set_to, opened, camera.collect)
+            self._collect(step, set_to, told, camera.collect)
             self._empty()
 
     def _empty(self, again: bool = False) -> None:
@@ -202,7 +202,7 @@ class CameraWorker:
             return
         assert isinstance(self._camera, StoresShots)
         try:
-            self._collect(stored.step, stored.set_to, stored.opened, partial(self._camera.fetch, stored.shot))
+            self._collect(stored.step, stored.set_to, stored.told, partial(self._camera.fetch, stored.shot))
         except CameraError as error:
             if again:
                 self._stored, self._overlaps = stored, not isinstance(error, CameraBusy)
@@ -213,12 +213,12 @@ class CameraWorker:
         self,
         step: ExposureStep,
         set_to: Exposure,
-        opened: float,
+        told: float,
         deliver: Callable[[], RawMosaic | CameraFile],
     ) -> None:
         download = self._download(deliver)
         assert download is not None
-        self._deliver(step, set_to, opened, download)
+        self._deliver(step, set_to, told, download)
 
     def _download(self, deliver: Callable[[], RawMosaic | CameraFile | None]) -> _Download | None:
         """A frame within the budget, with the part of it that it still takes; None if there is no more."""
@@ -242,19 +242,19 @@ class CameraWorker:
         self._budget.replace(reserved, held)
         return _Download(frame, held)
 
-    def _deliver(self, step: ExposureStep, set_to: Exposure, opened: float, download: _Download) -> None:
+    def _deliver(self, step: ExposureStep, set_to: Exposure, told: float, download: _Download) -> None:
         """Hand a frame over to those who write, if its step wants it of this camera."""
         frame, held = download
         with self._clock.lock:
-            if frame.metadata.opened is not None:  # more exact than when the order was given
-                opened = frame.metadata.opened
             if self.name in step.cameras:
-                step.opened[self.name] = opened
+                step.told[self.name] = told
+                if frame.metadata.opened is not None:
+                    step.opened[self.name] = frame.metadata.opened
         self._misses = 0
         if self.name not in step.cameras:
             self._budget.release(held)
             return
-        self._hand_over(step, self.name, CapturedFrame(frame, set_to, opened, step.failures(self.name)), held)
+        self._hand_over(step, self.name, CapturedFrame(frame, set_to, told, step.failures(self.name)), held)
 
     def _expected(self) -> int:
         """Bytes that the next download takes; the whole budget as long as no frame has come."""

@@ -27,8 +27,8 @@ class CaptureResult:
     """What a capture came to.
 
     session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs.
-    missing: a sentence for each shot that is not there. problems: for each shot that is there,
-    but not as it was asked for.
+    missing: a sentence for each shot that is not there. unknown: what nobody could tell of those that are.
+    problems: for each shot that is there, but not as it was asked for.
     """
 
     session: Path
@@ -37,6 +37,7 @@ class CaptureResult:
     kept: int
     missing: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
 
     def require_complete(self) -> None:
         """PartialError that lists what is missing, if anything is."""
@@ -88,6 +89,25 @@ def _exposure_of(requested: Exposure | None) -> Exposure:
     return requested
 
 
+@dataclass(frozen=True)
+class _First:
+    """When the first camera of a step was told to expose; when the first shutter opened, if that is known."""
+
+    told: float
+    opened: float | None
+
+    @classmethod
+    def of(cls, told: Mapping[str, float], opened: Mapping[str, float]) -> "_First":
+        """From the moments of all; one that alone says when it opened has none to be compared with."""
+        alone = len(opened) == 1 and len(told) > 1
+        return cls(min(told.values()), None if alone or not opened else min(opened.values()))
+
+
+def after(first: float | None, moment: float | None) -> float | None:
+    """Seconds from one moment to another; None where one of them is not known."""
+    return None if first is None or moment is None else max(0.0, moment - first)
+
+
 class CaptureRun:
     """What one call of `record` has come to. kept: shots that were there before."""
 
@@ -109,6 +129,8 @@ class CaptureRun:
         self._missing: dict[ShotId, str] = {}
         self._problems: list[str] = []
         self._apart: dict[int, list[tuple[float, ShotId]]] = {}
+        self._untimed: set[str] = set()
+        self._unknown: dict[str, None] = {}
 
     def frames(self) -> Iterator[int]:
         """Frames of which shots are missing, as long as the disk takes them."""
@@ -142,15 +164,15 @@ class CaptureRun:
             if shot_id.frame == frame and shot_id.step in steps and shot_id not in self.done:
                 pending.setdefault(shot_id.step, []).append(shot_id.camera)
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
-        first: dict[int, float] = {}
+        first: dict[int, _First] = {}
         acceptance: Acceptance[ShotId, SavedShot] = Acceptance()
         alone = self._plan.cameras[0] if len(self._plan.cameras) == 1 and not self._leader else None
         for attempt in range(RETRIES + 1):
             failed: dict[int, list[str]] = {}
             bracketed = alone if not attempt and len(pending) == len(steps) else None
             for step in threads.shoot(self._steps(frame, pending), bracketed):
-                if step.opened and step.number in together:
-                    first.setdefault(step.number, min(step.opened.values()))
+                if step.told and step.number in together:
+                    first.setdefault(step.number, _First.of(step.told, step.opened))
                 for name in step.cameras:
                     shot_id, outcome = ShotId(name, frame, step.number), step.outcomes[name]
                     if isinstance(outcome, SavedShot):
@@ -185,6 +207,7 @@ class CaptureRun:
             kept=self.kept,
             missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
             problems=(*self._problems, *self._skews()),
+            unknown=(*self._untold(), *self._unknown),
         )
 
     def _steps(self, frame: int, pending: Mapping[int, list[str]]) -> list[ExposureStep]:
@@ -215,9 +238,9 @@ class CaptureRun:
             self._missing[shot_id] = str(error)
 
     def _book(
-        self, shot_id: ShotId, written: SavedShot, first: float | None, threads: CaptureThreads
+        self, shot_id: ShotId, written: SavedShot, first: _First | None, threads: CaptureThreads
     ) -> None:
-        """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
+        """The line of a shot whose file is whole; first: of its step."""
         requested, host = _exposure_of(self._plan.bracket[shot_id.step]), written.host
         shot = ShotRecord(
             kind=self._plan.kind,
@@ -234,7 +257,8 @@ class CaptureRun:
             width=written.width,
             height=written.height,
             captured_at=written.captured_at,
-            skew=None if first is None else max(0.0, written.opened - first),
+            skew=None if first is None else after(first.opened, written.opened),
+            told=None if first is None else after(first.told, written.told),
             retries=written.retries,
             band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
             node=host.node if host else None,
@@ -248,11 +272,22 @@ class CaptureRun:
             self._failed(shot_id, error)
             return
         self.done[shot_id] = shot
+        if len(self._plan.cameras) > 1 and written.opened is None:
+            self._untimed.add(shot_id.camera)
+        self._unknown |= dict.fromkeys(written.unknown)
         if deviates(written.reported, requested):
             self._problems.append(_deviation(shot_id, requested, written.reported))
         if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
             self._apart.setdefault(shot_id.step, []).append((shot.skew, shot_id))
         self._progress(shot.file, len(self.done), len(self.planned))
+
+    def _untold(self) -> Iterator[str]:
+        """A sentence on the cameras that do not say when their shutters opened."""
+        if self._untimed:
+            yield (
+                f"the skew of {', '.join(sorted(self._untimed))} is unknown: a camera that stamps no frames "
+                "opens its shutter some time after it is told; keep the scene still"
+            )
 
     def _skews(self) -> Iterator[str]:
         """A sentence for each step whose shutters opened too far apart; a shot taken again is always late."""

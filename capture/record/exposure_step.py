@@ -25,8 +25,10 @@ may take: as long as a dark frame, and its own time."""
 class SavedShot:
     """A frame whose file is whole on the disk.
 
-    opened: when its shutter opened, seconds of the clock. retries: attempts before this one.
+    told: when its camera was told to expose, and opened: when its shutter did open, None where the camera
+    does not say that; seconds of the clock. retries: attempts before this one.
     host: where it comes from, if that is another host.
+    unknown: what its driver could not learn of it, a sentence each.
     """
 
     file: str
@@ -37,9 +39,11 @@ class SavedShot:
     width: int
     height: int
     captured_at: datetime
-    opened: float
+    told: float
+    opened: float | None
     retries: int
     host: HostClock | None = None
+    unknown: tuple[str, ...] = ()
 
 
 @dataclass
@@ -60,8 +64,8 @@ class ExposureStep:
 
     number: of the step in the bracket. cameras: those whose frames are wanted. participants: they, and the
     leader that exposes along.
-    opened: when the shutter of each frame opened. outcomes: of every camera, in the end: its file, or why
-    there is none.
+    told: when the camera of each frame was told to expose. opened: when its shutter did, where it says so.
+    outcomes: of every camera, in the end: its file, or why there is none.
     """
 
     def __init__(
@@ -82,6 +86,7 @@ class ExposureStep:
         self.leader = leader
         along = leader is not None and leader not in cameras
         self.participants = (*self.cameras, leader) if along and leader is not None else self.cameras
+        self.told: dict[str, float] = {}
         self.opened: dict[str, float] = {}
         self.outcomes: dict[str, SavedShot | RigError] = {}
         self._patience = patience

@@ -65,7 +65,9 @@ def save_frame(
         width=width,
         height=height,
         captured_at=frame.metadata.captured_at or datetime.now(UTC),
-        opened=captured.opened,
+        told=captured.told,
+        opened=frame.metadata.opened,
+        unknown=frame.metadata.unknown,
         retries=captured.retries,
         host=None if isinstance(frame, RawMosaic) else frame.host,
     )

@@ -195,7 +195,11 @@ class ShotRecord(Record):
     height: int = Field(gt=0)
     captured_at: datetime | None = None
     skew: float | None = None
-    """Seconds after the first camera of the same frame and step was triggered."""
+    """Seconds from the first shutter of the same frame and step to this one, as cameras stamp their frames;
+    None where this one, or every other, does not."""
+    told: float | None = Field(default=None, ge=0)
+    """Seconds after the first camera of the same frame and step that this one was told to expose; how much
+    later its shutter opened, only `skew` says."""
     retries: int = Field(default=0, ge=0)
     source: str | None = None
     """Path of the original, for imports."""

@@ -225,7 +225,7 @@ def run_capture(
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]
-    lines += [f"  {problem}" for problem in result.problems]
+    lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
     if missing is None and Session.open(out).shots("scene"):
         lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
@@ -236,5 +236,6 @@ def run_capture(
         "kept": result.kept,
         "missing_shots": list(result.missing),
         "problems": list(result.problems),
+        "unknown": list(result.unknown),
     }
     return CommandResult(data, lines, missing, usable=there > 0, already_there=not result.taken)

@@ -57,6 +57,10 @@ class FakeCamera:
         times = tuple(2.0**n for n in range(-12, 4))
         return Capabilities(32, 24, 12, times, (4.0,), (100.0,))
 
+    stamp: float | None = None
+    stamps = True
+    """Whether its frames say when they were exposed."""
+
     def set_exposure(self, exposure: Exposure) -> Exposure:
         wrong = self._called("set_exposure")
         self.setting = wrong or exposure
@@ -68,6 +72,7 @@ class FakeCamera:
     def trigger(self) -> float:
         self._called("trigger")
         self.clock += 1.0
+        self.stamp = self.clock
         return self.clock
 
     def collect(self) -> RawMosaic | CameraFile:
@@ -80,6 +85,7 @@ class FakeCamera:
             serial=self.serial,
             exposure=reported,
             captured_at=WHEN + timedelta(seconds=self.frame),
+            opened=self.stamp if self.stamps else None,
         )
         if self.kind == "ldr":
             codes = np.repeat((pixels >> 4).astype(np.uint8)[..., None], 3, axis=2)

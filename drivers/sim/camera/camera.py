@@ -188,6 +188,7 @@ class SimulatedCamera:
             serial=self.body.serial,
             exposure=shot.label,
             captured_at=shot.captured_at,
+            opened=shot.opened,
             focal_length_mm=round(self.body.optics.sensor_width_mm * lens.fx / lens.width, 2),
         )
 

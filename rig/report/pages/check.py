@@ -115,7 +115,9 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
         f"{max(off):.3f}" if off else "n/a", "stops" if off else "", f"largest label error; {estimated}"
     )
     skews = [1000 * step.skew for step in report.skews]
-    yield Tile(f"{max(skews):.2g}" if skews else "n/a", "ms" if skews else "", "largest trigger skew")
+    of = f"; unknown of {', '.join(report.untimed)}" if report.untimed else ""
+    largest = f"{max(skews):.2g}" if skews else "unknown" if report.untimed else "n/a"
+    yield Tile(largest, "ms" if skews else "", f"largest trigger skew{of}")
 
 
 def _rows(report: CheckReport) -> Iterable[ProblemRow]:

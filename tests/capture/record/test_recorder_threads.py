@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from capture.check.check import check
 from capture.record import recorder
 from capture.record.memory_budget import MemoryBudget
 from capture.record.recorder import record
@@ -28,7 +29,9 @@ def slowed(rig, clock, seconds=None):
             log.append((round(clock.now(), 6), operation, camera.serial[-1]))
             clock.sleep((seconds or {}).get((camera.serial[-1], operation), SECONDS[operation]))
             found = act(*args)
-            return clock.now() if operation == "trigger" else found
+            if operation == "trigger":
+                camera.stamp = found = clock.now()
+            return found
 
         setattr(camera, operation, acting)
 
@@ -251,6 +254,25 @@ def test_shutters_that_open_too_far_apart_are_told_once_a_step(fake_rig):
     assert run(fake_rig("other", a="raw"), clock, tolerance=0.02).problems == ()
 
 
+@pytest.mark.parametrize("silent", ["b", "ab", "bc", "abc"])
+def test_the_skew_of_a_camera_that_does_not_stamp_its_frames_is_unknown(fake_rig, silent):
+    """When it was told to expose is not when its shutter opened."""
+    rig, clock = fake_rig(a="raw", b="raw", c="raw"), VirtualClock()
+    slowed(rig, clock, {("c", "trigger"): 0.011})
+    for name in silent:
+        rig.cameras[name].stamps = False
+    result = run(rig, clock)
+    (unknown,) = result.unknown
+    assert unknown.startswith(f"the skew of {', '.join(silent)} is unknown: ")
+    for shot in rig.session.shots():
+        assert shot.told == pytest.approx(0.01 if shot.camera == "c" else 0.0)
+        # Nor has the only one that stamps any to be compared with.
+        known = silent == "b" and shot.camera != "b"
+        assert shot.skew == (pytest.approx(shot.told) if known else None)
+    report = check(rig.session.folder)
+    assert report.untimed == (tuple(silent) if silent == "b" else ("a", "b", "c"))
+
+
 def test_a_camera_that_stamps_its_frames_knows_best_when_it_opened(fake_rig):
     rig, clock = fake_rig(a="raw", b="raw"), VirtualClock()
     slowed(rig, clock)
@@ -271,4 +293,5 @@ def test_a_camera_that_stamps_its_frames_knows_best_when_it_opened(fake_rig):
     run(rig, clock)
     skews = {shot.camera: shot.skew for shot in rig.session.shots()}
     assert skews == {"a": pytest.approx(0.0), "b": pytest.approx(0.003)}
+    assert all(shot.told == pytest.approx(0.0) for shot in rig.session.shots())
     assert math.isfinite(clock.now())
