@@ -1,6 +1,6 @@
 """Renders and what they should show, side by side on disk, and how different they look.
 
-CIEDE2000 is always reported, FLIP where it is installed (`pip install 'hdr-rig[metrics]'`): of pictures
+CIEDE2000 is always reported, FLIP where it is installed (`pip install -e '.[metrics]'`): of pictures
 (Andersson et al., HPG 2020) and of light (HDR-FLIP, EGSR 2021). Other programs find the files there.
 """
 

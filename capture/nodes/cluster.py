@@ -40,7 +40,7 @@ def require_ray() -> Any:
     try:
         import ray
     except ImportError:
-        raise InputError("Ray is not installed: pip install 'hdr-rig[cluster]'.") from None
+        raise InputError("Ray is not installed: pip install -e '.[cluster]'.") from None
     return ray
 
 

@@ -17,7 +17,7 @@ from imaging.errors import CameraError
 
 SCHEME = "gphoto2:"
 """In front of a port of libgphoto2 where one is named: `gphoto2:ptpip:192.168.1.2`."""
-INSTALL = "pip install 'hdr-rig[gphoto2]'"
+INSTALL = "pip install -e '.[gphoto2]'"
 
 _ERRORS: dict[int, tuple[type[CameraError], str]] = {
     -1: (CameraRefused, "check its focus, its card and its cable"),

@@ -112,7 +112,7 @@ def open_stage(path: Path) -> Any:
         from pxr import Tf, Usd
     except ImportError as error:
         raise InputError(
-            f"{path} is read by usd-core, which is not installed: pip install 'hdr-rig[usd]', or export the "
+            f"{path} is read by usd-core, which is not installed: pip install -e '.[usd]', or export the "
             "camera as CSV."
         ) from error
     try:

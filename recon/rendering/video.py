@@ -37,7 +37,7 @@ class Video(AbstractContextManager["Video"]):
             import imageio_ffmpeg
         except ImportError as error:
             raise InputError(
-                f"{path} is written by imageio-ffmpeg, which is not installed: pip install 'hdr-rig[video]', "
+                f"{path} is written by imageio-ffmpeg, which is not installed: pip install -e '.[video]', "
                 "or leave --video out."
             ) from error
         self._write_frames = imageio_ffmpeg.write_frames

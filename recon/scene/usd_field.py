@@ -48,7 +48,7 @@ def require_usd() -> None:
     try:
         from pxr import UsdVol
     except ImportError as error:
-        raise InputError("USD files need usd-core 26.3 or later: `pip install 'hdr-rig[usd]'`.") from error
+        raise InputError("USD files need usd-core 26.3 or later: `pip install -e '.[usd]'`.") from error
     if not hasattr(UsdVol, "ParticleField3DGaussianSplat"):
         raise InputError("USD splats need usd-core 26.3 or later: run `pip install -U 'usd-core>=26.3'`.")
 

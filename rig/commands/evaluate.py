@@ -1,5 +1,6 @@
 """`rig evaluate`: how good a scene is."""
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -48,8 +49,13 @@ def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
     return {session: common_width(folders) for session, folders in scenes.items() if len(folders) > 1}
 
 
-def run_evaluate(folder: Path, status: StatusLine, width: int | None = None) -> CommandResult:
-    """Evaluate, write the report and say what came of it. width: px, at most; None: as it was trained."""
+def run_evaluate(
+    folder: Path, status: StatusLine, width: int | None = None, until: float = math.inf
+) -> CommandResult:
+    """Evaluate, write the report and say what came of it.
+
+    width: px, at most; None: as it was trained. until: as `reconstruction_report` has it.
+    """
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
 
@@ -57,7 +63,9 @@ def run_evaluate(folder: Path, status: StatusLine, width: int | None = None) -> 
         metrics = evaluate_scene(folder, width=width, on_progress=status).known()
         from rig.report.pages.reconstruction import reconstruction_report
 
-        return _evaluation_result(folder, metrics, reconstruction_report(folder, on_progress=status))
+        return _evaluation_result(
+            folder, metrics, reconstruction_report(folder, until=until, on_progress=status)
+        )
 
 
 def evaluated_before(folder: Path) -> CommandResult | None:

@@ -57,7 +57,7 @@ def node(
 ) -> CommandResult:
     """Serve the cameras of this host to the one that leads.
 
-    Joins the Ray cluster (pip install 'hdr-rig[cluster]') of the host that leads, which captures with
+    Joins the Ray cluster (pip install -e '.[cluster]') of the host that leads, which captures with
     rig capture RIG.toml; cameras whose tables name this node are then driven here. Stays until Ctrl-C. Ray
     has no password: the network has to be your own.
 

@@ -1,5 +1,6 @@
 """`rig reconstruct`: train a scene."""
 
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace as changed
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from recon.result.model import ModelRecord
     from rig.report.tensorboard import TensorBoardLog
 
+REPORT_SHARE = 0.25
+"""Of the time of a training, what the report may take before it looks at no more photographs."""
 _PRESETS = "; ".join(
     f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
     f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
@@ -166,8 +169,12 @@ def run_reconstruct(
     if not is_main_process():
         return CommandResult({}, [])
     folder = Path(trained.data["reconstruction"])
-    before = evaluated_before(folder) if trained.already_there else None
-    evaluated = before or run_evaluate(folder, status)
+    shows = f"Next: {command_line('rig', 'render', folder)}"
+    evaluated = evaluated_before(folder) if trained.already_there else None
+    if evaluated is None:
+        status.say(f"{shows}; the scene is there, its report follows")
+        until = time.monotonic() + REPORT_SHARE * trained.data["train_seconds"]
+        evaluated = run_evaluate(folder, status, until=until)
     if events is not None:
         events.finished(folder, told=not trained.already_there)
     return changed(
@@ -176,7 +183,7 @@ def run_reconstruct(
         lines=[
             *trained.lines,
             *evaluated.lines,
-            f"Next: {command_line('rig', 'render', folder)}",
+            shows,
         ],
         missing=evaluated.missing or trained.missing,
     )
@@ -229,7 +236,9 @@ def run_training(
     record = read_model(folder)
     there = record.created < began
     data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
-    data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
+    data |= record.model_dump(
+        mode="json", include={"iterations", "train_seconds", "ending", "held_out_db", "predicted"}
+    )
     data["width"] = record.width
     lines = [f"{folder}: {_outcome(record)}"]
     if there:

@@ -26,7 +26,7 @@ class TensorBoardLog:
 
     def __init__(self, folder: Path) -> None:
         if find_spec("tensorboard") is None:
-            raise InputError("--tensorboard needs TensorBoard: pip install 'hdr-rig[tensorboard]'.")
+            raise InputError("--tensorboard needs TensorBoard: pip install -e '.[tensorboard]'.")
         store.require_writable(folder)
         self.folder = folder
         self._writer: SummaryWriter | None = None

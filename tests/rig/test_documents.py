@@ -39,6 +39,19 @@ def test_places_are_found_in_the_documents() -> None:
     assert {"docs/glossary.md", "CITATION.cff", "bench/results/"} <= places("CONTRIBUTING.md")
 
 
+def test_extras_are_installed_from_where_rig_is() -> None:
+    """No package index knows rig: what tells how to get an extra names one that pyproject.toml has."""
+    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    texts = [REPOSITORY / document for document in DOCUMENTS]
+    texts += [path for room in ROOMS for path in (REPOSITORY / room).rglob("*.py")]
+    told = {}
+    for path in texts:
+        words = path.read_text(encoding="utf-8")
+        assert not re.search(r"hdr-rig" + r"\[", words), f"{path} names a package that no index has"
+        told |= dict.fromkeys(re.findall(r"pip install -e '\.\[([a-z0-9,]+)\]'", words), path)
+    assert {"usd", "mesh", "video", "cluster", "gphoto2"} <= told.keys() <= extras.keys()
+
+
 def test_the_names_that_contributors_are_given_are_in_the_code() -> None:
     words = re.findall(
         r"`(?:\w+\.)?(\w+)(?:\([^`]*\))?(?: -> \w+)?`", (REPOSITORY / "CONTRIBUTING.md").read_text()

@@ -193,5 +193,5 @@ def _skimage() -> ModuleType:
     try:
         from skimage import measure
     except ImportError as error:
-        raise InputError("A mesh needs scikit-image: run `pip install 'hdr-rig[mesh]'`.") from error
+        raise InputError("A mesh needs scikit-image: run `pip install -e '.[mesh]'`.") from error
     return measure

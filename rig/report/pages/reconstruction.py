@@ -1,5 +1,6 @@
 """report.html of a reconstruction: pictures, quality, and all that led to it."""
 
+import math
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -17,8 +18,13 @@ from rig.report.sections.provenance import provenance
 from rig.report.sections.quality import quality, tiles
 
 
-def reconstruction_report(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Path:
-    """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
+def reconstruction_report(
+    folder: str | PathLike[str], *, until: float = math.inf, on_progress: Progress = unreported
+) -> Path:
+    """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality.
+
+    until: reading of `time.monotonic` from which on no more photographs are looked at for the contact sheet.
+    """
     folder = Path(folder)
     metrics = store.read_json(folder / "metrics.json")
     opened = open_model(folder)
@@ -34,7 +40,7 @@ def reconstruction_report(folder: str | PathLike[str], *, on_progress: Progress 
         sections={
             "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), on_progress),
             "quality": section,
-            "captured": captured(session, record, on_progress),
+            "captured": captured(session, record, on_progress, until),
             "calibrated": calibrated(session, record, is_stale(session.folder, record)),
             "provenance": provenance(
                 session, record, opened.record, version("hdr-rig"), folder.resolve().name

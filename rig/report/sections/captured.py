@@ -69,10 +69,15 @@ class CaptureSection:
 KINDS = {"raw": "RAW mosaic", "ldr": "developed photo", "hdr": "linear EXR"}
 
 
-def captured(session: Session, calibration: CalibrationRecord | None, progress: Progress) -> CaptureSection:
-    """Read the session for the page."""
+def captured(
+    session: Session,
+    calibration: CalibrationRecord | None,
+    progress: Progress,
+    until: float = math.inf,
+) -> CaptureSection:
+    """Read the session for the page; until: as `read_previews` has it."""
     shots = session.shots("scene")
-    previews = read_previews(session, progress)
+    previews = read_previews(session, progress, until)
     steps = {step: [s for s in shots if s.step == step] for step in sorted({s.step for s in shots})}
     frames = len({shot.frame for shot in shots})
     views = len({(shot.frame, shot.camera) for shot in shots})

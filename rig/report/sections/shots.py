@@ -1,7 +1,10 @@
 """What the files of a session show: how much is clipped, how much is dark, and a thumbnail a view."""
 
+import math
+import time
 from collections import defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -10,6 +13,8 @@ import numpy.typing as npt
 
 from imaging.cfa import cell_means
 from imaging.colour import balanced, srgb_decode
+from imaging.compute import memory
+from imaging.compute.threads import in_order, one_thread_a_product, thread_count
 from imaging.errors import RigError
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
@@ -24,7 +29,11 @@ Bool = npt.NDArray[np.bool_]
 
 MOST_VIEWS = 24
 """Views that are looked at; of a larger session an even choice."""
+GOLDEN = 0.6180339887498949
+"""Turns by it soon are everywhere: the views that were looked at when time is up are spread evenly."""
 THUMBNAIL_WIDTH = 256
+BAND = 256
+"""Rows of a photograph that are worked on at a time."""
 CLIPPED, DARK = 0.996, 0.004
 """Of the code range or RAW signal: above the first no light is told apart, below the second hardly."""
 
@@ -64,8 +73,12 @@ class ShotPreviews:
     unreadable: tuple[str, ...]
 
 
-def read_previews(session: Session, progress: Progress) -> ShotPreviews:
-    """Read an even choice of a session's views."""
+def read_previews(session: Session, progress: Progress, until: float = math.inf) -> ShotPreviews:
+    """Read an even choice of a session's views, each once, on as many cores as there is memory for.
+
+    until: reading of `time.monotonic` from which on no view is begun but the first; those that are read by
+    then are an even choice as well.
+    """
     groups = brackets(session.shots("scene"))
     views = sorted(groups)
     step = max(1, -(-len(views) // MOST_VIEWS))
@@ -75,23 +88,55 @@ def read_previews(session: Session, progress: Progress) -> ShotPreviews:
         if step > 1
         else views
     )
-    shares: dict[str, tuple[float, float]] = {}
-    thumbnails, unreadable = [], []
-    for done, view in enumerate(chosen):
-        progress("looking at the pictures", done, len(chosen))
-        previews = []
-        for shot in groups[view]:
-            try:
-                preview = read_preview(session, shot)
-            except RigError:
-                unreadable.append(shot.file)
-                continue
-            shares[shot.file] = (preview.clipped, preview.dark)
-            previews.append((shot, preview))
-        if previews:
-            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(previews), 80), view.camera, view.frame))
-    merged = any(len(groups[view]) > 1 for view in chosen)
-    return ShotPreviews(shares, tuple(thumbnails), merged, len(chosen), len(views), tuple(unreadable))
+    order = sorted(range(len(chosen)), key=lambda index: index * GOLDEN % 1)
+
+    def looked_at(turn: int) -> _Looked | None:
+        if turn and time.monotonic() >= until:
+            return None
+        return _look(session, groups[chosen[order[turn]]])
+
+    found: dict[int, _Looked] = {}
+    largest = max((shot.width * shot.height for shots in groups.values() for shot in shots), default=1)
+    at_once = max(1, min(thread_count(), memory.available() // (3 * memory.PER_SAMPLE * largest)))
+    with one_thread_a_product(), ThreadPoolExecutor(at_once) as pool:
+        for turn, looked in enumerate(in_order(pool, len(order), looked_at, at_once)):
+            progress("looking at the pictures", turn, len(order))
+            if looked is not None:
+                found[order[turn]] = looked
+    thumbnails = [
+        Thumbnail(found[index].uri, chosen[index].camera, chosen[index].frame)
+        for index in sorted(found)
+        if found[index].uri
+    ]
+    return ShotPreviews(
+        shares={file: share for looked in found.values() for file, share in looked.shares.items()},
+        thumbnails=tuple(thumbnails),
+        merged=any(len(groups[chosen[index]]) > 1 for index in found),
+        views=len(found),
+        of_views=len(views),
+        unreadable=tuple(file for index in sorted(found) for file in found[index].unreadable),
+    )
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """Of a view: a picture as a data URI, empty where no file of it could be read; shares by file."""
+
+    uri: str
+    shares: dict[str, tuple[float, float]]
+    unreadable: tuple[str, ...]
+
+
+def _look(session: Session, shots: Sequence[ShotRecord]) -> _Looked:
+    previews, unreadable = [], []
+    for shot in shots:
+        try:
+            previews.append((shot, read_preview(session, shot)))
+        except RigError:
+            unreadable.append(shot.file)
+    uri = jpeg_uri(_thumbnail(previews), 80) if previews else ""
+    shares = {shot.file: (preview.clipped, preview.dark) for shot, preview in previews}
+    return _Looked(uri, shares, tuple(unreadable))
 
 
 def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
@@ -108,23 +153,35 @@ def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
         return ShotPreview(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
     photo = read_photo(path)
     top = 2**photo.bit_depth - 1
-    # There are far fewer codes than samples.
-    codes = np.rint(photo.pixels * np.float32(top)).astype(np.uint16)
     levels = np.linspace(0.0, 1.0, top + 1)
-    counts = np.bincount(codes.ravel(), minlength=top + 1) / codes.size
-    linear = srgb_decode(levels).astype(np.float32)[codes]
-    reduced = _reduced(linear, codes <= CLIPPED * top)
-    return ShotPreview(
-        float(counts[levels > CLIPPED].sum()), float(counts[levels < DARK].sum()), *reduced, developed=True
-    )
+    light = srgb_decode(levels).astype(np.float32)
+    height, width = photo.pixels.shape[:2]
+    factor = _factor(height, width)
+    counts, parts = np.zeros(top + 1, np.int64), []
+    # Band by band: the light of all samples takes several times the memory of their codes.
+    rows = factor * max(1, BAND // factor)
+    for first in range(0, height, rows):
+        codes = np.rint(photo.pixels[first : first + rows] * np.float32(top)).astype(np.uint16)
+        counts += np.bincount(codes.ravel(), minlength=top + 1)
+        if len(codes) >= factor:
+            parts.append(_reduced(light[codes], codes <= CLIPPED * top, factor))
+    rgb, valid = (np.concatenate(sides) for sides in zip(*parts, strict=True))
+    shares = counts / photo.pixels.size
+    clipped, dark = shares[levels > CLIPPED].sum(), shares[levels < DARK].sum()
+    return ShotPreview(float(clipped), float(dark), rgb, valid, developed=True)
 
 
-def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:
+def _factor(height: int, width: int) -> int:
+    """Pixels of a file, on a side, that are one of the picture in the page."""
+    return max(1, min(width // THUMBNAIL_WIDTH, height))
+
+
+def _reduced(rgb: Float, valid: Bool, factor: int | None = None) -> tuple[Float, Bool]:
     """Averaged to about the width of a thumbnail; a pixel is valid if all it was made of is.
 
-    valid: [H, W], or [H, W, 3] by sample.
+    valid: [H, W], or [H, W, 3] by sample. factor: as `_factor` has it of the whole picture.
     """
-    factor = max(1, min(rgb.shape[1] // THUMBNAIL_WIDTH, rgb.shape[0]))
+    factor = factor or _factor(*rgb.shape[:2])
     height, width = rgb.shape[0] // factor, rgb.shape[1] // factor
 
     def averaged(picture: Float) -> Float:

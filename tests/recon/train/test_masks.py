@@ -25,12 +25,13 @@ RECTANGLE = (18, 14)
 """Width and height, px, of what is painted over."""
 
 
-def painted(dataset, *, masked, seed=4, colours=0):
+def painted(dataset, *, masked, seed=4, colours=None):
     """Something bright stands elsewhere in every training view, in all of its shots.
 
-    seed: of where it stands. colours: of what it looks like.
+    seed: of where it stands and what it looks like; colours: of the latter alone.
     """
-    rng, paint, views = np.random.default_rng(seed), np.random.default_rng(colours), []
+    rng, views = np.random.default_rng(seed), []
+    paint = rng if colours is None else np.random.default_rng(colours)
     for view in dataset.train:
         left, top = (2 * rng.integers(0, (side - 20) // 2) for side in (view.lens.width, view.lens.height))
         hidden = np.zeros(view.shots[0].pixels.shape, bool)

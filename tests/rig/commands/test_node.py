@@ -53,7 +53,7 @@ def test_without_ray_it_is_said_how_to_install_it(
     for command in (node, ("capture", str(rig_file), str(tmp_path / "S"))):
         code, out, err = rig(*command)
         assert (code, out) == (2, "")
-        assert err.splitlines()[-1] == "Ray is not installed: pip install 'hdr-rig[cluster]'."
+        assert err.splitlines()[-1] == "Ray is not installed: pip install -e '.[cluster]'."
 
 
 def test_a_name_that_is_none_is_refused(rig, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,30 @@ def test_a_shot_is_decoded_once_for_training_evaluation_and_report(
     assert len(decoded) == len(set(decoded)) == len(Session.open(toy).shots("scene"))
     rig("evaluate", str(toy / RECON))
     assert len(decoded) == 2 * len(set(decoded))
+
+
+def test_a_scene_is_announced_when_it_is_there_and_its_report_is_short(
+    rig, toy: Path, quick: None, monkeypatch
+) -> None:
+    """Before it is measured; and photographs are looked at for no longer than a quarter of the training."""
+    from rig.report.sections import shots
+
+    announced: list[bool] = []
+    allowed: list[float] = []
+    read = shots.read_previews
+
+    def noted(session, progress, until):
+        announced.append((toy / RECON / "splats.ply").is_file())
+        allowed.append(until - time.monotonic())
+        return read(session, progress, until)
+
+    monkeypatch.setattr("rig.report.sections.captured.read_previews", noted)
+    code, out, err = rig("reconstruct", str(toy), "--quality", "draft")
+    assert code == 0
+    assert announced == [True]
+    assert allowed[0] <= store.read_json(toy / RECON / "model.json")["train_seconds"] / 4
+    assert f"Next: rig render {toy / RECON}; the scene is there, its report follows" in err.splitlines()
+    assert out.splitlines()[-1] == f"Next: rig render {toy / RECON}"
 
 
 def test_more_gaussians_than_pixels_are_not_made(rig, toy: Path, monkeypatch) -> None:

@@ -10,9 +10,10 @@ import pytest
 from imaging.colour import srgb_decode
 from imaging.files import store
 from imaging.files.photo import encode_png
+from imaging.progress import unreported
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
-from rig.report.sections.shots import CLIPPED, DARK, read_preview
+from rig.report.sections.shots import CLIPPED, DARK, read_preview, read_previews
 
 
 def a_shot(folder: Path, codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> tuple[Session, ShotRecord]:
@@ -34,7 +35,7 @@ def a_shot(folder: Path, codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) 
 
 
 @pytest.mark.parametrize("depth", [8, 16])
-@pytest.mark.parametrize("size", [(97, 771), (40, 30), (2, 1030)])
+@pytest.mark.parametrize("size", [(97, 771), (40, 30), (2, 1030), (519, 520)])
 def test_a_photograph_is_averaged_in_linear_light(tmp_path: Path, depth: int, size: tuple[int, int]) -> None:
     rng = np.random.default_rng(depth)
     top = 2**depth - 1
@@ -56,3 +57,43 @@ def test_a_photograph_is_averaged_in_linear_light(tmp_path: Path, depth: int, si
         np.testing.assert_allclose(preview.rgb[row, column], srgb_decode(own).mean((0, 1)), atol=1e-6)
         assert preview.valid[row, column] == bool((own <= CLIPPED).all())
     assert not preview.valid[0, 0]
+
+
+def a_walk(folder: Path, count: int) -> Session:
+    """A session of so many photographs, the last of them torn."""
+    session, first = a_shot(folder, np.full((24, 32, 3), 100, np.uint8))
+    for frame in range(count):
+        file = f"raw/{frame:04d}/cam_0.png"
+        store.write_bytes(folder / file, encode_png(np.full((24, 32, 3), 10 * frame + 5, np.uint8)))
+        session.append_shot(first.model_copy(update={"frame": frame, "file": file}))
+    (folder / file).write_bytes(b"torn")
+    return session
+
+
+def test_views_are_shown_in_their_order_and_torn_ones_are_named(tmp_path: Path) -> None:
+    found = read_previews(a_walk(tmp_path / "S", 9), unreported)
+    assert (found.views, found.of_views) == (9, 9)
+    assert [thumbnail.frame for thumbnail in found.thumbnails] == list(range(8))
+    assert found.unreadable == ("raw/0008/cam_0.png",)
+    assert len(found.shares) == 8
+
+
+def test_when_time_is_up_the_views_seen_by_then_are_spread_evenly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, looked = a_walk(tmp_path / "S", 20), []
+
+    def look(*given: object) -> object:
+        looked.append(given)
+        return read_preview(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("rig.report.sections.shots.read_preview", look)
+    monkeypatch.setattr("rig.report.sections.shots.thread_count", lambda: 1)
+    monkeypatch.setattr("rig.report.sections.shots.time.monotonic", lambda: float(len(looked)))
+    found = read_previews(session, unreported, 4.0)
+    frames = [thumbnail.frame for thumbnail in found.thumbnails]
+    assert (found.views, found.of_views, len(looked)) == (4, 20, 4)
+    assert frames[0] < 5
+    assert frames[-1] >= 10
+    assert max(np.diff(frames)) <= 8
+    assert read_previews(session, unreported, 0.0).views == 1
