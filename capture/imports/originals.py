@@ -3,11 +3,12 @@
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from capture.imports.exposure_list import NAME as EXPOSURE_LIST
 from capture.imports.exposure_list import read_exposure_list
+from capture.imports.sorting.derived import Derived, find_derived
 from capture.pictures.read import PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -43,10 +44,14 @@ class Original:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a folder holds. originals: in order. notes: what was left aside or assumed, a sentence each."""
+    """What a folder holds. originals: in order. notes: what was left aside or assumed, a sentence each.
+
+    masks: by photograph, of those that lie in a folder of masks.
+    """
 
     originals: tuple[Original, ...]
     notes: tuple[str, ...]
+    masks: Mapping[Path, Path] = field(default_factory=dict)
 
 
 def survey(
@@ -63,8 +68,11 @@ def survey(
     """
     paths, others = _walked(folder)
     developed: dict[Path, Path] = {}
+    derived = Derived()
     if named is None:
-        paths, developed = _without_developed(paths)
+        derived = find_derived(folder, paths)
+        gone = {path for group in derived.aside.values() for path in group}
+        paths, developed = _without_developed([path for path in paths if path not in gone])
     else:
         others, paths = [], list(named)
     notes: list[str] = []
@@ -77,6 +85,10 @@ def survey(
         note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
         notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
+    if derived.aside:
+        count = _files(sum(len(group) for group in derived.aside.values()))
+        homes = ", ".join(shown(home.relative_to(folder)) for home in list(derived.aside)[:4])
+        notes.append(f"{count} left aside as made of the photographs by another program: those of {homes}.")
     if developed:
         count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
         notes.append(f"{count} kept beside the RAW files of the same name, and not read.")
@@ -87,7 +99,7 @@ def survey(
     progress("read", len(paths), len(paths))
     notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
     notes += _doubts(originals)
-    return Survey(tuple(originals), tuple(notes))
+    return Survey(tuple(originals), tuple(notes), derived.masks)
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -142,8 +154,8 @@ def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list
     """A sentence for ISO and f-number each, where some of the exposures lack it, or all of the files' own."""
     exposed = [original for original in originals if original.exposure is not None]
     notes = []
-    for name, field, counts in (("ISO", "iso", "ISO 100"), ("f-number", "f_number", "f/1")):
-        without = [original for original in exposed if getattr(original.exposure, field) is None]
+    for name, key, counts in (("ISO", "iso", "ISO 100"), ("f-number", "f_number", "f/1")):
+        without = [original for original in exposed if getattr(original.exposure, key) is None]
         mixed = len(without) < len(exposed)
         if not without or not (mixed or any(original.path not in listed for original in without)):
             continue

@@ -1,7 +1,7 @@
 """`rig import`: a session made of photographs that exist, copied byte for byte."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
@@ -21,6 +21,7 @@ from capture.imports.masks import masks_asked, told_masks
 from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.pixel_shift import put_together
 from capture.imports.sorting.cameras import Identity, sort_into_cameras
+from capture.imports.sorting.strays import without_strays
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.errors import InputError, PartialError
@@ -94,10 +95,14 @@ def import_photos(
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
     filters = () if bands is None else read_band_list(Path(bands))
     surveyed = survey(folder, on_progress, named=named, exposures=exposures)
+    strays: list[str] = []
+    if given is None and cameras is None:
+        remaining, strays = without_strays(surveyed.originals)
+        surveyed = replace(surveyed, originals=remaining)
     lost = () if given is None else given.missing
     if not any(original.picture for original in surveyed.originals):
         raise _nothing_usable(folder, surveyed.originals, lost)
-    notes = [*surveyed.notes]
+    notes = [*surveyed.notes, *strays]
     if given is not None:
         check_sizes(given, surveyed.originals)
         notes = [_told_layout(given, layout), *given.notes, *_absent(given), *notes]
@@ -122,7 +127,11 @@ def import_photos(
         else frames_of_layout(sorted_series, given, bracket, together)
     )
     guesses += why
-    covers = {} if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
+    covers = (
+        dict(surveyed.masks)
+        if given is None
+        else {photo.path: photo.mask for photo in given.photos if photo.mask}
+    )
     paths = [original.path for original in surveyed.originals]
     if masks is not None:
         covers, mask_note = masks_asked(paths, folder, masks)

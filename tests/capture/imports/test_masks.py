@@ -115,9 +115,9 @@ def test_masks_that_cannot_be_used(photos, tmp_path):
         import_photos(photos, tmp_path / "S", masks=tmp_path / "other")
     with pytest.raises(InputError, match="nothing is not a folder"):
         import_photos(photos, tmp_path / "S", masks=tmp_path / "nothing")
-    picture(photos / "masks" / "0.png", 0)
+    picture(photos / "covers" / "0.png", 0)
     with pytest.raises(InputError, match="lies among the photographs"):
-        import_photos(photos, tmp_path / "S", masks=photos / "masks")
+        import_photos(photos, tmp_path / "S", masks=photos / "covers")
 
 
 @pytest.fixture

@@ -1,0 +1,75 @@
+"""Pictures among photographs that are none: smaller copies, masks, thumbnails, screenshots."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.imports.photos import import_photos
+from imaging.exposure import Exposure
+from imaging.files.photo import encode_jpeg, encode_png
+from imaging.mosaic import FrameMetadata
+from imaging.session.session import Session
+from tests.capture.imports.photo_files import put
+
+
+def scene(seed: int, size=(96, 64), metadata=None) -> bytes:
+    """JPEG of smooth cells, the same at every size."""
+    cells = np.random.default_rng(seed).integers(20, 235, (8, 12, 3)).astype(np.uint8)
+    return encode_jpeg(cv2.resize(cells, size, interpolation=cv2.INTER_CUBIC), metadata=metadata)
+
+
+def names_of(session: Path) -> list[str]:
+    return [
+        Path(one.source).parent.name + "/" + Path(one.source).name for one in Session.open(session).shots()
+    ]
+
+
+@pytest.mark.parametrize("home", ["images_{}", "thumbs", "small/of/all", "exported-{}"])
+def test_smaller_copies_are_no_photographs_whatever_their_folder_is_called(tmp_path, home):
+    whole = {f"images/{n}.jpg": scene(n) for n in range(4)}
+    copies = {f"{home.format(k)}/{n}.jpg": scene(n, (96 // k, 64 // k)) for k in (2, 4) for n in range(4)}
+    result = import_photos(put(tmp_path / "in", whole | copies), tmp_path / "s")
+    assert (result.cameras, result.frames) == (1, 4)
+    assert names_of(tmp_path / "s") == [f"images/{n}.jpg" for n in range(4)]
+    assert any("left aside as made of the photographs by another program" in one for one in result.guesses)
+
+
+def test_a_second_camera_of_fewer_pixels_and_the_same_names_is_no_copy(tmp_path):
+    wide = {f"wide/{n}.jpg": scene(n) for n in range(4)}
+    narrow = {f"narrow/{n}.jpg": scene(n + 50, (48, 32)) for n in range(4)}
+    assert import_photos(put(tmp_path / "in", wide | narrow), tmp_path / "s").shots == 8
+
+
+def test_copies_alone_are_the_photographs(tmp_path):
+    files = {f"images_4/{n}.jpg": scene(n, (48, 32)) for n in range(4)}
+    assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 4
+
+
+@pytest.mark.parametrize("name", ["{}.png", "{}.jpg.png"])
+@pytest.mark.parametrize("folder", ["masks", "mask"])
+def test_a_folder_of_masks_holds_masks(tmp_path, name, folder):
+    masks = {f"{folder}/{name.format(n)}": encode_png(np.full((64, 96), 255, np.uint8)) for n in range(4)}
+    result = import_photos(
+        put(tmp_path / "in", masks | {f"images/{n}.jpg": scene(n) for n in range(4)}), tmp_path / "s"
+    )
+    assert (result.cameras, result.shots) == (1, 4)
+    assert all(one.mask is not None for one in Session.open(tmp_path / "s").shots())
+    assert "4 of 4 photos have a mask; what is black in it is ignored." in result.guesses
+
+
+def test_a_server_s_thumbnails_are_no_photographs(tmp_path):
+    files = {"a.jpg": scene(0), "@eaDir/a.jpg/SYNOPHOTO_THUMB_XL.jpg": scene(0, (48, 32))}
+    assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 1
+
+
+def test_a_stray_screenshot_is_left_aside_by_name_unless_somebody_says_what_cameras_are(tmp_path):
+    said = FrameMetadata(make="Acme", model="Z1", exposure=Exposure(time=0.01))
+    files = {f"{n}.jpg": scene(n, metadata=said) for n in range(6)} | {"shot.png": scene(9, (40, 90))}
+    result = import_photos(put(tmp_path / "in", files), tmp_path / "s")
+    assert (result.cameras, result.shots) == (1, 6)
+    assert any("left aside" in guess and "shot.png" in guess for guess in result.guesses)
+    assert import_photos(tmp_path / "in", tmp_path / "t", cameras="serial").shots == 7
+    put(tmp_path / "in", {"edited.jpg": scene(8)})
+    assert import_photos(tmp_path / "in", tmp_path / "u").shots == 7
