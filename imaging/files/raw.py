@@ -21,6 +21,7 @@ from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.files.raw_rows import row_stops
 from imaging.files.silence import quiet
 from imaging.files.tiff import dng_colour, dng_tags, dng_unread
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader
@@ -278,6 +279,12 @@ def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
         raise InputError(f"{path} has a black level above its white level: copy it again from the camera.")
     if mosaic.pixels.size == 0:
         raise InputError(f"{path} holds no pixels: copy it again from the camera.")
+    stops = row_stops(mosaic)
+    if stops:
+        raise InputError(
+            f"{path} has rows that differ by {stops:.1f} stops by turns, as Dual ISO and interlaced HDR "
+            "record them: convert it to an ordinary DNG first, Magic Lantern's with cr2hdr."
+        )
     return mosaic
 
 
