@@ -105,6 +105,8 @@ def nodes_source(
     positions = [report.positions for report in reports.values()]
     simulated = [count for count in positions if count is not None]
     all_simulated = len(simulated) == len(positions)
+    if all_simulated:
+        _require_positions(rig, request, reports)
     operator = OperatorOfNodes(stage, None if all_simulated else person)
     yield rig_source(rig, named, operator, min(simulated) if all_simulated else None, clock)
 
@@ -125,6 +127,18 @@ def ray_source(
         nodes_source(rig, request, links, person=person, clock=clock, say=say) as source,
     ):
         yield source
+
+
+def _require_positions(rig: RigFile, request: CaptureRequest, reports: Mapping[str, NodeReport]) -> None:
+    """InputError unless the simulated rig of each node has as many positions as frames are asked for."""
+    asked = rig.tables.frames if request.frames is None else request.frames
+    where = f"{rig.path} asks for" if request.frames is None else "the command line asks for"
+    for name, report in reports.items():
+        if request.kind == "scene" and report.positions is not None and asked > report.positions:
+            raise InputError(
+                f"{where} {asked} frames, and the simulated rig of node {name} has {report.positions} "
+                f"positions: choose 1 to {report.positions}."
+            )
 
 
 def _named(

@@ -11,6 +11,7 @@ from typing import Any
 from capture.nodes.node import Assignment, Node
 from capture.nodes.place import place_of, settings_here
 from capture.nodes.remote import NodeLost
+from capture.nodes.token import ASKS, MODE, ask_for_token, has_token, token_file
 from imaging.errors import CaptureError, InputError
 
 PATIENCE = 5.0
@@ -21,6 +22,10 @@ STARTED = 60.0
 """Seconds in which an actor has to begin; rig has to be loaded there."""
 AT_ONCE = 64
 """Questions that a node works on at a time: as many cameras."""
+
+
+HEAD = f"{MODE}={ASKS} ray start --head"
+"""How a cluster is begun that asks for tokens."""
 
 
 def resource_of(name: str) -> str:
@@ -46,20 +51,37 @@ def require_ray() -> Any:
 
 @contextmanager
 def joined(address: str) -> Iterator[Any]:
-    """Ray, connected with a cluster until the block ends. InputError: it is not there."""
+    """Ray, connected with a cluster until the block ends, by this host's token where it has one.
+
+    InputError: it is not there, or wants another token.
+    """
+    if has_token():
+        ask_for_token(os.environ)
     ray = require_ray()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anyone
     try:
         require_answer(address)
+    except OSError as error:
+        raise _nobody(address, error) from None
+    try:
         ray.init(address, log_to_driver=False, logging_level="ERROR")
-    except (OSError, ValueError, RuntimeError) as error:
-        what = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
-        sentence = f"No Ray cluster answers at {address} ({what}): begin one with ray start --head."
-        raise InputError(sentence) from None
+    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
+        refused = isinstance(error, ConnectionError) and "Failed to connect" in str(error)
+        if not refused and type(error).__name__ != "AuthenticationError":
+            raise _nobody(address, error) from None
+        raise InputError(
+            f"The Ray cluster at {address} does not let this host in: copy {token_file()} of a host where "
+            "rig node runs to the same place here."
+        ) from None
     try:
         yield ray
     finally:
         ray.shutdown()
+
+
+def _nobody(address: str, error: Exception) -> InputError:
+    what = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+    return InputError(f"No Ray cluster answers at {address} ({what}): begin one with {HEAD}.")
 
 
 def require_answer(address: str) -> None:

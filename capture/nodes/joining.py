@@ -10,8 +10,9 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from capture.nodes.cluster import require_answer, require_ray, resource_of
+from capture.nodes.cluster import HEAD, require_answer, require_ray, resource_of
 from capture.nodes.place import VARIABLE, NodeSettings
+from capture.nodes.token import MODE, OpenDoor, ask_for_token
 from imaging.errors import CaptureError, InputError
 
 LEAVE = 15.0
@@ -19,6 +20,20 @@ LEAVE = 15.0
 _STARTED = "Ray runtime started"
 _TOLD = 20
 """Lines of Ray's output among which the reason is looked for why it did not start."""
+
+
+_WITH_PARENT = """
+import ctypes, os, signal, sys
+parent = int(sys.argv[1])
+try:
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+except (OSError, AttributeError):
+    pass
+if os.getppid() == parent:
+    os.execv(sys.executable, [sys.executable, *sys.argv[2:]])
+"""
+"""A program that becomes another one, which gets a SIGTERM when its parent has ended (PR_SET_PDEATHSIG of
+Linux). Ray's processes, in a session of their own, would go on as a node that nobody can end."""
 
 
 class JoinedNode:
@@ -68,8 +83,11 @@ class JoinedNode:
 def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
     """This host as a node of the cluster whose head is at `HOST:PORT`, until the block ends.
 
-    InputError: Ray is not installed, or nobody answers there. CaptureError: Ray did not start.
+    Ray's processes end with this one, however it ends. InputError: Ray is not installed, nobody answers
+    there, or whoever comes is let in. CaptureError: Ray did not start.
     """
+    environment = {**os.environ}
+    guarded = ask_for_token(environment)
     require_ray()
     try:
         require_answer(address)
@@ -77,14 +95,16 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
         what = (error.strerror or str(error)).lower()
         raise InputError(
             f"No Ray cluster answers at {address} ({what}): begin one on the host that leads, by "
-            f"ray start --head --port {address.rpartition(':')[2]}."
+            f"{HEAD} --port {address.rpartition(':')[2]}."
         ) from None
-    command = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--disable-usage-stats"]
+    door = OpenDoor(address) if guarded else None
+    command = [sys.executable, "-c", _WITH_PARENT, str(os.getpid()), "-m", "ray.scripts.scripts"]
+    command += ["start", "--block", "--disable-usage-stats"]
     command += ["--address", address, "--num-cpus", "1"]
     command += ["--resources", json.dumps({resource_of(settings.name): 1})]
     process = subprocess.Popen(
         command,
-        env=os.environ | {VARIABLE: settings.model_dump_json(), "PYTHONUNBUFFERED": "1"},
+        env=environment | {VARIABLE: settings.model_dump_json(), "PYTHONUNBUFFERED": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -94,6 +114,13 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
     node = JoinedNode(process)
     try:
         node.wait_for_start()
+        if door is not None and door.is_open():
+            raise InputError(
+                f"The Ray cluster at {address} lets in whoever reaches it, to run programs on its hosts: "
+                f"begin it by {HEAD}, or set {MODE}=disabled where all that network is your own."
+            )
         yield node
     finally:
+        if door is not None:
+            door.close()
         node.leave()

@@ -1,5 +1,6 @@
 """`rig node`: the cameras of this host for a rig that another host leads."""
 
+import os
 import signal
 from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
@@ -58,8 +59,9 @@ def node(
     """Serve the cameras of this host to the one that leads.
 
     Joins the Ray cluster (pip install -e '.[cluster]') of the host that leads, which captures with
-    rig capture RIG.toml; cameras whose tables name this node are then driven here. Stays until Ctrl-C. Ray
-    has no password: the network has to be your own.
+    rig capture RIG.toml; cameras whose tables name this node are then driven here. Stays until Ctrl-C. The
+    cluster lets in who has its token, which the first node makes; what its hosts say to each other is not
+    encrypted.
 
     Example: rig node left --ray 192.168.1.10:6379
     """
@@ -68,6 +70,7 @@ def node(
             from capture.nodes.joining import joined_as
             from capture.nodes.node import Assignment, Node
             from capture.nodes.place import place_of, settings_of
+            from capture.nodes.token import MODE, ask_for_token, make_token
             from imaging.files import store
 
             settings = settings_of(
@@ -87,6 +90,13 @@ def node(
                 status.say(f"{one.serial}  {one.make} {one.model}")
             for refused in report.refused:
                 status.say(f"{refused}.")
+            if not ask_for_token({**os.environ}):
+                status.say(f"{MODE} is off: whoever reaches this network can run programs on this host.")
+            elif (made := make_token()) is not None:
+                status.say(
+                    f"A token was made, without which nobody can connect: copy {made} to the same place on "
+                    "every other host, and begin the cluster there, with RAY_AUTH_MODE=token."
+                )
             status("joining", 0, 0)
             where = f"{ray[0]}:{ray[1]}"
             joined = stack.enter_context(joined_as(settings, where))

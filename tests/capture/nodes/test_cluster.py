@@ -15,6 +15,7 @@ from capture.capture_rig import capture_rig
 from capture.check.check import check
 from capture.connected_rig import Unattended
 from capture.nodes.cluster import RayLink, ray_links, resource_of
+from capture.nodes.joining import joined_as
 from capture.nodes.node import Assignment
 from capture.nodes.place import VARIABLE, NodeSettings
 from capture.nodes.remote import NodeLost
@@ -95,6 +96,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
         here = str(Path(__file__).parents[3])
         patch.setenv("PYTHONPATH", os.pathsep.join([here, *filter(None, sys.path)]))
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        patch.setenv("RAY_AUTH_TOKEN_PATH", str(tmp_path_factory.mktemp("ray") / "auth_token"))
         cluster = Cluster(
             initialize_head=True,
             head_node_args={
@@ -173,6 +175,21 @@ def test_an_actor_that_dies_begins_anew(hosts: Hosts) -> None:
         while not answers:
             with suppress(NodeLost):
                 answers = len(link.ask("report").served)
+
+
+def test_a_cluster_that_lets_everybody_in_is_not_joined(hosts: Hosts) -> None:
+    settings = NodeSettings(name="open", disk=hosts.folder / "open", sim="toy")
+    with (
+        pytest.raises(InputError, match=r"lets in whoever reaches it.*RAY_AUTH_MODE=token ray start"),
+        joined_as(settings, hosts.address),
+    ):
+        pass
+
+
+def test_more_frames_than_a_simulated_rig_has_positions_name_who_asks(hosts: Hosts, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"asks for 7 frames, and the simulated rig of node left has 3 posi"):
+        capture_rig(hosts.rig(), tmp_path / "S", frames=7, ray=hosts.address)
+    assert not (tmp_path / "S").exists()
 
 
 def _require_free(hosts: Hosts) -> None:

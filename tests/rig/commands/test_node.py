@@ -24,6 +24,12 @@ node = "right"
 NOBODY = "127.0.0.1:9"
 
 
+@pytest.fixture(autouse=True)
+def _token_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(tmp_path / "auth_token"))
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+
+
 @pytest.fixture
 def rig_file(tmp_path: Path) -> Path:
     path = tmp_path / "RIG.toml"
@@ -36,8 +42,13 @@ def test_a_cluster_that_is_not_there_is_told(rig, tmp_path: Path, rig_file: Path
     assert (code, out) == (2, "")
     lines = err.splitlines()
     assert lines[:2] == ["SIM-RAW-001  hdr-rig Simulated PTP", "SIM-RAW-002  hdr-rig Simulated PTP"]
+    assert lines[2].startswith("A token was made, without which nobody can connect: copy ")
+    assert f" {tmp_path}/auth_token to the same place" in lines[2]
+        f"A token was made, without which nobody can connect: copy {tmp_path}/auth_token"
+    )
+    assert (tmp_path / "auth_token").stat().st_mode & 0o777 == 0o600
     assert f"No Ray cluster answers at {NOBODY} (connection refused): begin one" in lines[-1]
-    assert lines[-1].endswith("by ray start --head --port 9.")
+    assert lines[-1].endswith("by RAY_AUTH_MODE=token ray start --head --port 9.")
     pytest.importorskip("ray")
     code, out, err = rig("capture", str(rig_file), str(tmp_path / "S"), "--ray", NOBODY)
     assert (code, out) == (2, "")
