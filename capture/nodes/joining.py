@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 
 from capture.nodes.cluster import HEAD, require_answer, require_ray, resource_of
 from capture.nodes.place import VARIABLE, NodeSettings
-from capture.nodes.token import MODE, OpenDoor, ask_for_token
+from capture.nodes.token import MODE, OpenDoor, ask_for_token, make_token
 from imaging.errors import CaptureError, InputError
 
 LEAVE = 15.0
@@ -85,6 +85,7 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
 
     Ray's processes end with this one, however it ends. InputError: Ray is not installed, nobody answers
     there, or whoever comes is let in. CaptureError: Ray did not start.
+    StorageError: there is no token, and none can be written.
     """
     environment = {**os.environ}
     guarded = ask_for_token(environment)
@@ -97,6 +98,8 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
             f"No Ray cluster answers at {address} ({what}): begin one on the host that leads, by "
             f"{HEAD} --port {address.rpartition(':')[2]}."
         ) from None
+    if guarded:
+        make_token()
     door = OpenDoor(address) if guarded else None
     command = [sys.executable, "-c", _WITH_PARENT, str(os.getpid()), "-m", "ray.scripts.scripts"]
     command += ["start", "--block", "--disable-usage-stats"]

@@ -65,7 +65,7 @@ def _person(rig: RigFile, status: StatusLine, clock: Clock) -> Operator:
     """Whoever sits at the terminal."""
     from rig.terminal.operator import TerminalOperator
 
-    return TerminalOperator(status.ask, rig.tables.pause, clock)
+    return TerminalOperator(status.ask, rig.tables.pause, clock, status.say)
 
 
 @contextmanager

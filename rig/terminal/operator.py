@@ -23,12 +23,19 @@ NEXT: dict[Subject, str] = {
 class TerminalOperator:
     """Reads Enter from standard input; where that is no terminal, nobody is waited for.
 
-    say: shows a line that a person has to read. pause: before all frames but the first, "key" for Enter or so
-    many seconds of `clock`. Darks and flats follow each other without one.
+    ask: shows a line that a person has to read; say: the same line where nobody is waited for. pause: before
+    all frames but the first, "key" for Enter or so many seconds of `clock`. Darks and flats follow each other
+    without one.
     """
 
-    def __init__(self, say: Callable[[str], None], pause: float | Literal["key"], clock: Clock) -> None:
-        self._say, self._pause, self._clock = say, pause, clock
+    def __init__(
+        self,
+        ask: Callable[[str], None],
+        pause: float | Literal["key"],
+        clock: Clock,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self._ask, self._say, self._pause, self._clock = ask, say, pause, clock
         self._kind: Subject = "scene"
         self._frame: int | None = None
 
@@ -47,14 +54,14 @@ class TerminalOperator:
         if self._pause == "key":
             self._wait(what)
         elif self._pause > 0:
-            self._say(f"{what} {self._pause:g} seconds from now it is shot.")
+            self._ask(f"{what} {self._pause:g} seconds from now it is shot.")
             self._clock.sleep(self._pause)
 
     def turn_to(self, band: str) -> None:
         """Wait until the wheel stands at that filter; InputError where nobody could be waited for."""
         what = f"Filter {band}: turn the wheel of every camera to it."
         if self._pause != "key" and self._pause > 0:
-            self._say(f"{what} {self._pause:g} seconds from now it is shot.")
+            self._ask(f"{what} {self._pause:g} seconds from now it is shot.")
             self._clock.sleep(self._pause)
         elif sys.stdin is not None and sys.stdin.isatty():
             self._wait(what)
@@ -66,7 +73,7 @@ class TerminalOperator:
 
     def _wait(self, what: str) -> None:
         if sys.stdin is not None and sys.stdin.isatty():
-            self._say(f"{what} Then press Enter.")
+            self._ask(f"{what} Then press Enter.")
             with suppress(OSError):  # the terminal is gone
                 sys.stdin.readline()
         else:

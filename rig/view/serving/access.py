@@ -4,6 +4,7 @@ import functools
 import hmac
 import http
 import http.cookies
+import logging
 import re
 import secrets
 from collections.abc import Callable, Iterator
@@ -77,6 +78,12 @@ class Access:
         return hmac.compare_digest(text.encode(), self.token.encode())
 
 
+_UNHEARD = logging.getLogger(f"{__name__}.connections")
+"""Where `websockets` writes of connections that made no sense, with tracebacks."""
+_UNHEARD.propagate = False
+_UNHEARD.addHandler(logging.NullHandler())
+
+
 @contextmanager
 def guarded(access: Access) -> Iterator[None]:
     """Servers that are begun in here answer by the rules of `access`.
@@ -95,6 +102,7 @@ def guarded(access: Access) -> Iterator[None]:
                 access.remembered(request, response)
             return response
 
+        options.setdefault("logger", _UNHEARD)
         return serve(*arguments, process_request=answer, **options)  # type: ignore[arg-type]
 
     websockets.asyncio.server.serve = functools.wraps(serve)(guarded_serve)  # type: ignore

@@ -177,7 +177,11 @@ def test_an_actor_that_dies_begins_anew(hosts: Hosts) -> None:
                 answers = len(link.ask("report").served)
 
 
-def test_a_cluster_that_lets_everybody_in_is_not_joined(hosts: Hosts) -> None:
+def test_a_cluster_that_lets_everybody_in_is_not_joined(
+    hosts: Hosts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(tmp_path / "auth_token"))
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
     settings = NodeSettings(name="open", disk=hosts.folder / "open", sim="toy")
     with (
         pytest.raises(InputError, match=r"lets in whoever reaches it.*RAY_AUTH_MODE=token ray start"),

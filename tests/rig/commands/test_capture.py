@@ -212,6 +212,22 @@ def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
     assert (len(said), terminal.pressed) == (1, 1)
 
 
+def test_where_nobody_is_asked_a_move_is_a_remark(terminal: Terminal) -> None:
+    """Which --quiet keeps back; a person who has some seconds is asked nevertheless."""
+    asked: list[str] = []
+    said: list[str] = []
+    terminal.is_there = False
+    operator = TerminalOperator(asked.append, "key", VirtualClock(), said.append)
+    for frame in range(3):
+        operator.move_to(frame)
+    assert (asked, len(said)) == ([], 2)
+    assert said[1] == "Frame 2: move the rig, or what it looks at."
+    operator = TerminalOperator(asked.append, 3.0, VirtualClock(), said.append)
+    for frame in range(2):
+        operator.move_to(frame)
+    assert asked == ["Frame 1: move the rig, or what it looks at. 3 seconds from now it is shot."]
+
+
 def test_a_filter_wheel_is_waited_for_at_every_band(terminal: Terminal) -> None:
     """Nobody may shoot through the filter before: without a terminal only a pause in seconds is enough."""
     said: list[str] = []
