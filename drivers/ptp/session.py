@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.ptp.codec import Command, Event, Reader, Value, pack_value
+from drivers.ptp.codec import Command, Event, Reader, Response, Value, pack_value
 from drivers.ptp.codes import (
     EVERY_FORMAT,
     EVERY_PARENT,
@@ -17,7 +17,7 @@ from drivers.ptp.codes import (
     ResponseCode,
 )
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, Transport
+from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost, Transport
 
 SESSION = 1
 QUICK_TIMEOUT = 8.0
@@ -263,6 +263,8 @@ class PtpSession:
         except (CameraProtocol, CameraTimeout) as error:
             if not self.transport.recover(error, command.transaction):
                 self._begin()
+            if isinstance(error, ResponseLost):  # events and pictures in memory are not sent twice
+                return Answer(Response(ResponseCode.OK, command.transaction), error.data)
             raise
 
     def _begin(self) -> None:

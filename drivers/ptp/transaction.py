@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.errors import CameraTimeout
 from drivers.ptp.codec import Command, Event, Response
 from imaging.errors import CameraError
 
@@ -18,6 +19,14 @@ class Answer:
 
     response: Response
     data: bytes | None
+
+
+class ResponseLost(CameraTimeout):
+    """All data came, and no response after them; some bodies send none, and have forgotten the data."""
+
+    def __init__(self, error: CameraTimeout, data: bytes) -> None:
+        super().__init__(str(error))
+        self.data = data
 
 
 class Transport(Protocol):

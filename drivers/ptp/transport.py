@@ -22,7 +22,7 @@ from drivers.ptp.codec import (
     damaged,
 )
 from drivers.ptp.codes import UNKNOWN_LENGTH, EventCode, ResponseCode
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer
+from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
 from drivers.usb import EndpointStalled, UsbPipe
 from imaging.errors import CameraError
 
@@ -74,7 +74,11 @@ class UsbTransport:
         if Header.unpack(container).kind == ContainerType.DATA:
             answer = Data.unpack(container)
             self._must_belong(answer.transaction, command)
-            payload, container = answer.payload, self._receive(timeout, 64)
+            payload = answer.payload
+            try:
+                container = self._receive(timeout, 64)
+            except CameraTimeout as error:
+                raise ResponseLost(error, payload) from error
         response = Response.unpack(container)
         self._must_belong(response.transaction, command)
         return Answer(response, payload)

@@ -9,7 +9,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
 from drivers.ptp.codec import Command, Event, Response, damaged
 from drivers.ptp.ip.packets import HEAD, Link, PacketType
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer
+from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
 from imaging.errors import CameraError
 
 _NO_DATA_OUT, _DATA_OUT = 1, 2
@@ -62,7 +62,10 @@ class IpTransport:
         payload = None
         if kind == PacketType.START_DATA:
             payload = self._receive_data(command.transaction, fields, timeout, most)
-            kind, fields = self._commands.receive(timeout, _SMALL)
+            try:
+                kind, fields = self._commands.receive(timeout, _SMALL)
+            except CameraTimeout as error:
+                raise ResponseLost(error, payload) from error
         if kind != PacketType.RESPONSE:
             raise damaged(f"a packet of type {kind} where a response was due")
         return Answer(_response(fields, command.transaction), payload)

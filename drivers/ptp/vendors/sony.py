@@ -10,11 +10,19 @@ from collections.abc import Generator
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Reader, Value, damaged, pack_value
-from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode, SonyOperation, SonyProperty
+from drivers.ptp.codes import (
+    UNKNOWN_LENGTH,
+    DataType,
+    Operation,
+    PropertyCode,
+    ResponseCode,
+    SonyOperation,
+    SonyProperty,
+)
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
 from drivers.ptp.picture import has_raw
-from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download, RefusedWith
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
@@ -234,7 +242,13 @@ class SonyBody(StandardBody):
             self.fetch(file)
 
     def _everything(self) -> dict[int, DevicePropDesc]:
-        blob = self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO, timeout=QUICK_TIMEOUT)
+        try:
+            blob = self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO, timeout=QUICK_TIMEOUT)
+        except RefusedWith as error:
+            if self.time is None or error.code != ResponseCode.ACCESS_DENIED:
+                raise
+            # It has begun anew by itself, and wants the handshake again.
+            raise CameraLost(f"{self.session.where} has begun anew: see its battery and cable.") from error
         return unpack_properties(blob)
 
     def _choose(self, description: DevicePropDesc | None, wanted: int) -> None:

@@ -235,5 +235,5 @@ class Responder:
         return Reply(result)
 
 
-_OF_DATA = frozenset({Kind.TRUNCATED, Kind.SPLIT_HEADER, Kind.MERGED_RESPONSE})
+_OF_DATA = frozenset({Kind.NO_RESPONSE, Kind.TRUNCATED, Kind.SPLIT_HEADER, Kind.MERGED_RESPONSE})
 """Faults that only data towards the host can have."""

@@ -33,6 +33,8 @@ _CARRIER = frozenset(
         Kind.SPLIT_HEADER,
         Kind.MERGED_RESPONSE,
         Kind.CORRUPT_LENGTH,
+        Kind.NO_RESPONSE,
+        Kind.FREEZE,
     }
 )
 """What can go wrong on the way, not in the camera."""
@@ -46,6 +48,8 @@ class PtpDevice:
         self._port: Port | None = None
         self._received = b""
         self._command: Command | None = None
+        self._frozen = False
+        """Whether it hears nothing, and lets its shutter and its buttons be as they are."""
         responder.listener = self._send_event
 
     @property
@@ -82,6 +86,8 @@ class PtpDevice:
     def on_control(self, setup: Setup, data: bytes) -> bytes:
         """The requests of the class. Stall."""
         assert self._port is not None
+        if self._frozen:
+            raise Stall
         if (setup.request_type, setup.request) == (_CLASS_OUT, _CANCEL):
             self._received, self._command = b"", None
             self._port.queue(IN).clear()
@@ -137,6 +143,8 @@ class PtpDevice:
         """Do the operation, unless a fault keeps it from being done, and queue the answer."""
         assert self._port is not None
         self._command = None
+        if self._frozen:
+            return
         request = Request(command.code, command.transaction, command.parameters, data)
         faults = self.responder.faults(request, _CARRIER)
         fault_of = {fault.kind: fault for fault in faults}
@@ -148,6 +156,10 @@ class PtpDevice:
         if unplug := fault_of.get(Kind.UNPLUG):
             self._port.unplug_at(max(1, unplug.count), unplug.seconds)
         reply = self.responder.handle(replace(request, faults=faults))
+        if freeze := fault_of.get(Kind.FREEZE):
+            self._frozen = True
+            self.responder.timeline.call_later(freeze.seconds, self._thaw)
+            return
         transaction = command.transaction + (Kind.WRONG_TRANSACTION in fault_of)
         response = Response(reply.code, transaction, reply.parameters).pack()
         if reply.data is None:
@@ -162,9 +174,16 @@ class PtpDevice:
             container = container[HEADER_SIZE:]
         if Kind.MERGED_RESPONSE in fault_of:
             self._port.send(IN, container + response)
+        elif Kind.NO_RESPONSE in fault_of:
+            self._port.send(IN, container)
         else:
             self._port.send(IN, container)
             self._port.send(IN, response)
+
+    def _thaw(self) -> None:
+        """It works again, with a session of nobody."""
+        self._frozen = False
+        self.responder.reset()
 
     def _send_event(self, event: Event) -> None:
         if self._port is not None:
