@@ -43,7 +43,8 @@ class JoinedNode:
         self._process = process
         self._lines: deque[str] = deque(maxlen=_TOLD)
         self._started, self._ended = threading.Event(), threading.Event()
-        threading.Thread(target=self._listen, daemon=True, name="ray start").start()
+        self._listener = threading.Thread(target=self._listen, daemon=True, name="ray start")
+        self._listener.start()
 
     def wait_for_start(self) -> None:
         """CaptureError: Ray did not start, with the last line that looks like a reason."""
@@ -67,14 +68,16 @@ class JoinedNode:
         except subprocess.TimeoutExpired:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
+        self._listener.join(LEAVE)
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            if line.strip():
-                self._lines.append(line.strip())
-            if _STARTED in line:
-                self._started.set()
+        with self._process.stdout as output:
+            for line in output:
+                if line.strip():
+                    self._lines.append(line.strip())
+                if _STARTED in line:
+                    self._started.set()
         self._ended.set()
         self._started.set()
 
