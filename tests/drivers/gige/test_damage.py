@@ -2,16 +2,21 @@
 
 import random
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
 from drivers.gige import control as control_module
 from drivers.gige.control import ControlChannel
 from drivers.gige.gvcp import PORT, Answer, Code, Command
+from drivers.gige.registers import Bootstrap
+from drivers.sim.genicam.description import Feature
 from imaging.errors import CameraError
 
 from .fakes import own_address
@@ -90,3 +95,43 @@ def test_the_simulated_camera_survives_whatever_comes(make_row: MakeRow) -> None
                 (device.address, PORT),
             )
     assert shoot(row.cameras[0]).pixels.shape == (48, 64)
+
+
+REGISTERS = st.sampled_from(sorted({*map(int, Feature), *map(int, Bootstrap)}))
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(
+        st.tuples(
+            REGISTERS,
+            st.integers(-4, 4),
+            st.binary(max_size=24),
+            st.sampled_from((0x82, 0x86)),
+            st.booleans(),
+        ),
+        max_size=40,
+    )
+)
+def test_no_write_ends_the_simulated_camera(
+    make_row: MakeRow, writes: list[tuple[int, int, bytes, int, bool]]
+) -> None:
+    """Of any length, at and across the borders of registers, by a host that has control of it."""
+    row = make_row()
+    (device,) = row.devices
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.settimeout(5)
+
+        def done(number: int, code: int, payload: bytes) -> None:
+            link.sendto(Command(code, number, payload).pack(), (device.address, PORT))
+            assert Answer.parse(link.recv(2048)).request_id == number
+
+        done(1, Code.WRITE_REGISTER, struct.pack(">II", Bootstrap.CONTROL_PRIVILEGE, 2))
+        done(2, Code.WRITE_REGISTER, struct.pack(">II", Bootstrap.STREAM_PORT, link.getsockname()[1] ^ 1))
+        for number, (register, off, data, code, starts) in enumerate(writes, 3):
+            done(number, code, struct.pack(">I", max(register + off, 0)) + data)
+            if starts:
+                done(number + 1000, Code.WRITE_REGISTER, struct.pack(">II", Feature.ACQUISITION_START, 1))
+        done(5000, Code.READ_REGISTER, struct.pack(">I", Bootstrap.VERSION))
+    assert device._serving.is_alive()
+    device.close()
