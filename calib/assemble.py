@@ -14,6 +14,7 @@ from calib.colour.measure import Charts
 from calib.colour.recorded import with_charts
 from calib.data.views import View
 from calib.light import vignetting
+from calib.light.parts import LightPart
 from calib.light.radiometry import Radiometry
 from calib.poses import sfm
 from calib.sensor import metadata
@@ -52,6 +53,8 @@ class Evidence:
     """Surveyed points that the scene is placed by."""
     target: Target | None = None
     """A session in whose coordinates it is placed."""
+    without: Collection[LightPart] = ()
+    """Parts of what scene points tell of light that are left out."""
 
     @property
     def has_sensor_frames(self) -> bool:

@@ -1,10 +1,10 @@
 """A session's calibration, from its own pictures: exposures, response, poses, lenses, falloff."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from calib.assemble import Evidence, assemble
 from calib.boards.measure import measure_board
@@ -14,6 +14,7 @@ from calib.colour.recorded import CHART_RUNGS, charts_of, rebalanced
 from calib.data.views import View, scene_views
 from calib.exports.output import write_calibration
 from calib.light import radiometry
+from calib.light.parts import LightPart
 from calib.light.radiometry import LIGHT_RUNGS, light_of
 from calib.luminance.area import require_places
 from calib.luminance.measure import RUNG
@@ -85,6 +86,7 @@ def calibrate(
     marks: str | Path | None = None,
     markers: str | None = None,
     onto: str | Path | None = None,
+    without: Collection[LightPart] = (),
     on_progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
@@ -111,13 +113,20 @@ def calibrate(
     require_places(opened, luminance or ())
     if not measures.poses and (survey is not None or onto is not None):
         raise InputError(f"--survey and --onto place poses, not the {only}: leave them or --only {only} out.")
+    if not measures.poses and without:
+        raise InputError(
+            f"--without leaves out what poses tell, not the {only}: leave it or --only {only} out."
+        )
+    if unknown := set(without) - set(get_args(LightPart)):
+        parts = ", ".join(get_args(LightPart))
+        raise InputError(f"there is no part {sorted(unknown)[0]!r} to leave out: choose from {parts}.")
     if survey is not None and onto is not None and "none" not in (str(survey), str(onto)):
         raise InputError("The coordinates are a survey's or another session's: give --survey or --onto.")
     target = _target(opened, onto, survey) if measures.poses else None
     control = _control(opened, survey, marks, markers) if target is None else None
     earlier = None if only is None else _earlier(opened)
     evidence = _evidence(opened, measures, earlier, on_progress)
-    evidence = replace(evidence, readings=luminance, control=control, target=target)
+    evidence = replace(evidence, readings=luminance, control=control, target=target, without=without)
     if chart:
         charts = measure_charts(
             opened, evidence.views, evidence.sensors, evidence.light, earlier, on_progress

@@ -9,10 +9,13 @@ from calib import all_views
 from calib.assemble import Evidence, Placement, assemble
 from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
+from calib.colour.white_balance import Balance
 from calib.data.unfinished import Unfinished
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
+from calib.light.parts import ASKED
+from calib.light.stated import stated_by
 from calib.luminance.measure import scaled
 from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
@@ -22,6 +25,7 @@ from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
@@ -66,10 +70,11 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     brightness = {view: summary.brightness for view, summary in summaries.items()}
     colours = {view: summary.colour for view, summary in summaries.items()}
     photographs = {camera.name for camera in session.record.cameras if camera.kind == "ldr"}
-    development = each_photograph.Development({}, {})
+    development, stated = each_photograph.Development({}, {}), stated_by(session, evidence.views)
+    without = evidence.without
     if photographs:
         sights = each_photograph.sights_of(model, colours, photographs, None)
-        development = each_photograph.estimate(*sights)
+        development = each_photograph.estimate(*sights, stated, without)
         brightness = development.brightness(brightness)
     through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
     filters = list(dict.fromkeys(through[name] for name in names))
@@ -78,12 +83,15 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
         comparable=len(filters) == 1,
+        without=without,
     )
     if development.exposure:
         # The first estimate took the falloff for part of what photographs differ by.
         sights = each_photograph.sights_of(model, colours, photographs, falloff)
-        development = each_photograph.estimate(*sights)
-    white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
+        development = each_photograph.estimate(*sights, stated, without)
+    white = Balance({}, {}, (Rung(name="white_balance", taken=False, reason=ASKED),))
+    if "white_balance" not in without:
+        white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
     record = with_balance(assemble(evidence, Placement(model, falloff, by_rig, coordinates)), white)
     if photographs:
         record = with_development(record, development, evidence.views)

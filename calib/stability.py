@@ -106,7 +106,8 @@ def _falloff(rng: np.random.Generator) -> float:
     wrong = rng.random(len(point)) < 0.1
     brightness[wrong] += rng.normal(0, 1, int(wrong.sum()))
     direction = np.tile([0.0, 0.0, 1.0], (len(point), 1))
-    found = estimate(Tracks(point, camera, radius, brightness, direction), names, dict.fromkeys(names, "one"))
+    tracks = Tracks(point, camera, radius, brightness, direction, point % 20)
+    found = estimate(tracks, names, dict.fromkeys(names, "one"))
     powers = np.linspace(0, 1, 11)[:, None] ** [2, 4, 6]
     ratio = (1 + powers @ np.array(found.vignetting["a"])) / (1 + powers @ polynomial)
     relative = np.array([found.gain[name] for name in names]) / gains

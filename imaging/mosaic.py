@@ -40,6 +40,8 @@ class FrameMetadata:
     stamps its frames tells; no file holds it.
     unknown: what its driver could not learn of the frame and took a value for, a sentence each; in no file.
     sensor_mm: the longer side of what the pixels of the picture cover on the sensor.
+    manual_white_balance: it was set, and not chosen by the camera for this frame. balance: by how much the
+    camera raised red and blue over green.
     """
 
     make: str = ""
@@ -56,6 +58,8 @@ class FrameMetadata:
     opened: float | None = None
     unknown: tuple[str, ...] = ()
     position: GpsPosition | None = None
+    manual_white_balance: bool = False
+    balance: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

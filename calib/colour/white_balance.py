@@ -91,6 +91,8 @@ def estimate(
     if uneven < LEAST:
         reason = f"no channel of a camera differs from its others by more than {100 * uneven:.2g} %"
         return Balance({}, {}, (rung.model_copy(update={"taken": False, "reason": reason}),))
+    reason = f"{rung.reason}; a channel differs from its others by up to {100 * uneven:.2g} %"
+    rung = rung.model_copy(update={"reason": reason})
     fixed = np.array([name in anchors and shared[i] for i, name in enumerate(cameras)])
     fixed = fixed if fixed.any() else shared
     to_gauge = np.eye(len(cameras)) - np.outer(np.ones(len(cameras)), fixed / fixed.sum())

@@ -5,17 +5,25 @@ point has one light, so what the photographs of its track differ by is theirs, o
 `ln rgb = ln point + ln d_photograph`. Points are eliminated; what is left is a robust least-squares problem
 with a number for each photograph and channel, after Goldman, "Vignette and exposure calibration and
 compensation" (2010).
+
+The sheen of a lamp moves through the views as well, and on one surface looks just so. It tells itself by two
+things: between views from nearly the same side it does not change, and no two surfaces of a scene have the
+same. So a part is taken only where it does away with most of what regions that it was not fitted to differ
+by, between views of one side where there are enough.
 """
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
 from calib.light.falloff import DARKEST, light_left
+from calib.light.parts import ASKED, LightPart
+from calib.light.stated import NOTHING, Stated
 from calib.light.tracks import LUMINANCE, sightings
+from calib.light.viewing_sides import by_side
 from calib.light.vignetting import NOTICED_IN_SHEEN, Falloff
 from calib.poses.sfm import SceneModel
 from imaging.robust import huber_loss, huber_weight, robust_scale
@@ -24,10 +32,19 @@ from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
+_Reading = Callable[[Array], Array]
 
 FEWEST_POINTS = 100
 FEWEST_SIGHTS = 30
 """Of a photograph, below which it stays as its label has it."""
+FEWEST_OF_REGION = 5
+"""Points of a region in a photograph, whose median counts."""
+FEWEST_MEDIANS = 20
+"""Of regions in photographs, below which they tell nothing."""
+LEFT_OVER = 0.5
+"""Most that a part may leave of the differences between photographs in regions that it was not fitted to. Of
+real cameras that balanced or exposed by themselves 0.15 to 0.4 are left, of sheen 0.7 to 1.5
+(bench/real/light.py)."""
 ROUNDS = 10
 HUBER = 1.5
 FOLDS = 5
@@ -40,16 +57,21 @@ EXPOSURE, WHITE_BALANCE = "exposure_each_photograph", "white_balance_each_photog
 class PhotographSights:
     """Colours of scene points in photographs; rows are observations.
 
-    point, view: int [N]; colour: float64 [N, 3], natural log of linear light, falloff and gain divided out.
+    point, view: int [N]; colour: float64 [N, 3], natural log of linear light, falloff and gain divided out;
+    direction: float64 [N, 3], unit, from the point to the camera; region: int [N], of the scene.
     """
 
     point: Int
     view: Int
     colour: Array
+    direction: Array
+    region: Int
 
     def part(self, keep: npt.NDArray[np.bool_]) -> "PhotographSights":
         """The observations that `keep` [N] names."""
-        return PhotographSights(self.point[keep], self.view[keep], self.colour[keep])
+        return PhotographSights(
+            self.point[keep], self.view[keep], self.colour[keep], self.direction[keep], self.region[keep]
+        )
 
 
 @dataclass(frozen=True)
@@ -91,13 +113,19 @@ def sights_of(
         fall = light_left(terms, seen.radius)
         gain = np.array([falloff.gain[name] for name in names])[seen.view]
         light -= np.log(np.maximum(fall, DARKEST) * gain)[:, None]
-    return PhotographSights(seen.point, seen.view, light), seen.views
+    return PhotographSights(seen.point, seen.view, light, seen.direction, seen.region), seen.views
 
 
-def estimate(sights: PhotographSights, views: list[ViewId]) -> Development:
-    """Exposure and white balance of each photograph, each as far as held-out points ask for it.
+def estimate(
+    sights: PhotographSights,
+    views: list[ViewId],
+    stated: Stated = NOTHING,
+    without: Collection[LightPart] = (),
+) -> Development:
+    """Exposure and white balance of each photograph, each as far as held-out regions ask for it.
 
-    views: in the order of `PhotographSights.view`.
+    views: in the order of `PhotographSights.view`; stated: what the files say is the same in all photographs
+    of a camera, which stays; without: parts that nobody wants.
     """
     sights = _shared(sights)
     points = np.unique(sights.point)
@@ -113,17 +141,29 @@ def estimate(sights: PhotographSights, views: list[ViewId]) -> Development:
         if taken_by.any():
             logs[taken_by] -= logs[taken_by].mean()
     common = logs.mean(axis=1, keepdims=True)
+    said = {
+        EXPOSURE: ASKED if "exposure" in without else stated.of_all("exposure", views),
+        WHITE_BALANCE: ASKED if "white_balance" in without else stated.of_all("white_balance", views),
+    }
+    trial = _Trial.of(sights, count)
     rungs = [
-        _judged(sights, count, EXPOSURE, f"an exposure {OWN}", _no_exposure, _one_exposure),
-        _judged(sights, count, WHITE_BALANCE, f"a white balance {OWN}", _one_exposure, _as_is),
+        trial.judged(EXPOSURE, f"an exposure {OWN}", _no_exposure, _one_exposure),
+        trial.judged(WHITE_BALANCE, f"a white balance {OWN}", _one_exposure, _as_is),
     ]
-    parts = (common[known], (logs - common)[known])
+    parts = (common, logs - common)
     for index, (part, what) in enumerate(zip(parts, ("brightness", "colour"), strict=True)):
-        size = float(np.sqrt(np.mean(np.square(part)))) if known.any() else 0.0
-        reason = f"{rungs[index].reason}; the photographs differ in {what} by {100 * size:.2g} %"
-        taken = rungs[index].taken and size > NOTICED_IN_SHEEN
-        rungs[index] = rungs[index].model_copy(update={"taken": taken, "reason": reason})
+        for place, view in enumerate(views):
+            if view.camera in (stated.exposure, stated.white_balance)[index]:
+                part[place] = 0.0
+        size = float(np.sqrt(np.mean(np.square(part[known])))) if known.any() else 0.0
+        rung = rungs[index]
+        reason = f"{rung.reason}; the photographs differ in {what} by {100 * size:.2g} %"
+        taken = rung.taken and size > NOTICED_IN_SHEEN
+        if said[rung.name]:
+            taken, reason = False, said[rung.name]
+        rungs[index] = rung.model_copy(update={"taken": taken, "reason": reason})
     exposure, white = rungs[0].taken, rungs[1].taken
+    logs = parts[0] + parts[1]
     # Green carries the exposure where colours are told apart, the mean of the channels where they are not.
     scale = logs[:, 1] - (0.0 if exposure else common[:, 0]) if white else common[:, 0]
     told = [index for index in range(count) if known[index]]
@@ -155,28 +195,77 @@ def _as_is(logs: Array) -> Array:
     return logs
 
 
-def _judged(
-    sights: PhotographSights,
-    count: int,
-    name: str,
-    reason: str,
-    simple: Callable[[Array], Array],
-    freer: Callable[[Array], Array],
-) -> Rung:
-    """Whether held-out points are predicted better by the freer of two readings of the same numbers."""
-    fold = np.unique(sights.point, return_inverse=True)[1] % FOLDS
-    differences = []
-    for held in range(FOLDS):
-        logs = _solved(_shared(sights.part(fold != held)), count)
-        test = sights.part(fold == held)
-        residuals = [_residual(test, each(logs)) for each in (simple, freer)]
-        scale = max(robust_scale(residuals[1]), 1e-6)
-        _, point = np.unique(test.point, return_inverse=True)
-        low, high = (huber_loss(each / scale, HUBER).mean(axis=1) for each in residuals)
-        differences.append(np.bincount(point, low - high) / np.bincount(point))
-    gains = np.concatenate(differences)
-    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    return Rung.judged(name, float(gains.mean()), error, UNIT, reason, 3 * count, ONE_OF_SEVERAL)
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Regions held out in turn: their points, and the numbers that the others give.
+
+    folds: for each the sights of held-out regions, those of them that nearly the same side shows, and ln d
+    [count, 3] of the rest.
+    """
+
+    folds: Sequence[tuple[PhotographSights, PhotographSights, Array]]
+    count: int
+
+    @classmethod
+    def of(cls, sights: PhotographSights, count: int) -> "_Trial":
+        """Hold out one fold of the regions after the other."""
+        fold = np.unique(sights.region, return_inverse=True)[1] % FOLDS
+        near = replace(sights, point=by_side(sights.point, sights.direction))
+        folds = []
+        for held in range(FOLDS):
+            rest = _shared(sights.part(fold != held))
+            if (fold == held).any() and len(rest.point):
+                test = (sights.part(fold == held), _shared(near.part(fold == held)))
+                folds.append((*test, _solved(rest, count)))
+        return cls(folds, count)
+
+    def judged(self, name: str, reason: str, simple: _Reading, freer: _Reading) -> Rung:
+        """A part is taken where the freer of two readings of the same numbers predicts held-out points better
+        and does away with most of what held-out regions differ by.
+        """
+        differences = []
+        for test, _, logs in self.folds:
+            residuals = [_residual(test, each(logs)) for each in (simple, freer)]
+            scale = max(robust_scale(residuals[1]), 1e-6)
+            _, point = np.unique(test.point, return_inverse=True)
+            low, high = (huber_loss(each / scale, HUBER).mean(axis=1) for each in residuals)
+            differences.append(np.bincount(point, low - high) / np.bincount(point))
+        gains = np.concatenate(differences) if differences else np.zeros(2)
+        error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+        rung = Rung.judged(name, float(gains.mean()), error, UNIT, reason, 3 * self.count, ONE_OF_SEVERAL)
+        left, where = self._left_over(simple, freer)
+        if left is None:
+            few = f"{reason}; too few points of each region are in two photographs to tell it from sheen"
+            return rung.model_copy(update={"taken": False, "reason": few})
+        told = f"{reason}, which leaves {100 * left:.0f} % of what regions differ by between {where}"
+        return rung.model_copy(update={"taken": rung.taken and left <= LEFT_OVER, "reason": told})
+
+    def _left_over(self, simple: _Reading, freer: _Reading) -> tuple[float | None, str]:
+        """What is left of the differences of held-out regions between photographs, and between which.
+
+        None where neither those of one side nor all are enough.
+        """
+        for one_side, where in ((True, "views of one side"), (False, "all views")):
+            before, after = list[Array](), list[Array]()
+            for test, near, logs in self.folds:
+                seen = near if one_side else test
+                before += _medians(seen, _residual(seen, simple(logs)), self.count)
+                after += _medians(seen, _residual(seen, freer(logs)), self.count)
+            if len(before) >= FEWEST_MEDIANS:
+                # Only what the freer reading is freer by.
+                sizes = [np.median(np.abs(freer(m) - simple(m))) for m in map(np.array, (before, after))]
+                return float(sizes[1] / max(sizes[0], 1e-9)), where
+        return None, ""
+
+
+def _medians(sights: PhotographSights, residual: Array, count: int) -> list[Array]:
+    """The median residual [3] of every region in every photograph that shows enough points of it."""
+    cell = sights.region * count + sights.view
+    order = np.argsort(cell, kind="stable")
+    starts = np.flatnonzero(np.diff(cell[order])) + 1
+    return [
+        np.median(residual[rows], axis=0) for rows in np.split(order, starts) if len(rows) >= FEWEST_OF_REGION
+    ]
 
 
 def _shared(sights: PhotographSights) -> PhotographSights:

@@ -3,7 +3,8 @@
 A scene point is as bright in every view (away from gloss), so what differs between the views of its
 track is the lens and the camera: `ln E = ln L_point + ln gain_camera + ln V(r)`. Points are eliminated by
 taking each track's mean away; what is left is a small robust least-squares problem (Goldman, "Vignette
-and exposure calibration and compensation", 2010, gives the model).
+and exposure calibration and compensation", 2010, gives the model). A lens never gets brighter away from its
+middle, so V does not rise anywhere; what rises is the scene.
 """
 
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import optimize
 
 from imaging.robust import huber_loss, huber_weight, robust_scale
 
@@ -27,6 +29,9 @@ DARKEST = 0.05
 """Share of the light of the middle that a lens leaves at least; what is darker is a hood, or no picture."""
 RADII = np.linspace(0.0, 1.0, 41)
 """Where a falloff has to be above that."""
+FROM_SLOPES = np.array([[1.0, -1.0, 1 / 3], [0.0, 1.0, -2 / 3], [0.0, 0.0, 1 / 3]])
+"""Coefficients of r^2, r^4, r^6 of a falloff whose slope over r^2 is a parabola with these ends and, between
+them, this control point (Bernstein's form): it falls everywhere where none of the three is positive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +40,7 @@ class Tracks:
 
     point: int [N], which scene point; camera: int [N]; radius: float64 [N], 1 at the corner of the
     image; brightness: float64 [N], natural log of merged luminance; direction: float64 [N, 3], unit, from the
-    point to the camera.
+    point to the camera; region: int [N], the region of the scene that the point lies in.
     """
 
     point: npt.NDArray[np.int64]
@@ -43,6 +48,7 @@ class Tracks:
     radius: Array
     brightness: Array
     direction: Array
+    region: npt.NDArray[np.int64]
 
     def apart(self, groups: Sequence[int]) -> "Tracks":
         """The same with a point told apart by the group of the cameras, as many as `camera` counts, that see
@@ -58,6 +64,7 @@ class Tracks:
             self.radius[keep],
             self.brightness[keep],
             self.direction[keep],
+            self.region[keep],
         )
 
 
@@ -92,15 +99,16 @@ def track_losses(tracks: Tracks, fit: Fit, terms: Terms, scale: float) -> Array:
 
 
 def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
-    """Gauss-Newton on the polynomials, re-weighted by Huber's function; no step that makes the fit worse.
+    """Gauss-Newton on the slopes, re-weighted by Huber's function; no step that makes the fit worse.
 
-    Steep falloff bends ln V so much that whole steps lead across zero, where there is no logarithm.
+    No slope becomes positive. Steep falloff bends ln V so much that whole steps lead across zero, where there
+    is no logarithm.
     """
     lenses = max(terms.lenses, default=-1) + 1
     fit = Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
     _, own = np.unique(tracks.point, return_inverse=True)
     weight = np.ones(len(own))
-    powers = radial_powers(tracks.radius)
+    powers = radial_powers(tracks.radius) @ FROM_SLOPES.T
     lens = np.array(terms.lenses or [0] * cameras)[tracks.camera]
     for _ in range(ROUNDS):
         residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, own)[:, 0]
@@ -119,14 +127,26 @@ def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
         normal = design.T @ (design * weight[:, None])
         # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
         normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
-        step = np.linalg.solve(normal, design.T @ (weight * residual))
-        taken = _stepped(tracks, replace(fit, scale=scale), terms, np.asarray(step), weight, own)
+        step = _falling(normal, design.T @ (weight * residual), fit.polynomials)
+        taken = _stepped(tracks, replace(fit, scale=scale), terms, step, weight, own)
         if taken is None:
             return replace(fit, scale=scale)
         fit = taken
         if np.abs(step).max() < SETTLED:
             break
     return fit
+
+
+def _falling(normal: Array, right: Array, polynomials: Array) -> Array:
+    """The step that solves `normal @ step = right` as nearly as falloffs that rise nowhere can.
+
+    Slopes of all polynomials [G, 3] come first, gains follow.
+    """
+    room = np.full(len(right), np.inf)
+    room[: polynomials.size] = np.maximum(-(polynomials @ np.linalg.inv(FROM_SLOPES)).ravel(), 1e-12)
+    root = np.linalg.cholesky(normal)
+    bounds = np.full(len(right), -np.inf), room
+    return np.asarray(optimize.lsq_linear(root.T, np.linalg.solve(root, right), bounds, "bvls").x)
 
 
 def _stepped(
@@ -142,7 +162,7 @@ def _stepped(
     numbers, before = fit.polynomials.size, cost(fit)
     for halving in range(HALVINGS):
         part = step * 0.5**halving
-        polynomials = fit.polynomials + part[:numbers].reshape(fit.polynomials.shape)
+        polynomials = fit.polynomials + part[:numbers].reshape(fit.polynomials.shape) @ FROM_SLOPES
         if darkest(polynomials) < DARKEST:
             continue
         log_gain = fit.log_gain + (part[numbers:] if terms.gains else 0.0)

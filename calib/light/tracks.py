@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.light.falloff import Tracks
+from calib.light.regions import regions_of
 from calib.poses.sfm import SceneModel
 from imaging.cfa import bilinear
 from imaging.colour import balanced, rec709_from_camera
@@ -139,7 +140,8 @@ class Sightings:
     """Where views saw scene points; rows are observations, in order of points and views.
 
     point: int [N], which scene point; view: int [N], of `views`; feature: int [N], of that view; radius:
-    float64 [N], 1 at the corner of the image; direction: float64 [N, 3], unit, from the point to the camera.
+    float64 [N], 1 at the corner of the image; direction: float64 [N, 3], unit, from the point to the camera;
+    region: int [N], the region of the scene that the point lies in.
     """
 
     views: list[ViewId]
@@ -148,6 +150,7 @@ class Sightings:
     feature: npt.NDArray[np.int64]
     radius: Array
     direction: Array
+    region: npt.NDArray[np.int64]
 
     def values(self, of_features: Mapping[ViewId, Array]) -> Array:
         """What views hold of each of their features, [K] or [K, C], at those that were seen: [N, ...]."""
@@ -168,7 +171,8 @@ def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]])
     centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
     rows: list[tuple[int, int, int, float]] = []
     towards: list[Array] = []
-    for index, point in enumerate(sorted(model.reconstruction.points3D)):
+    order = sorted(model.reconstruction.points3D)
+    for index, point in enumerate(order):
         track = model.reconstruction.points3D[point].track
         for element in sorted(track.elements, key=lambda one: one.image_id):
             view = views[number[element.image_id]]
@@ -182,7 +186,10 @@ def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     point, view, feature = table[:, :3].astype(np.int64).T
     seen = np.bincount(point, minlength=1)[point] >= 2
-    return Sightings(views, point[seen], view[seen], feature[seen], table[seen, 3], direction[seen])
+    shared, own = np.unique(point[seen], return_inverse=True)
+    places = np.array([model.reconstruction.points3D[index].xyz for index in order])[shared]
+    region = regions_of(places.reshape(-1, 3))[own]
+    return Sightings(views, point[seen], view[seen], feature[seen], table[seen, 3], direction[seen], region)
 
 
 def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
@@ -193,7 +200,9 @@ def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Se
     """
     seen = sightings(model, {view: np.isfinite(values) for view, values in brightness.items()})
     camera = np.array([cameras.index(view.camera) for view in seen.views], np.int64)
-    return Tracks(seen.point, camera[seen.view], seen.radius, seen.values(brightness), seen.direction)
+    return Tracks(
+        seen.point, camera[seen.view], seen.radius, seen.values(brightness), seen.direction, seen.region
+    )
 
 
 def _radius(x: float, y: float, lens: Lens) -> float:

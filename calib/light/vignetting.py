@@ -1,27 +1,33 @@
-"""Which of falloff towards the corners and unequal sensitivities of the cameras held-out points ask for."""
+"""Which of falloff towards the corners and unequal sensitivities of the cameras held-out regions ask for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from calib.light.falloff import DARKEST, Terms, Tracks, darkest, fit_terms, log_light, track_losses
+from calib.light.falloff import DARKEST, Fit, Terms, Tracks, darkest, fit_terms, log_light, track_losses
+from calib.light.parts import ASKED, LightPart
 from calib.light.viewing_sides import by_side
-from imaging.session.records import ONE_OF_SEVERAL, Rung
+from imaging.session.records import Rung
 
 Array = npt.NDArray[np.float64]
 Coefficients = tuple[float, float, float]
 
 FEWEST_TRACKS = 100
 FOLDS = 5
+SURE = 3.0
+"""Standard errors between the regions of a scene that a part has to gain: surfaces are not lenses, and there
+are few regions."""
 NOTICED = 0.005
-"""Less than this, natural log of light anywhere in any camera, is left out: by chance alone one trial in six
-gains more than its standard error, and such a part of the light nobody misses."""
+"""Less than this, natural log of light between cameras, is left out: nobody misses it."""
+LEAST_FALLOFF = 0.02
+"""And a falloff that takes less than this anywhere. One wrongly taken puts as much into every picture."""
 NOTICED_IN_SHEEN = 0.02
 """And so much where surfaces shine: views of one side still see unlike sheen, which passes for sensitivities
 that differ by 0.8 to 1.6 % on the glossy scenes of bench/recon/ladder_scenes.py, whose cameras are alike."""
 AT_BOUND = 1.02
+UNIT = "robust whitened loss per track of a held-out region"
 TOO_DARK = (
     f"somewhere less than {100 * DARKEST:g} % of the light of the middle arrives, as behind a hood or beyond "
     "the image circle, which no falloff describes: mask what is dark, or shoot flats"
@@ -38,20 +44,25 @@ class Falloff:
 
 
 def estimate(
-    tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str], *, comparable: bool = True
+    tracks: Tracks,
+    cameras: Sequence[str],
+    models: Mapping[str, str],
+    *,
+    comparable: bool = True,
+    without: Collection[LightPart] = (),
 ) -> Falloff:
-    """Falloff and gains that held-out tracks ask for, and nothing else.
+    """Falloff and gains that tracks of held-out regions ask for, and nothing else.
 
     cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
     model share a falloff unless their own predict held-out tracks better. Of falloff and gains the one that
     tells more is tried first, so that it does not pass for the other. comparable: whether the cameras see the
-    same light; if not, they get no gains.
+    same light; if not, they get no gains. without: parts that nobody wants.
     """
     count = len(cameras)
     none = Terms((), gains=False)
     nothing = Falloff(dict.fromkeys(cameras, (0.0, 0.0, 0.0)), dict.fromkeys(cameras, 1.0), ())
     _, tracks_of = np.unique(tracks.point, return_inverse=True)
-    if len(np.unique(tracks_of)) < FEWEST_TRACKS:
+    if len(np.unique(tracks_of)) < FEWEST_TRACKS or len(np.unique(tracks.region)) < FOLDS:
         reason = f"fewer than {FEWEST_TRACKS} scene points are seen well in several views"
         return Falloff(
             nothing.vignetting, nothing.gain, (Rung(name="vignetting", taken=False, reason=reason),)
@@ -59,7 +70,7 @@ def estimate(
     groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
     shared = tuple(groups[models[name]] for name in cameras)
     terms, rungs, noticed = none, list[Rung](), NOTICED
-    both = Terms(shared, gains=comparable and count > 1)
+    both = Terms(shared, gains=comparable and count > 1 and "gain" not in without)
     if (shines := _shines(tracks, both, count)) is not None:
         rung, sides = shines
         rungs.append(rung)
@@ -70,19 +81,22 @@ def estimate(
         nonlocal terms
         gain, error = _gain(tracks, terms, wanted, count)
         more = wanted.parameters(count) - terms.parameters(count)
-        rung = Rung.judged(
-            name, gain, error, "robust whitened loss per held-out track", what, more, ONE_OF_SEVERAL
-        )
+        rung = Rung.judged(name, gain, error, UNIT, what, more, SURE)
         fits = [fit_terms(tracks, one, count) for one in (terms, wanted)] if rung.taken else []
         if fits and darkest(fits[1].polynomials) < AT_BOUND * DARKEST:
             rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})
         elif fits:
             before, after = (log_light(fit, one) for fit, one in zip(fits, (terms, wanted), strict=True))
-            change = float(np.abs(after - before).max())
-            if change < noticed:
+            falloff = name == "vignetting"
+            change = float(np.ptp(after - before) if falloff else np.abs(after - before).max())
+            least = max(noticed, LEAST_FALLOFF if falloff else 0.0)
+            if change < least:
                 reason = f"{what} would change no light by more than {100 * change:.2f} %"
                 reason += ", and sheen changes as much" if noticed > NOTICED else ""
                 rung = rung.model_copy(update={"taken": False, "reason": reason})
+            else:
+                reason = f"{what}; {_size(name, fits[1])}"
+                rung = rung.model_copy(update={"reason": reason})
         rungs.append(rung)
         if rung.taken:
             terms = wanted
@@ -91,8 +105,11 @@ def estimate(
         "vignetting": (replace(none, lenses=shared), "one falloff for each camera model"),
         "camera_gain": (replace(none, gains=True), "a sensitivity for each camera"),
     }
+    refused = {"vignetting": "falloff" in without, "camera_gain": "gain" in without}
+    rungs += [Rung(name=name, taken=False, reason=ASKED) for name in taller if refused[name]]
+    taller = {name: own for name, own in taller.items() if not refused[name]}
     if count == 1:
-        del taller["camera_gain"]
+        taller.pop("camera_gain", None)
     for name in sorted(taller, key=lambda name: -_gain(tracks, none, taller[name][0], count)[0]):
         own, what = taller[name]
         climb(name, Terms(terms.lenses or own.lenses, terms.gains or own.gains), what)
@@ -106,6 +123,17 @@ def estimate(
     return Falloff(vignetting, gain, tuple(rungs))
 
 
+def _size(name: str, fit: Fit) -> str:
+    """What a part changes, in words."""
+    if name == "camera_gain":
+        spread = float(np.exp(np.ptp(fit.log_gain))) - 1.0
+        return f"cameras differ by up to {100 * spread:.2g} %"
+    corner = 1.0 + fit.polynomials.sum(axis=1)
+    least, most = 100 * float(corner.min()), 100 * float(corner.max())
+    share = f"{least:.0f}" if most - least < 1 else f"{least:.0f} to {most:.0f}"
+    return f"the corners get {share} % of the light of the middle"
+
+
 def _shines(tracks: Tracks, terms: Terms, cameras: int) -> tuple[Rung, Tracks] | None:
     """Whether points look different from different sides, and each side of a point as a track of its own.
 
@@ -115,24 +143,27 @@ def _shines(tracks: Tracks, terms: Terms, cameras: int) -> tuple[Rung, Tracks] |
     """
     sides = by_side(tracks.point, tracks.direction)
     twice = np.bincount(sides)[sides] >= 2
-    if len(np.unique(sides[twice])) < FEWEST_TRACKS:
+    if len(np.unique(sides[twice])) < FEWEST_TRACKS or len(np.unique(tracks.region[twice])) < FOLDS:
         return None
     near = replace(tracks, point=sides)
-    fold = np.unique(tracks.point, return_inverse=True)[1] % FOLDS
+    fold = np.unique(tracks.region, return_inverse=True)[1] % FOLDS
     differences = []
     for held in range(FOLDS):
-        test = near.part((fold == held) & twice)
-        whole = fit_terms(tracks.part(fold != held), terms, cameras)
-        own = fit_terms(near.part((fold != held) & twice), terms, cameras)
-        differences.append(
-            track_losses(test, whole, terms, own.scale) - track_losses(test, own, terms, own.scale)
+        out = fold == held
+        if not (out & twice).any() or not (~out & twice).any():
+            continue
+        whole, own = (
+            fit_terms(part, terms, cameras) for part in (tracks.part(~out), near.part(~out & twice))
         )
-    gains = np.concatenate(differences)
+        test = near.part(out & twice)
+        losses = [track_losses(test, fit, terms, own.scale) for fit in (whole, own)]
+        differences.append(_by_region(test, losses[0] - losses[1]))
+    gain, error = _mean_and_error(differences)
     rung = Rung.judged(
         "vignetting_by_side",
-        float(gains.mean()),
-        float(gains.std(ddof=1) / np.sqrt(len(gains))),
-        "robust whitened loss per held-out track",
+        gain,
+        error,
+        UNIT,
         "falloff and sensitivities from views that look from nearly the same side, since surfaces shine",
     )
     return rung, near.part(twice)
@@ -144,15 +175,29 @@ def _row(values: Array) -> Coefficients:
 
 
 def _gain(tracks: Tracks, low: Terms, high: Terms, cameras: int) -> tuple[float, float]:
-    """By how much `high` predicts held-out tracks better than `low`, and the standard error of that."""
-    _, own = np.unique(tracks.point, return_inverse=True)
-    fold = own % FOLDS
+    """By how much `high` predicts held-out regions better than `low`, and the standard error of that."""
+    fold = np.unique(tracks.region, return_inverse=True)[1] % FOLDS
     differences = []
     for held in range(FOLDS):
-        rest, test = tracks.part(fold != held), tracks.part(fold == held)
+        out = fold == held
+        rest, test = tracks.part(~out), tracks.part(out)
         fits = [fit_terms(rest, terms, cameras) for terms in (low, high)]
         scale = fits[0].scale
         losses = [track_losses(test, fit, terms, scale) for fit, terms in zip(fits, (low, high), strict=True)]
-        differences.append(losses[0] - losses[1])
+        differences.append(_by_region(test, losses[0] - losses[1]))
+    return _mean_and_error(differences)
+
+
+def _by_region(tracks: Tracks, values: Array) -> Array:
+    """The mean over each region of a value of each track, in the order of their numbers."""
+    if not len(values):
+        return values
+    _, first = np.unique(tracks.point, return_index=True)
+    _, region = np.unique(tracks.region[first], return_inverse=True)
+    return np.asarray(np.bincount(region, values) / np.bincount(region))
+
+
+def _mean_and_error(differences: Sequence[Array]) -> tuple[float, float]:
+    """Over all regions."""
     gains = np.concatenate(differences)
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))

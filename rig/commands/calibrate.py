@@ -23,6 +23,17 @@ if TYPE_CHECKING:
     from imaging.session.view_id import ViewId
 
 Part = Literal["sensor", "response", "colour", "poses", "luminance"]
+LightPart = Literal["exposure", "white_balance", "falloff", "gain"]
+
+LIGHT: dict[str, tuple[LightPart, str]] = {
+    "exposure_each_photograph": ("exposure", "exposure of each photograph"),
+    "white_balance_each_photograph": ("white_balance", "white balance of each photograph"),
+    "vignetting": ("falloff", "falloff"),
+    "vignetting_each_camera": ("falloff", "falloff of each camera"),
+    "camera_gain": ("gain", "sensitivity of each camera"),
+    "white_balance": ("white_balance", "white balance between cameras"),
+}
+"""Which part each rung of light is of, and its name in words."""
 
 
 def calibrate(
@@ -65,6 +76,10 @@ def calibrate(
             help="Take the coordinates of a calibrated session that shows the same scene; none forgets it.",
         ),
     ] = None,
+    without: Annotated[
+        list[LightPart] | None,
+        typer.Option(help="Leave out this part of what scene points tell of light; may be repeated."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
@@ -80,7 +95,8 @@ def calibrate(
     with running("calibrate") as status:
         described = board.board() if board else None
         anchors = Anchors(survey, marks, markers, onto)
-        return run_calibrate(session, status, only, described, chart, readings_of(luminance), anchors)
+        readings = readings_of(luminance)
+        return run_calibrate(session, status, only, described, chart, readings, anchors, without or ())
 
 
 def run_calibrate(
@@ -91,6 +107,7 @@ def run_calibrate(
     chart: bool = False,
     luminance: "Sequence[LuminanceReading] | None" = None,
     anchors: Anchors = NO_ANCHORS,
+    without: "Sequence[LightPart]" = (),
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -101,7 +118,8 @@ def run_calibrate(
         try:
             record = calibrate_session(
                 session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
-                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, on_progress=status,
+                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, without=without,
+                on_progress=status,
             )  # fmt: skip
         except PartialError:
             # What was measured has its page too; the error says what is missing.
@@ -185,6 +203,14 @@ def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str
             yield f"{session}: {one.reading}: {number(one.luminance)} cd/m², {percent} % off that scale"
 
 
+def _light_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+    """A line for each part of light that was taken, with its size and how to do without it."""
+    for rung in record.rungs:
+        if rung.taken and rung.name in LIGHT:
+            part, name = LIGHT[rung.name]
+            yield f"{session}: {name}: {rung.reason} (--without {part} leaves it out)"
+
+
 def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
     """What coordinates the scene is in, how sure that is, and each surveyed point."""
     from imaging.session.coordinates import length_text
@@ -255,6 +281,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == MOTION],
         *[f"{session}: {doubt}" for doubt in record.doubts],
+        *_light_lines(session, record),
         *_coordinate_lines(session, record),
         *_chart_lines(session, record),
         *_luminance_lines(session, record),

@@ -40,6 +40,7 @@ DIGITAL_ZOOM, LENS_MODEL = 41988, 42036
 COLOUR_SPACE, INTEROP_IFD = 40961, 40965
 PIXELS_ACROSS, PIXELS_DOWN = 40962, 40963
 FOCAL_PLANE_ACROSS, FOCAL_PLANE_DOWN, FOCAL_PLANE_UNIT = 41486, 41487, 41488
+WHITE_BALANCE, MAKER_NOTE = 41987, 37500
 CAMERA_SERIAL = 50735
 
 _NAMES = {
@@ -68,11 +69,15 @@ _NAMES = {
     FOCAL_PLANE_DOWN: "EXIF FocalPlaneYResolution",
     FOCAL_PLANE_UNIT: "EXIF FocalPlaneResolutionUnit",
     BODY_SERIAL: "EXIF BodySerialNumber",
+    WHITE_BALANCE: "EXIF WhiteBalance",
 }
 
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Of a resolution in the focal plane; 4 and 5 are in no standard, and in use."""
 _SENSORS_MM = 1.0, 200.0
+_NIKON, _NIKON_BALANCE = b"Nikon\0\x02", 12
+"""How a maker's note begins that holds a TIFF from byte 10 on, and its tag of gains: red, blue, green."""
+
 _MOST_APEX = 30.0
 """Of a time or an aperture: 34 years, f/32768."""
 
@@ -110,6 +115,8 @@ def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
         entries[DIGITAL_ZOOM] = Entry(RATIONAL, [rational(metadata.digital_zoom)])
     if metadata.lens:
         entries[LENS_MODEL] = Entry(ASCII, metadata.lens)
+    if metadata.manual_white_balance:
+        entries[WHITE_BALANCE] = Entry(SHORT, [1])
     if metadata.serial:
         entries[BODY_SERIAL] = Entry(ASCII, metadata.serial)
     return entries
@@ -263,6 +270,21 @@ def _sensor(tags: Directory) -> float | None:
     return max(sides) if _SENSORS_MM[0] <= max(sides) <= _SENSORS_MM[1] else None
 
 
+def _balance(tags: Directory) -> tuple[float, float] | None:
+    """Gains of red and blue over green, where the maker says them in a way that is known."""
+    note = tags.get(MAKER_NOTE)
+    if not isinstance(note, bytes) or not note.startswith(_NIKON):
+        return None
+    try:
+        reader = TiffReader(BytesIO(note[10:]))
+        gains = numbers(reader.directory(reader.first)[0], _NIKON_BALANCE)
+    except TiffError:
+        return None
+    if len(gains) < 3 or min(gains[:3]) <= 0:
+        return None
+    return gains[0] / gains[2], gains[1] / gains[2]
+
+
 def _metadata(tags: Directory) -> FrameMetadata:
     turned = (*numbers(tags, ORIENTATION), 1.0)[0]
     return FrameMetadata(
@@ -277,4 +299,6 @@ def _metadata(tags: Directory) -> FrameMetadata:
         digital_zoom=_positive(tags, DIGITAL_ZOOM),
         sensor_mm=_sensor(tags),
         orientation=int(turned) if 1 <= turned <= 8 else 1,
+        manual_white_balance=numbers(tags, WHITE_BALANCE) == (1.0,),
+        balance=_balance(tags),
     )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calib.light.each_photograph import Development, PhotographSights, estimate
+from calib.light.stated import Stated
 from imaging.session.view_id import ViewId
 
 VIEWS = [ViewId(frame, "cam") for frame in range(12)]
@@ -17,7 +18,8 @@ def sights(factors: np.ndarray, points: int = 600, noise: float = 0.04, seed: in
     view = np.concatenate([rng.choice(len(VIEWS), 4, replace=False) for _ in range(points)])
     colour = scene[point] + np.log(factors)[view] + rng.normal(0, noise, (len(point), 3))
     colour[rng.random(len(point)) < 0.1] += rng.normal(0, 1, 3)
-    return PhotographSights(point, view, colour)
+    direction = np.tile([0.0, 0.0, 1.0], (len(point), 1))
+    return PhotographSights(point, view, colour, direction, point % 10)
 
 
 def drawn(exposure: float, balance: float, seed: int = 3) -> np.ndarray:
@@ -86,3 +88,79 @@ def test_the_gain_of_a_camera_is_not_an_exposure_of_its_photographs() -> None:
     views = [ViewId(frame, "left" if frame < 6 else "right") for frame in range(12)]
     factors = np.repeat(np.where(np.arange(12) < 6, 1.3, 0.8)[:, None], 3, axis=1)
     assert taken(estimate(sights(factors), views)) == [False, False]
+
+
+def shining(factors: np.ndarray, share: float, seed: int = 0) -> PhotographSights:
+    """A walk around regions of which a share reflect a warm lamp, each in its own direction and as much as it
+    shines; the others are matt. Neighbouring views look from nearly the same side."""
+    rng = np.random.default_rng(seed)
+    points, regions, views = 800, 20, len(VIEWS)
+    region = np.arange(points) % regions
+    shiny = np.arange(regions) < share * regions
+    away = 6.0 * np.arange(views)  # degrees
+    towards = rng.uniform(0, away[-1], regions)
+    strength = np.where(shiny, rng.uniform(0.3, 1.2, regions), 0.0)
+    lobe = strength[:, None] * np.exp(-(((away - towards[:, None]) / 25.0) ** 2))
+    lamp = np.log1p(lobe[..., None] * np.array([1.0, 0.8, 3.0]))
+    scene = rng.normal(0, 1.0, (points, 1)) + rng.normal(0, 0.3, (points, 3))
+    first = rng.integers(0, views - 3, points)
+    point = np.repeat(np.arange(points), 4)
+    view = (first[:, None] + np.arange(4)).ravel()
+    colour = scene[point] + lamp[region[point], view] + np.log(factors)[view]
+    colour += rng.normal(0, 0.03, colour.shape)
+    angle = np.radians(away[view])
+    direction = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    return PhotographSights(point, view, colour, direction, region[point])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_a_lamp_on_shiny_skin_is_no_white_balance(share: float, seed: int) -> None:
+    found = estimate(shining(np.ones((12, 3)), share, seed), VIEWS)
+    assert taken(found) == [False, False]
+    assert found.exposure == found.white_balance == {}
+    assert "of what regions differ by between views of one side" in found.rungs[1].reason
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cameras_that_expose_and_balance_by_themselves_are_told_beside_a_lamp_on_skin(seed: int) -> None:
+    factors = drawn(0.35, 0.12, seed)
+    found = estimate(shining(factors, 0.3, seed), VIEWS)
+    assert taken(found) == [True, True]
+    off = np.log(factors_of(found) / factors)
+    assert (off - off.mean(axis=0)).std() < 0.25 * np.log(factors).std()
+
+
+SAID = {"cam": "the files say so"}
+
+
+def test_what_files_say_is_the_same_stays_the_same() -> None:
+    seen = sights(drawn(0.5, 0.15))
+    both = estimate(seen, VIEWS, Stated(SAID, SAID))
+    assert taken(both) == [False, False]
+    assert [rung.reason for rung in both.rungs] == ["the files say so"] * 2
+    assert both.exposure == both.white_balance == {}
+    colours = estimate(seen, VIEWS, Stated(exposure=SAID))
+    assert taken(colours) == [False, True]
+    assert taken(estimate(seen, VIEWS, Stated(white_balance=SAID))) == [True, False]
+
+
+def test_a_camera_whose_files_say_nothing_is_told_beside_one_whose_files_do() -> None:
+    views = [ViewId(frame, "set" if frame < 6 else "auto") for frame in range(12)]
+    factors = drawn(0.5, 0.0)
+    factors[:6] = 1.0
+    found = estimate(sights(factors), views, Stated({"set": "so"}, {"set": "so"}))
+    assert taken(found) == [True, False]
+    assert {found.exposure[view] for view in views[:6]} == {1.0}
+    told = np.log([found.exposure[view] for view in views[6:]])
+    true = np.log(factors[6:, 0])
+    assert told == pytest.approx(true - true.mean(), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"), [("exposure", [False, True]), ("white_balance", [True, False])]
+)
+def test_parts_can_be_refused(part: str, expected: list[bool]) -> None:
+    found = estimate(sights(drawn(0.5, 0.15)), VIEWS, without=[part])
+    assert taken(found) == expected
+    assert sum(rung.reason == "left out, as was asked" for rung in found.rungs) == 1

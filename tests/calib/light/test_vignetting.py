@@ -1,5 +1,6 @@
 """Falloff and sensitivities against what made the data."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ def made(polynomials, gains, noise=0.05, outliers=0.1, points=1500, seed=0, floo
     value = brightness[point] + np.log(falloff * np.asarray(gains)[camera]) + rng.normal(0, noise, len(point))
     wrong = rng.random(len(point)) < outliers
     value[wrong] += rng.normal(0, 1, int(wrong.sum()))
-    return Tracks(point, camera, radius, value, towards(8.0 * np.tile(np.arange(6), points)))
+    return Tracks(point, camera, radius, value, towards(8.0 * np.tile(np.arange(6), points)), point % 20)
 
 
 def towards(degrees):
@@ -82,7 +83,7 @@ def shining(seed, falloff, gain=0.0):
     radius = np.clip(0.15 + 0.5 * np.abs(ahead) + rng.uniform(-0.15, 0.35, len(point)), 0, 1)
     value = rng.normal(0, 2, points)[point] + rng.normal(0, 0.04, len(point))
     value += 0.25 * np.exp(-2 * ahead**2) + np.log(1 + falloff * radius**2) + gain * camera
-    return Tracks(point, camera, radius, value, towards(15.0 * place + 4.0 * camera))
+    return Tracks(point, camera, radius, value, towards(15.0 * place + 4.0 * camera), point % 20)
 
 
 @pytest.mark.parametrize("falloff", [0.0, -0.3])
@@ -136,7 +137,13 @@ def test_too_few_points_leave_it_open():
 
 
 def test_no_observations_at_all():
-    empty = Tracks(np.empty(0, np.int64), np.empty(0, np.int64), *np.empty((2, 0)), np.empty((0, 3)))
+    empty = Tracks(
+        np.empty(0, np.int64),
+        np.empty(0, np.int64),
+        *np.empty((2, 0)),
+        np.empty((0, 3)),
+        np.empty(0, np.int64),
+    )
     assert estimate(empty, NAMES, MODELS).gain == dict.fromkeys(NAMES, 1.0)
 
 
@@ -168,3 +175,56 @@ def test_cameras_behind_different_filters_get_no_gains_and_share_no_points():
     r = 0.8
     a, b, c = found.vignetting["d"]
     assert 1 + a * r**2 + b * r**4 + c * r**6 == pytest.approx(1 - 0.3 * r**2 + 0.05 * r**4, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "shape", [(-0.20, 0.20, 0.0), (0.15, 0.0, 0.0), (0.28, 0.66, -0.94), (-0.36, 0.44, -0.12)]
+)
+def test_what_goes_down_and_comes_back_or_rises_is_no_lens(shape, seed):
+    """Dark towards the middle of the way and bright again, brighter from the middle on, rise and fall."""
+    found = estimate(made([shape] * 4, [1] * 4, points=1200, noise=0.03, seed=seed), NAMES, MODELS)
+    a, b, c = found.vignetting["a"]
+    r2 = np.linspace(0, 1, 101) ** 2
+    light = 1 + a * r2 + b * r2**2 + c * r2**3
+    assert np.diff(light).max() <= 1e-9
+    # Nor is more taken away than the part of it that falls.
+    true = 1 + shape[0] * r2 + shape[1] * r2**2 + shape[2] * r2**3
+    assert light.min() >= min(true.min(), true[-1]) - 0.02
+
+
+def test_regions_that_disagree_tell_of_no_lens():
+    """Some regions grow darker outwards and some brighter, in thousands of points: surfaces, not glass."""
+    tracks = made(np.zeros((4, 3)), [1] * 4, points=3000, noise=0.02, outliers=0)
+    strength = np.random.default_rng(2).normal(-0.06, 0.15, 20)
+    slope = strength[tracks.region] * tracks.radius**2
+    found = estimate(replace(tracks, brightness=tracks.brightness + slope), NAMES, MODELS)
+    (rung,) = (rung for rung in found.rungs if rung.name == "vignetting")
+    assert not rung.taken
+    assert found.vignetting["a"] == (0.0, 0.0, 0.0)
+
+
+def test_a_falloff_smaller_than_what_one_scene_can_prove_is_left_out():
+    found = estimate(made([(-0.015, 0, 0)] * 4, [1] * 4, noise=0.005, outliers=0), NAMES, MODELS)
+    (rung,) = (rung for rung in found.rungs if rung.name == "vignetting")
+    assert not rung.taken
+    assert "would change no light by more than 1." in rung.reason
+
+
+@pytest.mark.parametrize(("part", "rung"), [("falloff", "vignetting"), ("gain", "camera_gain")])
+def test_parts_can_be_refused(part, rung):
+    tracks = made([(-0.32, 0.09, -0.02)] * 4, [0.9, 1.0, 1.1, 1.0], points=600)
+    found = estimate(tracks, NAMES, MODELS, without=[part])
+    (refused,) = (one for one in found.rungs if one.name == rung)
+    assert not refused.taken
+    assert refused.reason == "left out, as was asked"
+    assert (set(found.gain.values()) == {1.0}) == (part == "gain")
+    assert (found.vignetting["a"] == (0.0, 0.0, 0.0)) == (part == "falloff")
+
+
+def test_the_size_of_what_was_taken_is_said():
+    found = estimate(made([(-0.32, 0.09, -0.02)] * 4, [0.9, 1.0, 1.1, 1.0], points=600), NAMES, MODELS)
+    said = {rung.name: rung.reason for rung in found.rungs}
+    # 1 - 0.32 + 0.09 - 0.02 is 0.75.
+    assert re.search(r"model; the corners get 7[456] % of the light of the middle$", said["vignetting"])
+    assert said["camera_gain"].endswith("cameras differ by up to 22 %")
