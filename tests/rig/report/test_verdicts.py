@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.calibrate import calibrate
 from calib.sensor import metadata
+from imaging.errors import InputError
 from imaging.files import store
 from imaging.session.calibration import (
     MOTION,
@@ -115,6 +117,35 @@ def test_doubts_about_the_poses_are_told_everywhere(toy: Path, name: str) -> Non
     outcome = poses_result(toy, record)
     assert f"{toy}: why they are" in outcome.lines
     assert outcome.data["doubts"] == ["why they are"]
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("exposure_each_photograph", "exposure"),
+        ("white_balance_each_photograph", "white_balance"),
+        ("white_balance", "white_balance"),
+        ("vignetting", "falloff"),
+        ("vignetting_each_camera", "falloff"),
+        ("camera_gain", "gain"),
+    ],
+)
+def test_each_part_of_light_that_was_taken_is_named_with_how_to_leave_it_out(
+    toy: Path, name: str, part: str
+) -> None:
+    record = read_calibration(toy)
+    for taken in (True, False):
+        told = changed(record, rungs=(Rung(name=name, taken=taken, reason="they differ by 7 %"),))
+        lines = [line for line in poses_result(toy, told).lines if "they differ by 7 %" in line]
+        assert len(lines) == taken
+        assert all(line.endswith(f"(--without {part} leaves it out)") for line in lines)
+
+
+def test_parts_to_leave_out_that_are_none_or_need_poses_are_refused(toy: Path) -> None:
+    with pytest.raises(InputError, match="there is no part 'colour' to leave out: choose from exposure, "):
+        calibrate(toy, without=["colour"])  # type: ignore[list-item]
+    with pytest.raises(InputError, match="--without leaves out what poses tell, not the response"):
+        calibrate(toy, only="response", without=["falloff"])
 
 
 def test_how_cameras_that_see_nothing_in_common_stand_is_told_and_what_motion_lacks_is_asked_for(

@@ -1,0 +1,215 @@
+"""Exposure and white balance of photographs: what each part gains where it is needed, and costs elsewhere.
+
+    python -m bench.real.light [--quick] [--json] [--write] [--seeds 1] [--work FOLDER] [--sets banana,...]
+
+Real photographs under RIG_DATA, 1,000 px or less on the long side, and the demo's views as photographs, as
+bench/recon/auto_exposure.py develops them. Each set is calibrated once, and trained (preset draft) from the
+same poses by three rules. `off`: no part. `points`: every part that held-out points ask for by two standard
+errors, which is what scene points tell by themselves. `taken`: what calibration takes, by what the files say
+and by regions that have to agree. Held-out photographs are judged as recorded, and once more after a gain of
+each channel that is fitted to them. Rows are kept in FOLDER. --quick: banana.
+"""
+
+import argparse
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from PIL import Image
+
+from bench.decided.each_photograph import as_labelled, figures
+from bench.recon.auto_exposure import CASES, photographed
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
+from calib.calibrate import calibrate
+from calib.colour.recorded import with_development
+from calib.data.views import scene_views
+from calib.light import each_photograph
+from calib.light.each_photograph import Development
+from calib.light.stated import NOTHING
+from capture.imports.photos import import_photos
+from imaging.errors import PartialError
+from imaging.files import store
+from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+from recon.reconstruct import reconstruct
+
+REAL: Mapping[str, tuple[str, int, int]] = {
+    "banana": ("banana/*.JPG", 960, 1),
+    "fox": ("fox/images/*.jpg", 640, 2),
+    "sceaux": ("sceaux/*.JPG", 960, 1),
+    "monstree": ("monstree/*.jpg", 800, 1),
+    "brighton": ("brighton/*.JPG", 1000, 1),
+}
+"""Which files, px of the long side, and every which of them."""
+MADE = {f"demo, {name}": name for name in CASES}
+RULES = ("off", "points", "taken")
+FRAMES = 3
+"""Of the demo, each of four views."""
+
+
+def session_of(name: str, work: Path) -> Path:
+    """The set, imported and calibrated; beside it what each rule takes."""
+    folder = work / f"light-{name.replace(', ', '-').replace(' ', '-')}"
+    session = folder / "S"
+    if not (session / "session.json").exists():
+        photographs = folder / "photographs"
+        if name in REAL:
+            _scaled(name, photographs)
+        else:
+            photographs, _ = photographed(folder, CASES[MADE[name]], 0, FRAMES)
+        import_photos(photographs, session, bracket=1)
+    if not (folder / "developments.json").exists():
+        developments: dict[str, Development] = {}
+        with patch("calib.light.each_photograph.estimate", partial(_all_rules, developments)):
+            try:
+                calibrate(session)
+            except PartialError as error:
+                print(error)
+        kept = {rule: _as_json(found) for rule, found in developments.items()}
+        store.write_json(folder / "developments.json", kept)
+    return session
+
+
+def _scaled(name: str, folder: Path) -> None:
+    """Copies of a real set's photographs, with what their files say."""
+    pattern, long_side, every = REAL[name]
+    folder.mkdir(parents=True)
+    for path in sorted(Path(os.environ["RIG_DATA"]).glob(pattern))[::every]:
+        with Image.open(path) as picture:
+            factor = long_side / max(picture.size)
+            size = (round(picture.width * factor), round(picture.height * factor))
+            exif = {"exif": picture.info["exif"]} if "exif" in picture.info else {}
+            small = picture.resize(size, Image.Resampling.LANCZOS)
+            small.save(folder / path.name, quality=95, subsampling=0, **exif)
+
+
+_estimate = each_photograph.estimate
+
+
+def _all_rules(kept: dict[str, Development], sights: Any, views: Any, *told: Any) -> Development:
+    """What calibration takes; kept: what each rule would, of its last estimate."""
+    with patch.object(each_photograph, "LEFT_OVER", np.inf):
+        kept["points"] = _estimate(sights, views, NOTHING)
+    kept["off"] = Development({}, {})
+    kept["taken"] = _estimate(sights, views, *told)
+    return kept["taken"]
+
+
+def _as_json(found: Development) -> dict[str, Any]:
+    return {
+        "exposure": {str(view): factor for view, factor in found.exposure.items()},
+        "white_balance": {str(view): list(factors) for view, factors in found.white_balance.items()},
+        "rungs": [rung.model_dump(mode="json") for rung in found.rungs],
+    }
+
+
+def record_by(session: Path, rule: str) -> CalibrationRecord:
+    """The calibration with what a rule takes."""
+    opened = Session.open(session)
+    record = as_labelled(session, read_calibration(session))
+    kept = store.read_json(session.parent / "developments.json")[rule]
+    views = {str(view.id): view.id for view in record.views}
+
+    def of(values: Mapping[str, Any]) -> dict[ViewId, Any]:
+        return {views[name]: value for name, value in values.items() if name in views}
+
+    balances = {view: tuple(value) for view, value in of(kept["white_balance"]).items()}
+    development = Development(of(kept["exposure"]), balances)
+    return with_development(record, development, scene_views(opened))
+
+
+def trained(options: argparse.Namespace, name: str, rule: str, seed: int) -> dict[str, Any]:
+    """Figures of one training."""
+    session = session_of(name, options.work)
+    file = session / "calibration" / "calibration.json"
+    before = file.read_bytes()
+    record = record_by(session, rule)
+    try:
+        store.write_json(file, record.model_dump(mode="json"))
+        made = reconstruct(session, quality="draft", seed=seed, name=rule, replace=True)
+        return figures(made)
+    finally:
+        store.write_bytes(file, before)
+
+
+def evidence(session: Path) -> dict[str, Any]:
+    """What was placed, what points and the calibration say of each part, and its falloff."""
+    kept = store.read_json(session.parent / "developments.json")
+    record = read_calibration(session)
+    falloff = next((rung for rung in record.rungs if rung.name == "vignetting"), None)
+    return {
+        "placed": len(record.views),
+        "views": len(record.views) + len(record.unregistered),
+        "points": kept["points"]["rungs"],
+        "taken": kept["taken"]["rungs"],
+        "falloff": None if falloff is None else falloff.model_dump(mode="json"),
+    }
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """A row of each set."""
+    cache, rows = Cache(options.work / "light.jsonl"), []
+    for name in options.sets:
+        found = evidence(session_of(name, options.work))
+        row: dict[str, Any] = {"set": name, **found}
+        for rule in RULES:
+            row[rule + "_trained"] = [
+                cache.get(f"{name} {rule} {seed}", partial(trained, options, name, rule, seed))
+                for seed in range(options.seeds)
+            ]
+        rows.append(row)
+    return {"machine": machine(), "command": f"--sets {','.join(options.sets)}", "rows": rows}
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# Light of photographs: what each part gains and costs",
+        "",
+        f"`python -m bench.real.light --write {result['command']}`: preset draft, means over the seeds. "
+        f"{words(result['machine'])}.",
+        "",
+        "Exposure and white balance of each photograph: none (off), as points alone would have them, and as",
+        "calibration takes them. left: of what regions differ by that were not fitted to, between views of",
+        "one side where there are enough. dB of held-out photographs, in brackets after a gain of each",
+        "channel that is fitted to them.",
+        "",
+        "| set | placed | exposure, left | white balance, left | taken | falloff | off | by points | taken |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        lefts = [_left(rung["reason"]) for rung in row["points"]]
+        taken = [rung["name"].removesuffix("_each_photograph") for rung in row["taken"] if rung["taken"]]
+        falloff = "taken" if row["falloff"] is not None and row["falloff"]["taken"] else "no"
+        cells = [row["set"], f"{row['placed']} of {row['views']}", *lefts]
+        cells += [" and ".join(taken).replace("_", " ") or "nothing", falloff]
+        for rule in RULES:
+            one = row[rule + "_trained"]
+            means = [np.mean([each[key] for each in one]) for key in ("psnr", "psnr_fitted")]
+            cells.append(f"{means[0]:.2f} ({means[1]:.2f})")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _left(reason: str) -> str:
+    """The share that a rung says is left."""
+    before, found, _ = reason.partition(" % of what regions")
+    return f"{before.rsplit(' ', 1)[1]} %" if found else ""
+
+
+def main() -> None:
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--sets", default=",".join(REAL))
+    options = parser.parse_args()
+    options.sets = ["banana"] if options.quick else options.sets.split(",")
+    result = measure(options)
+    deliver(options, "real_light", result, report(result))
+
+
+if __name__ == "__main__":
+    main()
