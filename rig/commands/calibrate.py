@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,21 +18,31 @@ from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
+    from calib.light import parts
     from imaging.session.calibration import CalibrationRecord
     from imaging.session.luminance import LuminanceReading
     from imaging.session.records import Board
     from imaging.session.view_id import ViewId
 
 Part = Literal["sensor", "response", "colour", "poses", "luminance"]
-LightPart = Literal["exposure", "white_balance", "falloff", "gain"]
+
+
+class LightPart(StrEnum):
+    """Parts of light that scene points tell, as `calib.light.parts` has them."""
+
+    EXPOSURE = "exposure"
+    WHITE_BALANCE = "white_balance"
+    FALLOFF = "falloff"
+    GAIN = "gain"
+
 
 LIGHT: dict[str, tuple[LightPart, str]] = {
-    "exposure_each_photograph": ("exposure", "exposure of each photograph"),
-    "white_balance_each_photograph": ("white_balance", "white balance of each photograph"),
-    "vignetting": ("falloff", "falloff"),
-    "vignetting_each_camera": ("falloff", "falloff of each camera"),
-    "camera_gain": ("gain", "sensitivity of each camera"),
-    "white_balance": ("white_balance", "white balance between cameras"),
+    "exposure_each_photograph": (LightPart.EXPOSURE, "exposure of each photograph"),
+    "white_balance_each_photograph": (LightPart.WHITE_BALANCE, "white balance of each photograph"),
+    "vignetting": (LightPart.FALLOFF, "falloff"),
+    "vignetting_each_camera": (LightPart.FALLOFF, "falloff of each camera"),
+    "camera_gain": (LightPart.GAIN, "sensitivity of each camera"),
+    "white_balance": (LightPart.WHITE_BALANCE, "white balance between cameras"),
 }
 """Which part each rung of light is of, and its name in words."""
 
@@ -78,7 +89,11 @@ def calibrate(
     ] = None,
     without: Annotated[
         list[LightPart] | None,
-        typer.Option(help="Leave out this part of what scene points tell of light; may be repeated."),
+        typer.Option(
+            metavar="PART",
+            help="Leave out a part of what scene points tell of light: "
+            f"{', '.join(LightPart)}. May be repeated.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
@@ -96,7 +111,8 @@ def calibrate(
         described = board.board() if board else None
         anchors = Anchors(survey, marks, markers, onto)
         readings = readings_of(luminance)
-        return run_calibrate(session, status, only, described, chart, readings, anchors, without or ())
+        left_out: list[parts.LightPart] = [part.value for part in without or ()]
+        return run_calibrate(session, status, only, described, chart, readings, anchors, left_out)
 
 
 def run_calibrate(
@@ -107,7 +123,7 @@ def run_calibrate(
     chart: bool = False,
     luminance: "Sequence[LuminanceReading] | None" = None,
     anchors: Anchors = NO_ANCHORS,
-    without: "Sequence[LightPart]" = (),
+    without: "Sequence[parts.LightPart]" = (),
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"

@@ -1,11 +1,13 @@
 """Whether a calibration is good enough, what in it stands out, and what to shoot next."""
 
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
+from calib.light import parts
 from calib.sensor import metadata
 from imaging.errors import InputError
 from imaging.files import store
@@ -21,7 +23,8 @@ from imaging.session.calibration import (
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from rig.commands.calibrate import poses_result
+from rig.__main__ import main
+from rig.commands.calibrate import LightPart, poses_result
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.pages.calibration import calibration_report
 from rig.report.sections.next_shots import next_shots
@@ -146,6 +149,20 @@ def test_parts_to_leave_out_that_are_none_or_need_poses_are_refused(toy: Path) -
         calibrate(toy, without=["colour"])  # type: ignore[list-item]
     with pytest.raises(InputError, match="--without leaves out what poses tell, not the response"):
         calibrate(toy, only="response", without=["falloff"])
+
+
+def test_the_command_hands_on_the_parts_to_leave_out(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def calibrated(session: Path, **options: object) -> CalibrationRecord:
+        asked.append(options["without"])
+        return read_calibration(session)
+
+    monkeypatch.setattr("calib.calibrate.calibrate", calibrated)
+    assert main(["calibrate", str(toy), "--without", "white_balance", "--without", "falloff"]) == 0
+    assert asked == [["white_balance", "falloff"]]
+    assert main(["calibrate", str(toy), "--without", "colour"]) == 2
+    assert tuple(LightPart) == get_args(parts.LightPart)
 
 
 def test_how_cameras_that_see_nothing_in_common_stand_is_told_and_what_motion_lacks_is_asked_for(
