@@ -15,7 +15,7 @@ from rig.options.common import JsonOption, SessionArgument
 from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
-from rig.terminal.text import command_line, counted, number
+from rig.terminal.text import command_line, counted, duration, number
 
 if TYPE_CHECKING:
     from calib.light import parts
@@ -115,6 +115,39 @@ def calibrate(
         return run_calibrate(session, status, only, described, chart, readings, anchors, left_out)
 
 
+SECONDS = 6.0, 18.0
+"""Of a processor, that a photograph takes in all, from sets that are soon done to those that are not: a castle,
+6 megapixels, 6.6 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5 (calibration_full_size.md);
+a telephone's video, 2 megapixels, 17.4."""
+FULL = 2e6
+"""Pixels from which on a photograph takes that long: features are looked for in no more."""
+ON_ALL_CORES = 0.53
+"""Share of that time which all cores do; the rest is done by one (calibration_full_size.md)."""
+WORTH_SAYING = 30.0
+
+
+def expected(sizes: Sequence[int], cores: int) -> str | None:
+    """How long a calibration of views with so many pixels each takes, in words; None: not worth a word."""
+    clock = (1 - ON_ALL_CORES + ON_ALL_CORES / cores) * sum(min(1.0, size / FULL) for size in sizes)
+    low, high = (clock * seconds for seconds in SECONDS)
+    if high < WORTH_SAYING:
+        return None
+    return (
+        f"{counted(len(sizes), 'view')} on {counted(cores, 'core')}: this takes {duration(low)} to "
+        f"{duration(high)} in all, if nothing else runs here."
+    )
+
+
+def _say_how_long(session: Path, status: StatusLine) -> None:
+    from imaging.compute.cores import available_cores
+    from imaging.session.session import Session, brackets
+
+    views = brackets(Session.open(session).shots("scene")).values()
+    words = expected([shots[0].width * shots[0].height for shots in views], available_cores())
+    if words is not None:
+        status.say(words)
+
+
 def run_calibrate(
     session: Path,
     status: StatusLine,
@@ -131,6 +164,8 @@ def run_calibrate(
         from calib.calibrate import calibrate as calibrate_session
         from rig.report.pages.calibration import calibration_report
 
+        if only in (None, "poses"):
+            _say_how_long(session, status)
         try:
             record = calibrate_session(
                 session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
