@@ -44,8 +44,8 @@ def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Br
         if len(photos) == 1:
             return brackets, f"{name}: the one photo is a frame of its own."
         return brackets, (
-            f"{name}: each of {len(photos)} photos is a frame of its own, because their exposures "
-            "form no bracket that repeats; --bracket N groups every N photos."
+            f"{name}: no series of exposures repeats in {len(photos)} photos, so each is a frame of its own "
+            "and none is part of a bracket; --bracket N groups every N photos."
         )
     singles = len([bracket for bracket in brackets if len(bracket) == 1])
     again = " and then repeat" if len(brackets) - singles > 1 else ""

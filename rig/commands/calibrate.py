@@ -116,7 +116,7 @@ def calibrate(
 
 
 SECONDS = 6.0, 18.0
-"""Of a processor, that a photograph takes in all, from sets that are soon done to those that are not: a castle,
+"""Of a processor, that a photograph takes in all, in sets that are soon done and in others: a castle,
 6 megapixels, 6.6 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5 (calibration_full_size.md);
 a telephone's video, 2 megapixels, 17.4."""
 FULL = 2e6
