@@ -15,9 +15,13 @@ from imaging.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import ImageKind
 
-FOREIGN = dict.fromkeys(
-    (".heic", ".heif", ".hif", ".avif"), "convert HEIC to JPEG or TIFF, or set the camera to JPEG"
-) | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
+FOREIGN = (
+    dict.fromkeys(
+        (".heic", ".heif", ".hif"), "install pillow-heif to read HEIC, or convert it to JPEG or TIFF"
+    )
+    | {".avif": "convert AVIF to JPEG or TIFF"}
+    | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
+)
 """What to do about pictures of kinds that are not read, by their suffix."""
 
 

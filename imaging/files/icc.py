@@ -19,6 +19,7 @@ from PIL import ImageCms
 
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.files import cicp
+from imaging.files.heif_webp import embedded_icc, is_heif, is_webp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import is_adobe_rgb
@@ -190,6 +191,8 @@ def _embedded(data: bytes) -> tuple[bytes, str]:
             return _of_jpeg(data)
         if data.startswith(PNG_MAGIC):
             return _of_png(data)
+        if is_webp(data) or is_heif(data):
+            return embedded_icc(data), ""
         value = photograph(TiffReader(BytesIO(data)))[1].get(_ICC_TAG)
     except (TiffError, zlib.error, struct.error, imagecodecs.CmsError, ValueError):
         return _NOTHING

@@ -1,4 +1,4 @@
-"""Display-referred photographs: JPEG, PNG and TIFF of 8 or 16 bits, and their EXIF."""
+"""Display-referred photographs: JPEG, PNG, TIFF, WebP and HEIF of 8 or 16 bits, and their EXIF."""
 
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -13,6 +13,17 @@ from PIL import Image
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
+from imaging.files.heif_webp import (
+    HEIF_SUFFIXES,
+    WEBP_SUFFIXES,
+    decode_heif,
+    decode_webp,
+    heif_is_read,
+    heif_metadata,
+    is_heif,
+    is_webp,
+    webp_metadata,
+)
 from imaging.files.icc import profile_of
 from imaging.files.jpeg_png import (
     JPEG_MAGIC,
@@ -29,7 +40,7 @@ from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
 from imaging.files.tiff.image import UnfitError, decode_tiff
 from imaging.mosaic import FrameMetadata
 
-SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
+SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
 
 PNG_LEVEL = 1
 """Of deflate: the higher ones take three times as long for files that are 7 % smaller."""
@@ -63,8 +74,9 @@ class Photo:
 
 
 def is_photo(path: Path) -> bool:
-    """Whether the suffix is one of JPEG, PNG or TIFF."""
-    return path.suffix.lower() in SUFFIXES
+    """Whether the suffix is one of JPEG, PNG, TIFF or WebP, or of HEIF where its package is installed."""
+    suffix = path.suffix.lower()
+    return suffix in SUFFIXES or (suffix in HEIF_SUFFIXES and heif_is_read())
 
 
 def read_photo(path: str | Path) -> Photo:
@@ -126,10 +138,10 @@ def decode_codes(data: bytes, name: str, fix: str = "copy it again from the came
     """
     if not data:
         raise InputError(f"{name} is empty: {fix}.")
-    decode = _decoder(data)
-    if decode is None:
-        raise InputError(f"{name} is not a JPEG, PNG or TIFF file: convert it to one of them.")
     try:
+        decode = _decoder(data)
+        if decode is None:
+            raise InputError(f"{name} is not a JPEG, PNG or TIFF file: convert it to one of them.")
         codes = np.asarray(decode(data, name))
         if codes.ndim == 2:
             codes = codes[..., None]
@@ -201,6 +213,12 @@ def _decoder(data: bytes) -> Any:
         return _jpeg
     if data.startswith(PNG_MAGIC):
         return _png
+    if is_webp(data):
+        return lambda data, name: decode_webp(data, name).codes
+    if is_heif(data):
+        if not heif_is_read():
+            raise UnfitError("is a HEIF picture: install pillow-heif, or convert it to JPEG")
+        return lambda data, name: decode_heif(data, name).codes
     return decode_tiff if data.startswith(_TIFF_MAGICS) else None
 
 
@@ -257,6 +275,17 @@ def _metadata(file: BinaryIO) -> FrameMetadata | None:
             return read_exif(TiffReader(file))
         except TiffError:
             return FrameMetadata()
+    elif is_webp(head):
+        return webp_metadata(head + file.read())
+    elif is_heif(head) and heif_is_read():
+        return _heif_metadata(head + file.read())
     else:
         return None
     return decode_exif(shell.exif) if shell.exif else FrameMetadata()
+
+
+def _heif_metadata(data: bytes) -> FrameMetadata:
+    try:
+        return heif_metadata(data)
+    except (ValueError, RuntimeError, OSError, EOFError):  # of a damaged file, which its pixels tell of
+        return FrameMetadata()

@@ -20,8 +20,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="PHOTOS",
-            help="Folder of RAW, JPEG, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, COLMAP, LLFF, "
-            "HDR-NeRF or RawNeRF.",
+            help="Folder of RAW, JPEG, HEIC, WebP, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, "
+            "COLMAP, LLFF, HDR-NeRF or RawNeRF.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],

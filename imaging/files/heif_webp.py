@@ -1,0 +1,111 @@
+"""HEIF (HEIC) and WebP photographs: code values of 8 bits, EXIF and colour profile.
+
+HEIF needs the package pillow-heif. It shows pictures upright; those of telephones that stand so by their EXIF
+are laid back, since the pixel grid of a photograph is that of the sensor. WebP: RFC 9649.
+"""
+
+import importlib.util
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from io import BytesIO
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from imaging.compute.memory import check_picture
+from imaging.files.tiff.exif import decode_exif
+from imaging.mosaic import FrameMetadata
+
+WEBP_SUFFIXES = frozenset((".webp",))
+HEIF_SUFFIXES = frozenset((".heic", ".heif", ".hif"))
+
+_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_BACK = {6: 1, 8: -1}
+"""Quarter turns to the left that lay back a picture of this orientation that stands upright."""
+
+
+@dataclass(frozen=True)
+class Wrapped:
+    """What such a file holds. codes: uint8 [H, W, C]; icc: its colour profile, b"" for none."""
+
+    codes: npt.NDArray[np.uint8]
+    metadata: FrameMetadata
+    icc: bytes
+
+
+def heif_is_read() -> bool:
+    """Whether the package for HEIF is installed."""
+    return importlib.util.find_spec("pillow_heif") is not None
+
+
+def is_heif(data: bytes) -> bool:
+    """Whether bytes begin as a HEIF file; AVIF, which is none, has brands of its own."""
+    return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
+
+
+def is_webp(data: bytes) -> bool:
+    """Whether bytes begin as a WebP file."""
+    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
+
+
+def decode_webp(data: bytes, name: str) -> Wrapped:
+    """A WebP file; ValueError where it is cut off, InputError where it takes more memory than there is."""
+    if struct.unpack("<I", data[4:8])[0] + 8 > len(data):
+        raise ValueError("cut off")
+    with Image.open(BytesIO(data)) as shell:
+        check_picture(name, *shell.size)
+    codes = np.asarray(imagecodecs.webp_decode(data), np.uint8)
+    return Wrapped(codes, webp_metadata(data), _chunk(data, b"ICCP"))
+
+
+def webp_metadata(data: bytes) -> FrameMetadata:
+    """What the EXIF of a WebP file says."""
+    return decode_exif(_chunk(data, b"EXIF"))
+
+
+def decode_heif(data: bytes, name: str) -> Wrapped:
+    """A HEIF file, its first picture; errors as `decode_webp`, and those of its package."""
+    found = _heif(data)
+    check_picture(name, *found.size)
+    codes = np.asarray(found)
+    metadata, turns = _laid_back(found)
+    return Wrapped(np.rot90(codes, turns), metadata, found.info.get("icc_profile") or b"")
+
+
+def heif_metadata(data: bytes) -> FrameMetadata:
+    """What the EXIF of a HEIF file says, with the orientation of the picture as it is laid."""
+    return _laid_back(_heif(data))[0]
+
+
+def embedded_icc(data: bytes) -> bytes:
+    """The colour profile in such a file; b"" for none."""
+    return _chunk(data, b"ICCP") if is_webp(data) else _heif(data).info.get("icc_profile") or b""
+
+
+def _heif(data: bytes) -> Any:
+    import pillow_heif
+
+    return pillow_heif.open_heif(BytesIO(data), convert_hdr_to_8bit=True)
+
+
+def _laid_back(found: Any) -> tuple[FrameMetadata, int]:
+    metadata = decode_exif(found.info.get("exif") or b"")
+    width, height = found.size
+    turns = _BACK.get(metadata.orientation, 0) if height > width else 0
+    return (metadata if turns else replace(metadata, orientation=1)), turns
+
+
+def _chunk(data: bytes, kind: bytes) -> bytes:
+    return next((body for name, body in _chunks(data) if name == kind), b"")
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    position = 12
+    while position + 8 <= len(data):
+        kind, length = struct.unpack("<4sI", data[position : position + 8])
+        yield kind, data[position + 8 : position + 8 + length]
+        position += 8 + length + length % 2
