@@ -11,6 +11,8 @@ import sys
 import pytest
 
 from rig.terminal.progress import PlainStatusLine
+from tests.drivers.gige.fakes import camera_at, only_at, own_address
+from tests.drivers.gige.test_sim_device import shoot
 
 
 def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
@@ -72,3 +74,35 @@ def test_an_address_that_is_taken_is_told_before_anything_is_rendered(
         code, _, err = rig("simulate", "--ptpip", f"127.0.0.1:{port}")
     assert code == 2
     assert f"127.0.0.1:{port} cannot be listened on (Address already in use): choose another one." in err
+
+
+def test_it_is_a_gige_camera_at_an_address_of_this_host() -> None:
+    address = own_address(30)
+    command = [sys.executable, "-m", "rig", "simulate", "--gige", address, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        told = next(line for line in process.stderr if "gige:" in line)
+        (found,) = only_at(address).discover()
+        assert found.serial in told
+        assert f"rig cameras --camera gige:{address}" in told
+        camera = camera_at(address)
+        assert shoot(camera).pixels.ndim == 2
+        camera.close()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 0
+    told_at_end = json.loads(out)
+    assert (told_at_end["gige"], told_at_end["shots"]) == (address, 1)
+
+
+@pytest.mark.parametrize("words", [(), ("--gige", "127.0.0.1", "--ptpip", "127.0.0.1:0")])
+def test_it_is_one_camera_of_one_kind(rig, words: tuple[str, ...]) -> None:
+    code, _, err = rig("simulate", *words)
+    assert code == 2
+    assert "give --ptpip HOST:PORT or --gige IPV4, one of them" in err
+
+
+def test_an_address_that_is_not_this_hosts_is_told(rig) -> None:
+    code, _, err = rig("simulate", "--gige", "203.0.113.7")
+    assert code == 2
+    assert "203.0.113.7 cannot be listened on at port 3956" in err
