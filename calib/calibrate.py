@@ -27,6 +27,7 @@ from calib.survey import onto as onto_session
 from calib.survey import placing
 from calib.survey.control import Control, control_of, read_control
 from calib.survey.onto import Target, read_target
+from imaging.arguments import checked
 from imaging.compute.threads import one_thread_a_product
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
@@ -75,6 +76,7 @@ _STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 
 
 @one_thread_a_product()
+@checked
 def calibrate(
     session: str | PathLike[str],
     *,

@@ -14,11 +14,13 @@ from capture.rig_of_nodes import ray_source
 from capture.rigfile.rigfile import RigFile
 from drivers.clock import Clock
 from drivers.gige import Network
+from imaging.arguments import checked
 from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.records import Subject
 
 
+@checked
 def capture_rig(
     rig: RigFile,
     out: str | PathLike[str],

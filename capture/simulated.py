@@ -15,6 +15,7 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
+from imaging.arguments import checked
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
 from imaging.files.tiff.dng import Compression
@@ -24,6 +25,7 @@ from imaging.session.records import Board, PlanRecord, Subject
 from imaging.session.session import Session
 
 
+@checked
 def capture_simulated(
     name: str,
     out: str | PathLike[str],

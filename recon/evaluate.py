@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 
 from imaging import metrics
+from imaging.arguments import checked
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.merge.linear_frame import Bool, Float
@@ -46,6 +47,7 @@ LOOKED_AT = (
 )
 
 
+@checked
 def evaluate(
     folder: str | PathLike[str], *, width: int | None = None, on_progress: Progress = unreported
 ) -> Evaluation:

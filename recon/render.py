@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arguments import checked
 from imaging.colour import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
@@ -18,7 +19,7 @@ from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
-from recon.rendering.data_layers import DataLayers, Layer
+from recon.rendering.data_layers import LAYERS, DataLayers, Layer
 from recon.rendering.light_files import stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.simulated_raw import RawCamera
@@ -43,6 +44,7 @@ class Frame:
     camera: SplatCamera
 
 
+@checked
 def render(
     folder: str | PathLike[str],
     out: str | PathLike[str],
@@ -81,6 +83,9 @@ def render(
     sees any of its Gaussians; InputError for a bad path, or a camera that is not known.
     """
     out = Path(out)
+    for layer in layers:
+        if layer not in LAYERS:
+            raise InputError(f"There is no layer {layer!r:.60}: name any of {', '.join(LAYERS)}.")
     store.require_writable(out)
     scene = open_scene(folder)
     _check_space(scene, space)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.progress import Progress, unreported
 from recon.decide.presets import MethodName, QualityName
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from recon.result.scene import Scene
 
 
+@checked
 def find_cameras(
     simulated: str | None = None, *, addresses: Sequence[str] = (), on_progress: Progress = unreported
 ) -> "list[ConnectedCamera]":
@@ -38,6 +40,7 @@ def find_cameras(
     return list(ask_all(bus.backend, bus.clock, on_progress, network=network, places=places))
 
 
+@checked
 def reconstruct(
     session: str | PathLike[str],
     *,

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from calib.exports.merged_view import UNIT, MergedView, assumed_response, exposure_scales, merge_view
 from calib.exports.middle_grey import exposure_factor
+from imaging.arguments import checked
 from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
@@ -47,6 +48,7 @@ class Merged:
     calibration: CalibrationRecord | None
 
 
+@checked
 def merge(
     session: str | PathLike[str],
     out: str | PathLike[str],

@@ -18,6 +18,7 @@ from capture.check.warnings import warnings
 from capture.pictures.read import PictureFacts
 from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.progress import Progress, unreported
@@ -33,6 +34,7 @@ What holds where no plan says another."""
 _MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
 
 
+@checked
 def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -> CheckReport:
     """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
 

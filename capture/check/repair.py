@@ -12,6 +12,7 @@ from capture.imports.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.pictures.read import kind_of, read_picture
 from capture.record.shot_files import ShotId, depth_file, mask_file, shot_file
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
@@ -34,6 +35,7 @@ class RepairReport(FindingModel):
     backup: str | None
 
 
+@checked
 def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) -> RepairReport:
     """Drop the records whose file is not there, add the whole files that have no record.
 

@@ -24,6 +24,7 @@ from capture.imports.sorting.cameras import Identity, sort_into_cameras
 from capture.imports.sorting.strays import without_strays
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
+from imaging.arguments import checked
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
 from imaging.progress import Progress, unreported
@@ -56,6 +57,7 @@ class ImportResult:
             )
 
 
+@checked
 def import_photos(
     folder: str | PathLike[str],
     out: str | PathLike[str],

@@ -18,6 +18,7 @@ from capture.rigfile.filters import fault_of_bands, fault_of_wheels
 from capture.rigfile.tables import RigTables
 from capture.rigfile.toml_lines import Path as KeyPath
 from capture.rigfile.toml_lines import key_lines, line_of
+from imaging.arguments import checked
 from imaging.errors import InputError
 
 
@@ -34,6 +35,7 @@ class RigFile:
         return f"{self.path}, line {line_of(self.lines, keys)}"
 
 
+@checked
 def read_rig_file(path: str | Path) -> RigFile:
     """Read and validate a rig file; InputError of one sentence with the line that is at fault."""
     path = Path(path)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
+from imaging.arguments import checked
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -107,6 +108,7 @@ class ExrImage:
         return value if isinstance(value, float) and 0 < value < float("inf") else None
 
 
+@checked
 def write_exr(
     path: str | Path,
     channels: npt.NDArray[Any] | Planes,
@@ -167,6 +169,7 @@ def white_luminance(value: float, error: float) -> dict[str, float]:
     return {"whiteLuminance": value, "rig:whiteLuminanceError": error}
 
 
+@checked
 def read_exr(path: str | Path) -> ExrImage:
     """An EXR file; InputError if it is none, is damaged, deep or subsampled.
 

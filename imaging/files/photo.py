@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from imaging.arguments import checked
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
@@ -79,6 +80,7 @@ def is_photo(path: Path) -> bool:
     return suffix in SUFFIXES or (suffix in HEIF_SUFFIXES and heif_is_read())
 
 
+@checked
 def read_photo(path: str | Path) -> Photo:
     """The first image of a JPEG, PNG or TIFF file, told by its content.
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import rawpy
 
+from imaging.arguments import checked
 from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
@@ -45,6 +46,7 @@ def is_raw(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
+@checked
 def read_raw(path: str | Path) -> RawMosaic:
     """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
 

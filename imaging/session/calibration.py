@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.lens import Lens
@@ -250,6 +251,7 @@ def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
     return Rung(name=COLOUR, taken=known > 0, reason=reason)
 
 
+@checked
 def read_calibration(session: str | PathLike[str]) -> CalibrationRecord:
     """The calibration of a session folder; InputError if there is none or it is damaged."""
     session = Path(session)

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -78,6 +79,7 @@ class Exported:
         }
 
 
+@checked
 def export(
     scene: Scene | str | PathLike[str],
     out: str | PathLike[str],

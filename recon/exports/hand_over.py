@@ -9,6 +9,7 @@ from pathlib import Path
 
 import PyOpenColorIO as OCIO
 
+from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import white_luminance, write_exr
@@ -44,6 +45,7 @@ class HandOver:
     notes: tuple[str, ...]
 
 
+@checked
 def hand_over(
     scene: Scene | str | PathLike[str],
     folder: str | PathLike[str],

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import torch
 from PIL import Image
 
+from imaging.arguments import checked
 from imaging.errors import ReconstructionError
 from imaging.files.photo import encode_png
 from imaging.notebook import gallery
@@ -101,6 +102,7 @@ class Scene:
     def __repr__(self) -> str:
         return f"<Scene {self._told()}>"
 
+    @checked
     def view(self, name: str) -> SceneView:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
         for view in self.views:
@@ -108,6 +110,7 @@ class Scene:
                 return view
         raise ReconstructionError(f"{self.folder} has no view {name!r}: name one as {self.views[0].name}.")
 
+    @checked
     def drawn(self, camera: SplatCamera) -> torch.Tensor:
         """What a camera sees, in scene units, without gradient: float32 [H, W, channels].
 
@@ -115,10 +118,12 @@ class Scene:
         """
         return self._rendered(camera).image
 
+    @checked
     def covered(self, camera: SplatCamera) -> torch.Tensor:
         """How much of a picture is of the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
         return self._rendered(camera).alpha.clamp(0, 1)
 
+    @checked
     def render(self, camera: SplatCamera | SceneView | str) -> npt.NDArray[np.float32]:
         """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 
@@ -127,6 +132,7 @@ class Scene:
         """
         return self.in_units(self.drawn(self.record.world.camera(self._camera(camera))))
 
+    @checked
     def at(self, exposure: float = 0.0, camera: SplatCamera | SceneView | str | None = None) -> Image.Image:
         """What a camera sees as a display shows it: 8 bits of sRGB, clipped, in false colours of bands.
 
@@ -181,6 +187,7 @@ class Scene:
             camera = self.view(camera)
         return camera.splat_camera if isinstance(camera, SceneView) else camera
 
+    @checked
     def layer(self, camera: SplatCamera) -> Layer:
         """What a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
 
@@ -248,6 +255,7 @@ class Opened:
         return next(view for view in self.dataset.views if view.name == found)
 
 
+@checked
 def open_scene(folder: str | PathLike[str]) -> Scene:
     """Open a finished reconstruction, wherever its folder is, or the newest of a session.
 

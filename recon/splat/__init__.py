@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import torch
 
-from imaging.errors import ReconstructionError
+from imaging.errors import InputError, ReconstructionError
 from recon.splat.camera import SplatCamera
 from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.limits import CHANNELS_MOST, Limits
@@ -47,7 +47,7 @@ def rasterize(
     the units and the order of `recon.splat.moved.moved`; zeros are the camera as it is. The gradient is
     that of the projection; the cut-offs that depend on the lens follow it without one.
     """
-    _check(means, quats, scales, opacities, colours, background, stats)
+    _check(means, quats, scales, opacities, colours, camera, background, stats)
     view = None
     if camera_delta is not None:
         if tuple(camera_delta.shape) != (DELTA,):
@@ -83,10 +83,29 @@ def _check(
     scales: torch.Tensor,
     opacities: torch.Tensor,
     colours: torch.Tensor,
+    camera: SplatCamera,
     background: torch.Tensor | None,
     stats: SplatStats | None,
 ) -> None:
-    """Shapes, dtypes and devices; ValueError names the one that does not fit."""
+    """Shapes, dtypes and devices; ValueError names the one that does not fit.
+
+    InputError for what is no tensor.
+    """
+    given: dict[str, tuple[object, type]] = {
+        "means": (means, torch.Tensor),
+        "quats": (quats, torch.Tensor),
+        "scales": (scales, torch.Tensor),
+        "opacities": (opacities, torch.Tensor),
+        "colours": (colours, torch.Tensor),
+        "camera": (camera, SplatCamera),
+    }
+    if background is not None:
+        given["background"] = background, torch.Tensor
+    for name, (value, kind) in given.items():
+        if not isinstance(value, kind):
+            raise InputError(f"{name} is a {type(value).__name__}: give it as a {kind.__name__}.")
+    if not means.ndim:
+        raise ValueError("means has shape (), not (N, 3)")
     n = len(means)
     channels = colours.shape[1] if colours.ndim == 2 else 0
     if not 1 <= channels <= CHANNELS_MOST:

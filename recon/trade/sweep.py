@@ -10,6 +10,7 @@ from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 
+from imaging.arguments import checked
 from imaging.compute.workers import LocalWorkers, Task, Workers
 from imaging.errors import ReconstructionError, RigError
 from imaging.files import store
@@ -25,6 +26,7 @@ from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, co
 from recon.train.device import gpus
 
 
+@checked
 def trade_sweep(
     session: str | PathLike[str],
     *,

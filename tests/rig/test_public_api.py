@@ -1,5 +1,6 @@
 """`import rig`: every name it promises is there, and is what it says."""
 
+import inspect
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 import rig
@@ -119,3 +121,59 @@ def test_whether_results_can_be_written_is_tried_before_the_work(name: str, scen
     with pytest.raises(rig.StorageError, match="a file is in the place of a folder"):
         TRIED[name](scene, target)
     assert target.read_text() == "in the way"
+
+
+FUNCTIONS = [name for name in rig.__all__ if inspect.isfunction(getattr(rig, name))]
+WRONG = (5, None, 2.5, b"text", object(), np.zeros(3), [], {})
+"""Of no type that a path, a rig, tensors or RAW have."""
+
+
+@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name != "find_cameras"])
+@pytest.mark.parametrize("value", WRONG, ids=lambda value: type(value).__name__)
+def test_arguments_of_a_wrong_type_are_errors_of_rig(
+    name: str, value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    function = getattr(rig, name)
+    needed = [one for one in inspect.signature(function).parameters.values() if one.default is one.empty]
+    plain = [value for one in needed if one.kind is not one.KEYWORD_ONLY]
+    named = {one.name: value for one in needed if one.kind is one.KEYWORD_ONLY}
+    with pytest.raises(rig.RigError):
+        function(*plain, **named)
+    assert not list(tmp_path.iterdir())
+
+
+OPTIONS: dict[str, Callable[[rig.Scene, Path], object]] = {
+    "layers as text": lambda scene, out: rig.render(scene, out, layers="depth"),
+    "a layer that is none": lambda scene, out: rig.render(scene, out, layers=("colour",)),
+    "views as text": lambda scene, out: rig.render(scene, out, views="0000/cam0"),
+    "stops as a number": lambda scene, out: rig.render(scene, out, stops=2.0),
+    "width as text": lambda scene, out: rig.render(scene, out, width="640"),
+    "a space that is none": lambda scene, out: rig.render(scene, out, space="srgb"),
+    "a path of a number": lambda scene, out: rig.render(scene, out, path=3),
+    "a format that is none": lambda scene, out: rig.export(scene, out / "a", "obj"),
+    "linear as text": lambda scene, out: rig.export(scene, out / "a.ply", linear="yes"),
+    "exposure as text": lambda scene, out: rig.hand_over(scene, out, exposure="bright"),
+    "a camera of a number": lambda scene, out: scene.render(0),
+    "no camera": lambda scene, out: scene.render(None),
+    "an exposure of text": lambda scene, out: scene.at("bright"),
+    "a picture of no camera": lambda scene, out: scene.at(0.0, 3),
+    "a frame of text": lambda scene, out: rig.merge(scene, out, frame="first"),
+    "arrays for tensors": lambda scene, out: rig.rasterize(
+        *(np.zeros((1, size), np.float32) for size in (3, 4, 3)),
+        np.zeros(1, np.float32),
+        np.zeros((1, 3), np.float32),
+        scene.views[0].splat_camera,
+    ),
+    "a view for a camera": lambda scene, out: rig.rasterize(
+        *(torch.ones(1, size) for size in (3, 4, 3)), torch.ones(1), torch.ones(1, 3), scene.views[0]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_options_of_a_wrong_type_are_errors_of_rig(name: str, scene_template: Path, tmp_path: Path) -> None:
+    opened = rig.open_scene(scene_template)
+    with pytest.raises(rig.RigError):
+        OPTIONS[name](opened, tmp_path / "out")
+    assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ import imagecodecs
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arguments import checked
 from imaging.files import store
 from imaging.files.tiff import dng_tags as tag
 from imaging.files.tiff.directory import (
@@ -47,6 +48,7 @@ _SMALLEST_SIDE = 22
 """LibRaw takes smaller images for no image."""
 
 
+@checked
 def write_dng(path: str | Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
     """Write a mosaic, whole or not at all; StorageError when the disk refuses, ValueError as `encode_dng`."""
     path = Path(path)

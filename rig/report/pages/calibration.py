@@ -5,6 +5,7 @@ from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 
+from imaging.arguments import checked
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.session import Session
@@ -35,6 +36,7 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
         yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 
 
+@checked
 def calibration_report(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Path:
     """Write SESSION/calibration/report.html; the session is at `folder`."""
     folder = Path(folder)

@@ -5,6 +5,7 @@ from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 
+from imaging.arguments import checked
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import is_stale
@@ -18,6 +19,7 @@ from rig.report.sections.provenance import provenance
 from rig.report.sections.quality import quality, tiles
 
 
+@checked
 def reconstruction_report(
     folder: str | PathLike[str], *, until: float = math.inf, on_progress: Progress = unreported
 ) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from imaging.arguments import checked
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.decide.presets import START_SHARE
@@ -46,6 +47,7 @@ class TradeSection:
     failed: tuple[tuple[str, str], ...]
 
 
+@checked
 def trade_report(session: str | PathLike[str]) -> Path:
     """Write the page of a session's trade-off; returns its path. InputError if there is none."""
     session = Path(session)

@@ -1,0 +1,79 @@
+"""What public functions are given, looked at before they begin: a value of a wrong type is a sentence."""
+
+import functools
+import inspect
+import numbers
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar
+
+from imaging.errors import InputError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_NUMBERS: dict[Any, type] = {float: numbers.Real, int: numbers.Integral}
+_WORDS = {
+    str: "text",
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    PathLike: "a path",
+    types.NoneType: "None",
+}
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function refuse arguments that are of none of the types in its signature.
+
+    Types that the signature only quotes, and what collections hold, are left to the function. Errors:
+    InputError.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            kind = signature.parameters[name].annotation
+            if not fits(value, kind):
+                raise InputError(
+                    f"{function.__name__} cannot take {value!r:.60} for {name}: give it {wanted(kind)}."
+                )
+        return function(*args, **kwargs)
+
+    return call
+
+
+def fits(value: object, kind: Any) -> bool:
+    """Whether a value is of a type of an annotation, as far as that can be told."""
+    origin = typing.get_origin(kind)
+    if origin in (types.UnionType, typing.Union):
+        return any(fits(value, one) for one in typing.get_args(kind))
+    if origin is Literal:
+        return isinstance(value, str | int) and value in typing.get_args(kind)
+    if kind is None:
+        return value is None
+    if kind is inspect.Parameter.empty:
+        return True
+    if origin is Sequence:
+        return isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+    if kind in _NUMBERS:
+        return isinstance(value, _NUMBERS[kind]) and not isinstance(value, bool)
+    kind = PathLike if kind is Path else origin or kind
+    return not isinstance(kind, type) or isinstance(value, kind)
+
+
+def wanted(kind: Any) -> str:
+    """An annotation in words."""
+    origin = typing.get_origin(kind)
+    if origin in (types.UnionType, typing.Union):
+        return " or ".join(dict.fromkeys(wanted(one) for one in typing.get_args(kind)))
+    if origin is Literal:
+        return "one of " + ", ".join(repr(one) for one in typing.get_args(kind))
+    if origin is Sequence:
+        (held,) = typing.get_args(kind)
+        return f"a list or tuple, each of it {wanted(held)}"
+    kind = PathLike if kind is Path else origin or kind
+    return _WORDS.get(kind) or f"a {getattr(kind, '__name__', kind)}"
