@@ -1,5 +1,6 @@
 """What docs/speed-or-accuracy.md claims of what time and Gaussians buy, and the README in its table."""
 
+import math
 from functools import partial
 
 from recon.decide.presets import QUALITIES
@@ -105,8 +106,32 @@ CLAIMS = (
         lambda: [max(abs(one) for (one,) in cells("memory", "forecast off, %"))],
     ),
     Front(
-        r"\| ([\d.]+) dB \(mu-law, aligned\), preset standard in (\d+) s",
+        r"\| ([\d.]+) dB \(mu-law over the brightest light, aligned\), preset standard in (\d+) s",
         lambda: [presets("standard", "truth_db")[0], presets("standard", "seconds")[0]],
+    ),
+    Front(
+        r"\| (\d+) s of processor time, plain pycolmap (\d+) \|",
+        lambda: [
+            cell("calibration_size", "s", "castle", program, under="Whole") for program in ("rig", "pycolmap")
+        ],
+    ),
+    Front(
+        r"\| ([\d,]+) s of processor time, plain pycolmap ([\d,]+); all placed",
+        lambda: [
+            cells("calibration_full_size", "processor s", program, but="freed")[0][0]
+            for program in ("rig", "pycolmap")
+        ],
+    ),
+    Front(
+        r"the tree reach (\d+) to (\d+) dB\.",
+        lambda: [
+            math.floor(min(beside_peer(name, "PSNR, dB")[0] for name in ("castle", "monstree"))),
+            math.ceil(max(beside_peer(name, "PSNR, dB")[0] for name in ("castle", "monstree"))),
+        ],
+    ),
+    Front(
+        r"close views of an object reach (\d+) dB",
+        lambda: [math.floor(beside_peer("lego", "before white, dB")[0])],
     ),
     Front(r"castle ([\d.]+) dB for ([\d.]+),", lambda: beside_peer("castle", "PSNR, dB")),
     Front(r"tree ([\d.]+) for ([\d.]+),", lambda: beside_peer("monstree", "PSNR, dB")),

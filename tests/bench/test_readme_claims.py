@@ -57,6 +57,9 @@ SETTINGS = {
     ),
     FRONT: (
         r"24 views over 17\.7 stops",
+        r"castle, 6 megapixels",
+        r"photographs of 12 megapixels",
+        r"over the 99\.9th percentile",
         r"photographs, 400 px wide, the same pixels",
         r"and 120 s of processor",
         r"3DGS is published with [\d.]+ at 800 px",
