@@ -47,7 +47,7 @@ REAL: Mapping[str, tuple[str, int, int]] = {
     "brighton": ("brighton/*.JPG", 1000, 1),
 }
 """Which files, px of the long side, and every which of them."""
-MADE = {f"demo, {name}": name for name in CASES}
+MADE = {f"demo {name}": name for name in CASES}
 RULES = ("off", "points", "taken")
 FRAMES = 3
 """Of the demo, each of four views."""
@@ -55,7 +55,7 @@ FRAMES = 3
 
 def session_of(name: str, work: Path) -> Path:
     """The set, imported and calibrated; beside it what each rule takes."""
-    folder = work / f"light-{name.replace(', ', '-').replace(' ', '-')}"
+    folder = work / f"light-{name.replace(' ', '-')}"
     session = folder / "S"
     if not (session / "session.json").exists():
         photographs = folder / "photographs"
@@ -164,15 +164,19 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                 for seed in range(options.seeds)
             ]
         rows.append(row)
-    return {"machine": machine(), "command": f"--sets {','.join(options.sets)}", "rows": rows}
+    return {
+        "machine": machine(),
+        "command": f"--seeds {options.seeds} --sets '{','.join(options.sets)}'",
+        "rows": rows,
+    }
 
 
 def report(result: dict[str, Any]) -> str:
     lines = [
         "# Light of photographs: what each part gains and costs",
         "",
-        f"`python -m bench.real.light --write {result['command']}`: preset draft, means over the seeds. "
-        f"{words(result['machine'])}.",
+        f"`python -m bench.real.light --write {result['command']}`: preset draft (320 px wide), means over "
+        f"the seeds. {words(result['machine'])}.",
         "",
         "Exposure and white balance of each photograph: none (off), as points alone would have them, and as",
         "calibration takes them. left: of what regions differ by that were not fitted to, between views of",
@@ -204,7 +208,7 @@ def _left(reason: str) -> str:
 
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
-    parser.add_argument("--sets", default=",".join(REAL))
+    parser.add_argument("--sets", default=",".join((*REAL, *MADE)))
     options = parser.parse_args()
     options.sets = ["banana"] if options.quick else options.sets.split(",")
     result = measure(options)

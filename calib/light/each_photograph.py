@@ -43,8 +43,8 @@ FEWEST_MEDIANS = 20
 """Of regions in photographs, below which they tell nothing."""
 LEFT_OVER = 0.5
 """Most that a part may leave of the differences between photographs in regions that it was not fitted to. Of
-real cameras that balanced or exposed by themselves 0.15 to 0.4 are left, of sheen 0.7 to 1.5
-(bench/real/light.py)."""
+real cameras that balanced or exposed by themselves 0.15 to 0.47 are left, of sheen and the like
+0.89 to 1.5 (bench/real/light.py)."""
 ROUNDS = 10
 HUBER = 1.5
 FOLDS = 5
