@@ -127,7 +127,9 @@ class Monitor:
             "seconds": round(training.seconds, 3),
         }
         self.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
-        self.progress(self._state(loss), training.iteration, self.schedule.total)
+        # Along the schedule as it was planned: its iterations change with every turn, its length never does.
+        place = self.schedule.position(training.iteration)
+        self.progress(self._state(loss), round(place), self.schedule.planned)
 
     def _wish(self) -> int:
         """What the first of the steers that wants a change wants; 0: none does."""

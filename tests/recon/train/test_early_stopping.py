@@ -89,6 +89,28 @@ def test_a_time_is_kept_whatever_the_machine_does(begun, toy_dataset, cost, plan
     assert training.optimizer.param_groups[0]["lr"] < 2 * training.optimizer.param_groups[0]["rate"].end
 
 
+def test_a_schedule_that_turns_makes_no_progress_jump(begun, toy_dataset):
+    """How far it is only grows, out of a length that stays, though its iterations change at each turn."""
+    training, clock, told = begun(), Clock(lambda t: 0.01 if t.iteration < 45 else 0.03), []
+    train(
+        training,
+        toy_dataset,
+        Plan(100, DensityRules(CAP), log_every=5, measure=True),
+        log=lambda line: None,
+        save=lambda: None,
+        progress=lambda message, done, total: told.append((done, total)),
+        steers=[clock.tick, Deadline(1.0, 1000, CAP)],
+        clock=clock,
+    )
+    assert len(training.schedule.turns) > 2
+    assert training.iteration < 100
+    done = [place for place, _ in told]
+    assert done == sorted(done)
+    assert max(np.diff(done)) < 40
+    assert {total for _, total in told} == {100}
+    assert done[-1] == 100
+
+
 def test_a_machine_that_stands_still_ends_the_training_at_once(begun, toy_dataset):
     training, clock = begun(), Clock(lambda t: 0.01 if t.iteration != 50 else 3.0)
     run(training, toy_dataset, 100, [clock.tick, Deadline(1.0, 1000, CAP)], clock)
