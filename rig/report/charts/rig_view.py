@@ -111,7 +111,10 @@ def turntable(
         f'<li><span class="key s{i % COLOURS}"></span>{escape(name)}</li>' for i, name in enumerate(names)
     )
     legend = f'<ul class="legend">{keys}</ul>' if len(names) <= COLOURS else ""
-    return Markup(f'<div class="turn">{inputs}{"".join(drawings)}</div>{legend}')
+    return Markup(
+        f'<div class="turn" role="radiogroup" aria-label="Direction that the rig is seen from">'
+        f'<span class="soft">Seen from:</span>{inputs}{"".join(drawings)}</div>{legend}'
+    )
 
 
 def _flat(turn: int) -> Array:

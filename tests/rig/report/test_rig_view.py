@@ -44,9 +44,17 @@ def test_every_button_of_the_turntable_shows_its_drawing(toy: Path) -> None:
     html = calibration_report(toy).read_text(encoding="utf-8")
     rules = re.findall(r"input:nth-of-type\((\d+)\):checked ~ svg:nth-of-type\((\d+)\)", html)
     assert rules == [(str(turn), str(turn)) for turn in range(1, STEPS + 1)]
-    (table,) = re.findall(r'<div class="turn">(.*?)</div>', html, re.DOTALL)
+    (table,) = re.findall(r'<div class="turn"[^>]*>(.*?)</div>', html, re.DOTALL)
     assert re.findall(r"<(input|svg) ", table) == ["input"] * STEPS + ["svg"] * STEPS
     assert table.count(" checked") == 1
+
+
+def test_the_buttons_of_the_turntable_say_what_they_are_for(toy: Path) -> None:
+    html = calibration_report(toy).read_text()
+    (table,) = re.findall(r'<div class="turn".*?</div>', html, re.DOTALL)
+    assert 'role="radiogroup" aria-label="Direction' in table
+    assert "Seen from:" in table
+    assert len(re.findall(r'<input type="radio"[^>]* aria-label="Turned by \d+ degrees"', table)) == STEPS
 
 
 def test_a_single_view_without_points_can_be_turned() -> None:
