@@ -89,19 +89,21 @@ def calibrate(
     markers: str | None = None,
     onto: str | Path | None = None,
     without: Collection[LightPart] = (),
+    keep_doubtful: bool = False,
     on_progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
     only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no poses.
-    board: what the session's shots of a board show, where it does not say so itself. chart: search the
-    views for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which make
-    the light absolute; None: those of the calibration that is there, (): none. survey: a table of surveyed
-    points, in whose coordinates the scene is placed; None: that of the calibration that is there, 'none':
-    no survey. marks: a table of where images show them. markers: OpenCV's dictionary of the markers that
-    stand on them. onto: a calibrated session of the same scene, whose coordinates are taken; None: the one
-    of the calibration that is there, 'none': none. The folder is replaced as a whole or not at all. Views
-    without a pose are listed in the record.
+    board: what the session's shots of a board show, where it does not say so itself. chart: search the views
+    for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which make the
+    light absolute; None: those of the calibration that is there, (): none. survey: a table of surveyed
+    points, in whose coordinates the scene is placed; None: that of the calibration that is there, 'none': no
+    survey. marks: a table of where images show them. markers: OpenCV's dictionary of the markers that stand
+    on them. onto: a calibrated session of the same scene, whose coordinates are taken; None: the one of the
+    calibration that is there, 'none': none. keep_doubtful: keep views that others contradict, with a
+    warning, instead of leaving them out. The folder is replaced as a whole or not at all. Views without a
+    pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when the board, the poses or the readings had
@@ -124,6 +126,8 @@ def calibrate(
         raise InputError(f"there is no part {sorted(unknown)[0]!r} to leave out: choose from {parts}.")
     if survey is not None and onto is not None and "none" not in (str(survey), str(onto)):
         raise InputError("The coordinates are a survey's or another session's: give --survey or --onto.")
+    if keep_doubtful and not measures.poses:
+        raise InputError(f"--keep-doubtful is about poses, not the {only}: leave it or --only {only} out.")
     target = _target(opened, onto, survey) if measures.poses else None
     control = _control(opened, survey, marks, markers) if target is None else None
     earlier = None if only is None else _earlier(opened)
@@ -148,7 +152,7 @@ def calibrate(
         return record
     evidence, refused = _with_board(evidence, board, on_progress)
     if evidence.views:
-        record = with_poses(evidence, refused, on_progress)
+        record = with_poses(evidence, refused, keep_doubtful, on_progress)
     elif evidence.board is None and not evidence.has_sensor_frames:
         raise CalibrationError(refused)
     else:

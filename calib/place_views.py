@@ -11,6 +11,7 @@ from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
 from calib.colour.white_balance import Balance
 from calib.data.unfinished import Unfinished
+from calib.data.views import steady_cameras
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
@@ -30,18 +31,21 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 
-def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> CalibrationRecord:
+def with_poses(
+    evidence: Evidence, board_refused: str, keep_doubtful: bool, progress: Progress
+) -> CalibrationRecord:
     """Place the views and write the calibration, which is returned.
 
-    board_refused: why shots of a board gave nothing. CalibrationError when no view can be placed and nothing
-    else was learnt, or an earlier calibration has poses; PartialError when only the rest could be written.
+    board_refused: why shots of a board gave nothing. keep_doubtful: keep views that others contradict.
+    CalibrationError when no view can be placed and nothing else was learnt, or an earlier calibration has
+    poses; PartialError when only the rest could be written.
     """
     session = evidence.session
     kept = Unfinished(session.folder, _question(evidence))
     summaries = all_views.summaries(evidence, kept, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model = _solved(evidence, summaries, 1, kept, progress)
+        model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
     except CalibrationError as error:
         kept.finish()
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
@@ -133,6 +137,7 @@ def _solved(
     summaries: Mapping[ViewId, ViewSummary],
     threads: int,
     kept: Unfinished,
+    keep_doubtful: bool,
     progress: Progress,
 ) -> sfm.SceneModel:
     cameras, board = evidence.session.record.cameras, evidence.board
@@ -170,7 +175,9 @@ def _solved(
         pictures={view: summary.png for view, summary in summaries.items() if not summary.faint},
         brightness={view: summary.brightness for view, summary in summaries.items()},
         exact={camera.name for camera in cameras if camera.kind == "raw"},
+        steady=steady_cameras(evidence.views),
         kept=kept,
+        keep_doubtful=keep_doubtful,
     )
 
 

@@ -27,7 +27,7 @@ from bench.support.trial import Cache
 from calib import all_views, view_images
 from calib.calibrate import calibrate
 from calib.data import features, matching
-from calib.poses import contradictions, first_model
+from calib.poses import first_model, resolution
 from imaging.errors import CalibrationError, PartialError
 from imaging.session.view_id import ViewId
 from tests.foreign import truth
@@ -58,10 +58,10 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"scene": name, "kind": "JPEG" if name in DEVELOPED else "RAW"}
     row |= {"views": len(scene.poses), "before": _judged({}, scene.poses), "doubts": [], "refused": ""}
 
-    def settled(database: Any, reconstruction: Any, *rest: Any) -> Any:
+    def settled(reconstruction: Any, matches: Any, **more: Any) -> Any:
         row["before"] = _judged(_poses(reconstruction), scene.poses)
         try:
-            done = settle(database, reconstruction, *rest)
+            done = settle(reconstruction, matches, **more)
         except CalibrationError as error:
             row["refused"] = str(error)
             raise
@@ -69,7 +69,7 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
         row["doubts"] = [rung.name for rung in done.rungs if rung.taken and rung.name != CHECK]
         raise Placed
 
-    settle = contradictions.resolve_contradictions
+    settle = resolution.resolve_contradictions
     with ExitStack() as stack:
         stack.enter_context(patch.object(first_model, "resolve_contradictions", settled))
         _keep(kept, stack)
@@ -131,7 +131,11 @@ def silent(row: dict[str, Any]) -> bool:
     return row["after"]["wrong"] > 0 and not row["doubts"]
 
 
-TOLD = {"pose_lit_differently": "lit differently", "pose_unconfirmed": "nothing confirms them"}
+TOLD = {
+    "pose_lit_differently": "lit differently",
+    "pose_unconfirmed": "nothing confirms them",
+    "pose_undecided": "undecided",
+}
 
 
 def told(row: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from imaging.errors import CalibrationError, InputError
+from imaging.exposure import Exposure
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
@@ -50,6 +51,17 @@ def views_of(session: Session, kind: Subject) -> list[View]:
                 f"({', '.join(f'{w}x{h}' for w, h in sorted(sizes))}): import each size as its own camera."
             )
     return sorted(views, key=lambda view: (view.camera.name, view.frame))
+
+
+def steady_cameras(views: Sequence[View]) -> set[str]:
+    """Cameras whose files state the same exposures of every view, two views or more.
+
+    A camera that exposes by itself, or that says nothing, is none of them.
+    """
+    exposures: dict[str, set[tuple[Exposure | None, ...]]] = {}
+    for view in views:
+        exposures.setdefault(view.camera.name, set()).add(tuple(shot.exposure for shot in view.shots))
+    return {name for name, own in exposures.items() if len(own) == 1 and None not in next(iter(own))}
 
 
 def of_one_band(views: Sequence[View]) -> list[View]:

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import cameras_apart, unjoined
-from calib.poses.contradictions import ResolvedModel, resolve_contradictions
 from calib.poses.known_rig import KnownRig
 from calib.poses.mapping import map_views
 from calib.poses.refusals import require_depth
+from calib.poses.resolution import Matches, ResolvedModel, resolve_contradictions
 from calib.sensor.focal_length import FocalLength
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
@@ -48,6 +48,8 @@ class Scene:
     exact: Collection[str]
     kept: Unfinished
     focal: Mapping[str, FocalLength]
+    steady: Collection[str] = ()
+    keep_doubtful: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,9 @@ class _Placing:
         if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
             raise CalibrationError(NO_START.format(len(pairs)))
         settled = resolve_contradictions(
-            database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact
+            reconstruction,
+            Matches(database, pairs, scene.brightness, max_error, mapped, scene.exact, scene.steady),
+            keep_doubtful=scene.keep_doubtful,
         )
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
 

@@ -81,22 +81,26 @@ def solve(
     pictures: Mapping[ViewId, bytes] | None = None,
     brightness: Mapping[ViewId, npt.NDArray[np.float64]] | None = None,
     exact: Collection[str] = (),
+    steady: Collection[str] = (),
     kept: Unfinished | None = None,
+    keep_doubtful: bool = False,
 ) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
-    features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
-    rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
-    from a file's focal length rather than from nothing. focal: what files tell of it, at picture size, which
-    counts in the adjustment as far as the scene does not tell better. known: what a board gave, which stays,
-    lenses at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view
-    shows nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more
-    exact than those of features. kept: matches of an earlier run.
+    features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size. rigs:
+    names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes from a
+    file's focal length rather than from nothing. focal: what files tell of it, at picture size, which counts
+    in the adjustment as far as the scene does not tell better. known: what a board gave, which stays, lenses
+    at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
+    nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
+    than those of features. exact: cameras whose brightness differs only where things do. steady: those whose
+    exposure stays the same, beside them. kept: matches of an earlier run. keep_doubtful: keep views that
+    others contradict, with a warning.
     """
     require_features(features, blank or {})
     scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
-        kept or Unfinished(), focal or {},
+        kept or Unfinished(), focal or {}, {*exact, *steady}, keep_doubtful,
     )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
     rungs: tuple[Rung, ...] = ()

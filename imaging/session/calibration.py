@@ -187,7 +187,9 @@ MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
 FOCAL_UNTOLD = "lens_focal_untold"
 """The rung that says whether the photographs tell the focal length of a lens, and what is used where not."""
-_DOUBTS = frozenset({"pose_lit_differently", "pose_moving", "pose_unconfirmed", FOCAL_UNTOLD})
+_DOUBTS = frozenset(
+    {"pose_lit_differently", "pose_moving", "pose_unconfirmed", "pose_undecided", FOCAL_UNTOLD}
+)
 
 
 class CalibrationRecord(Record):

@@ -95,6 +95,13 @@ def calibrate(
             f"{', '.join(LightPart)}. May be repeated.",
         ),
     ] = None,
+    keep_doubtful: Annotated[
+        bool,
+        typer.Option(
+            "--keep-doubtful",
+            help="Keep views that others contradict about where they stand, with a warning that names them.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
@@ -112,7 +119,9 @@ def calibrate(
         anchors = Anchors(survey, marks, markers, onto)
         readings = readings_of(luminance)
         left_out: list[parts.LightPart] = [part.value for part in without or ()]
-        return run_calibrate(session, status, only, described, chart, readings, anchors, left_out)
+        return run_calibrate(
+            session, status, only, described, chart, readings, anchors, left_out, keep_doubtful
+        )
 
 
 SECONDS = 6.0, 18.0
@@ -157,6 +166,7 @@ def run_calibrate(
     luminance: "Sequence[LuminanceReading] | None" = None,
     anchors: Anchors = NO_ANCHORS,
     without: "Sequence[parts.LightPart]" = (),
+    keep_doubtful: bool = False,
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -170,7 +180,7 @@ def run_calibrate(
             record = calibrate_session(
                 session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
                 marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, without=without,
-                on_progress=status,
+                keep_doubtful=keep_doubtful, on_progress=status,
             )  # fmt: skip
         except PartialError:
             # What was measured has its page too; the error says what is missing.
@@ -308,7 +318,8 @@ def _left_out(record: "CalibrationRecord") -> Iterator[str]:
     if contradicted:
         yield (
             f"{', '.join(contradicted)} would stand where other views contradict, as where parts of a "
-            "scene look alike: take more pictures around them, or put something unique beside them"
+            "scene look alike: take more pictures around them, put something unique beside them, or "
+            "keep them with --keep-doubtful"
         )
 
 

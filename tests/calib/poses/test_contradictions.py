@@ -1,14 +1,15 @@
 """Scenes that look alike from several sides: views stand where they were, or are left out by name."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 
-from calib.data.features import Features
+from calib.data.features import Features, MatchedPair
 from calib.poses.brightness_steps import warning
-from calib.poses.contradictions import resolve_contradictions
+from calib.poses.resolution import resolve_contradictions
 from calib.poses.sfm import SceneModel, solve
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
@@ -64,11 +65,16 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
     return features, brightness, poses
 
 
-def placed(features: Mapping, brightness: Mapping) -> tuple[SceneModel, Mapping]:
+def placed(
+    features: Mapping, brightness: Mapping, *, steady: bool = True, keep_doubtful: bool = False
+) -> tuple[SceneModel, Mapping]:
     """The model, and the pairs of views that match."""
     with patch("calib.poses.first_model.resolve_contradictions", wraps=resolve_contradictions) as settled:
-        model = solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
-    return model, settled.call_args.args[2]
+        model = solve(
+            features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness,
+            steady={"cam"} if steady else (), keep_doubtful=keep_doubtful,
+        )  # fmt: skip
+    return model, settled.call_args.args[1].pairs
 
 
 def wrong(model: SceneModel, poses: Array) -> list[int]:
@@ -118,6 +124,45 @@ def test_sides_that_nothing_tells_apart_are_refused():
         placed(features, brightness)
 
 
+def test_sides_that_nothing_tells_apart_are_kept_and_named_on_request():
+    features, brightness, _ = pillar(alike=True, lit=False)
+    model, _ = placed(features, brightness, keep_doubtful=True)
+    assert len(model.poses) == VIEWS
+    (doubt,) = (rung for rung in model.rungs if rung.name == "pose_undecided")
+    assert "all are kept as you asked: poses of 0000/cam" in doubt.reason
+
+
+def with_false_pair(features: Mapping, brightness: Mapping, steady: bool) -> SceneModel:
+    """Views placed where one more pair matches, of opposite sides, by places drawn at random."""
+    rng = np.random.default_rng(3)
+    one, other = ViewId(0, "cam"), ViewId(VIEWS // 2, "cam")
+    index = np.stack([rng.permutation(60), rng.permutation(60)], axis=1).astype(np.uint32)
+    false = MatchedPair(features[one].points[index[:, 0]], features[other].points[index[:, 1]], index)
+
+    def resolved(model, matches, **more):
+        return resolve_contradictions(
+            model, replace(matches, pairs={**matches.pairs, (one, other): false}), **more
+        )
+
+    with patch("calib.poses.first_model.resolve_contradictions", resolved):
+        return solve(
+            features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness,
+            steady={"cam"} if steady else (),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("steady", [False, True])
+def test_light_that_the_poses_refute_deletes_nothing(steady):
+    """Every second view is half as bright, by its exposure or by shine, and one pair of views is false."""
+    features, brightness, poses = pillar(alike=False, lit=True)
+    darker = {key: own - 0.7 * (key.frame % 2) for key, own in brightness.items()}
+    model = with_false_pair(features, darker, steady)
+    assert len(model.poses) == VIEWS
+    assert wrong(model, poses) == []
+    assert "lit differently" not in rung(model).reason
+    assert "1 are outvoted by the others" in rung(model).reason
+
+
 def test_poses_of_two_views_are_doubted():
     features, brightness, _ = pillar(alike=False, lit=True)
     pair = {key: own for key, own in features.items() if key.frame < 2}
@@ -133,14 +178,14 @@ def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
     features, brightness, _ = pillar(alike=False, lit=True)
     told = []
 
-    def resolved(database, model, *rest):
+    def resolved(model, matches, **more):
         of_two = pycolmap.Reconstruction(model)
         for number, point in model.points3D.items():
             for element in point.track.elements[2:]:
                 of_two.delete_observation(element.image_id, element.point2D_idx)
             assert len(of_two.points3D[number].track.elements) == 2
-        told.extend(resolve_contradictions(database, of_two, *rest).rungs)
-        return resolve_contradictions(database, model, *rest)
+        told.extend(resolve_contradictions(of_two, matches, **more).rungs)
+        return resolve_contradictions(model, matches, **more)
 
     with patch("calib.poses.first_model.resolve_contradictions", resolved):
         solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
