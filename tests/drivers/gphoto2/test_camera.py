@@ -103,7 +103,7 @@ def test_nothing_of_this_process_is_closed(serve: Serve) -> None:
 def test_without_the_package_the_command_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gphoto2", None)
     with pytest.raises(
-        CameraRefused, match=r"^libgphoto2 is not installed: pip install 'hdr-rig\[gphoto2\]'\.$"
+        CameraRefused, match=r"^libgphoto2 is not installed: pip install -e '\.\[gphoto2\]'\.$"
     ):
         library()
     (camera,) = cameras_at([("127.0.0.1", 9)], SystemClock())

@@ -68,7 +68,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_training(rig, toy: 
 
 def test_without_tensorboard_the_option_says_how_to_get_it(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("rig.report.tensorboard.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'hdr-rig\[tensorboard\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[tensorboard\]'"):
         TensorBoardLog(tmp_path)
 
 
