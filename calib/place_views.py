@@ -22,6 +22,7 @@ from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
+from calib.survey.stated import stated_places
 from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.progress import Progress
@@ -169,6 +170,7 @@ def _solved(
         threads,
         progress,
         focal=focal,
+        stated=stated_places(evidence.session, evidence.views),
         focal_known={*focal, *(() if board is None else board.lenses)},
         known=known,
         blank={view: summary.blank for view, summary in summaries.items() if summary.blank is not None},

@@ -22,12 +22,15 @@ def as_matrix(values: npt.ArrayLike) -> Matrix:
 
 @dataclass(frozen=True)
 class GpsPosition:
-    """Latitude and longitude of WGS84, degrees, and height, m; error: horizontal, m. None: not told."""
+    """Latitude and longitude of WGS84, degrees, and height, m; error: horizontal, and altitude_error: of the
+    height, m. None: not told.
+    """
 
     latitude: float
     longitude: float
     altitude: float | None = None
     error: float | None = None
+    altitude_error: float | None = None
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,8 @@ class FrameMetadata:
     unknown: what its driver could not learn of the frame and took a value for, a sentence each; in no file.
     sensor_mm: the longer side of what the pixels of the picture cover on the sensor.
     manual_white_balance: it was set, and not chosen by the camera for this frame. balance: by how much the
-    camera raised red and blue over green.
+    camera raised red and blue over green. gimbal: yaw, clockwise from north, pitch, up, and roll of a drone's
+    camera, degrees. height: m above where a drone took off.
     """
 
     make: str = ""
@@ -54,6 +58,8 @@ class FrameMetadata:
     lens: str = ""
     digital_zoom: float | None = None
     sensor_mm: float | None = None
+    gimbal: tuple[float, float, float] | None = None
+    height: float | None = None
     orientation: int = 1
     opened: float | None = None
     unknown: tuple[str, ...] = ()

@@ -19,7 +19,7 @@ KINDS = ("flat flight", "flight over houses", "walk ahead", "walk aside", "ring"
 LENSES = {"straight": (0.0,), "bent": (-0.12,)}
 
 
-def truth(kind: str, seed: int, radial: tuple[float, ...] = (0.0,), points: int = 900) -> Any:
+def truth(kind: str, seed: int, radial: tuple[float, ...] = (0.0,), points: int = 500) -> Any:
     """A scene without noise as a pycolmap model, whose world is x east, y north, z up, in metres."""
     rng = np.random.default_rng((3, seed, KINDS.index(kind)))
     model = pycolmap.Reconstruction()

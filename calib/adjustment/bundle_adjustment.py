@@ -10,6 +10,7 @@ import numpy.typing as npt
 from calib.adjustment.fisheye import nearest_terms
 from calib.adjustment.focal_priors import FocalPrior, add_focal_priors
 from calib.adjustment.observations import observations
+from calib.adjustment.place_priors import StatedPlace, add_place_priors
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
 
@@ -30,7 +31,7 @@ class Free:
 
     radial: whether a SIMPLE_RADIAL has its one term; else it is zero. fixed: cameras, by COLMAP's number,
     whose lens stays as it is. placed: those whose place in the rig stays. focal: what is known of focal
-    lengths beside what the points tell, by COLMAP's number.
+    lengths beside what the points tell, by COLMAP's number. places: what is stated of images, by theirs.
     """
 
     model: LensModel = "SIMPLE_RADIAL"
@@ -39,6 +40,7 @@ class Free:
     fixed: frozenset[int] = frozenset()
     placed: frozenset[int] = frozenset()
     focal: Mapping[int, FocalPrior] = field(default_factory=dict)
+    places: Mapping[int, StatedPlace] = field(default_factory=dict)
 
 
 def adjust(
@@ -83,7 +85,10 @@ def adjust(
     # The class, and not `bundle_adjustment`, which prints whatever it is told.
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     priors = {number: one for number, one in free.focal.items() if number not in free.fixed}
-    added = [] if points_only else add_focal_priors(adjuster.problem, reconstruction, priors, scale)
+    added: list[Any] = []
+    if not points_only:
+        added += add_focal_priors(adjuster.problem, reconstruction, priors, scale)
+        added += add_place_priors(adjuster.problem, reconstruction, free.places, scale)
     adjuster.solve()
     added.clear()
 

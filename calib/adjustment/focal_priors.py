@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pyceres
 
+from calib.adjustment.place_priors import SHARE
+
 HOLDS = 1e3
 """By how much tighter than its spread a focal length is held that the points do not tell."""
-_SHARE = 0.25
-"""Of the square of the Cauchy loss's scale, the variance of a coordinate as far as that loss lets it count:
-the scale is the median miss, 1.18 standard deviations of normal noise."""
 _ASPECT = 0.01
 """By which the focal lengths across and down may differ from each other, relative."""
 _OPEN = 1e6
@@ -50,7 +49,7 @@ def add_focal_priors(
         if len(focal) == 2:
             covariance[np.ix_(focal, focal)] += apart * np.array([[1.0, -1.0], [-1.0, 1.0]])
         mean[focal] = prior.px
-        cost = pyceres.factors.NormalPrior(mean, covariance / (_SHARE * scale**2))
+        cost = pyceres.factors.NormalPrior(mean, covariance / (SHARE * scale**2))
         problem.add_residual_block(cost, None, [parameters])
         added.append(cost)
     return added

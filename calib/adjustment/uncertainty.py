@@ -20,6 +20,7 @@ from scipy import sparse
 from calib.adjustment.bundle_adjustment import Free, is_fisheye
 from calib.adjustment.focal_priors import HOLDS
 from calib.adjustment.jacobian import Linear, is_reference, linearise
+from calib.adjustment.place_priors import variance as variance_of_place
 from calib.adjustment.reduced import built_terms, reduced
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress
@@ -123,15 +124,41 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     columns, errors, held = built_terms(linear, reconstruction, free)
     precision = variance / errors**2 * np.where(held, HOLDS**2, 1.0)
     curvature[columns, columns] += precision
+    stated, weights = _stated(linear, reconstruction, free, scale)
+    curvature += stated @ stated.T
     size = np.sqrt(np.diag(curvature))
     size[size == 0] = 1.0
     curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (DRAWS, groups + len(columns)))
-    own, built = np.split(signs, [groups], axis=1)
+    drawings = (DRAWS, groups + len(columns) + stated.shape[1])
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], drawings)
+    own, built, told = np.split(signs, [groups, groups + len(columns)], axis=1)
     # Pulls less their mean, and never as a table: groups times parameters grow by the square of the views.
     drawn = more * ((pulls.T @ own.T).T - own.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel())
     drawn[:, columns] += built * (precision * errors)
+    drawn += told * np.sqrt(weights) @ stated.T
     return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
+
+
+def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tuple[Array, Array]:
+    """How stated places pull parameters, by what they are weighed against, [P, K], and that weight [K]."""
+    columns, weights = [], []
+    for number, place in sorted(free.places.items()):
+        image = reconstruction.image(number)
+        at = linear.frames.get(image.frame_id)
+        if at is None:
+            continue
+        width = reconstruction.cameras[image.camera_id].width
+        weight = variance_of_place(int(image.num_points3D), width, scale)
+        turn = image.frame.rig_from_world.rotation.matrix()
+        own = np.zeros((linear.cameras.shape[1], 3 if place.turn is None else 6))
+        own[at + 3 : at + 6, :3] = -turn / place.spread
+        if place.turn is not None:
+            own[at : at + 3, 3:] = np.linalg.cholesky(np.linalg.inv(place.turn_covariance()))
+        columns.append(np.sqrt(weight) * own)
+        weights += [weight] * own.shape[1]
+    if not columns:
+        return np.zeros((linear.cameras.shape[1], 0)), np.zeros(0)
+    return np.concatenate(columns, axis=1), np.array(weights)
 
 
 def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:

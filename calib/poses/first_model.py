@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjustment.place_priors import StatedPlace
 from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import cameras_apart, unjoined
@@ -48,6 +49,7 @@ class Scene:
     exact: Collection[str]
     kept: Unfinished
     focal: Mapping[str, FocalLength]
+    stated: Mapping[ViewId, StatedPlace]
     steady: Collection[str] = ()
     keep_doubtful: bool = False
 

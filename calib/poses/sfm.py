@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
 from calib.adjustment.lens_ladder import climb
+from calib.adjustment.place_priors import StatedPlace
 from calib.adjustment.point_refinement import refine_points
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
@@ -17,6 +18,7 @@ from calib.poses.apart import Joined, join, unjoined
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
+from calib.poses.places import align_to_places
 from calib.poses.refusals import require_features
 from calib.poses.tied_model import polish, tied_model
 from calib.sensor.focal_length import FocalLength
@@ -62,6 +64,13 @@ class SceneModel:
     by_motion: frozenset[str] = frozenset()
 
     @property
+    def untold(self) -> frozenset[str]:
+        """Cameras whose focal length the scene does not tell, so that it was held."""
+        held = set() if self.free is None else {key for key, one in self.free.focal.items() if one.held}
+        images = self.reconstruction.images.values()
+        return frozenset(ViewId.of_image(one.name).camera for one in images if one.camera_id in held)
+
+    @property
     def rigged(self) -> bool:
         """Whether cameras are tied to each other."""
         return any(rung.name == "rig_constraint" and rung.taken for rung in self.rungs)
@@ -76,6 +85,7 @@ def solve(
     *,
     focal_known: Collection[str] = (),
     focal: Mapping[str, FocalLength] | None = None,
+    stated: Mapping[ViewId, StatedPlace] | None = None,
     known: KnownRig = NOTHING,
     blank: Mapping[ViewId, str] | None = None,
     pictures: Mapping[ViewId, bytes] | None = None,
@@ -95,12 +105,13 @@ def solve(
     nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
     than those of features. exact: cameras whose brightness differs only where things do. steady: those whose
     exposure stays the same, beside them. kept: matches of an earlier run. keep_doubtful: keep views that
-    others contradict, with a warning.
+    others contradict, with a warning. stated: where views were taken, as their files say; the model comes to
+    lie there, in metres, where they agree with each other.
     """
     require_features(features, blank or {})
     scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
-        kept or Unfinished(), focal or {}, {*exact, *steady}, keep_doubtful,
+        kept or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
     )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
     rungs: tuple[Rung, ...] = ()
@@ -219,6 +230,14 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
     free, focal_rungs = settle_focal(
         reconstruction, free, typical, threads, {models[name].camera_id: name for name in models}, scene.focal
     )
+    if not metric:
+        places, stated_rung = align_to_places(reconstruction, scene.stated)
+        if places and tied.uncut is not None:
+            align_to_places(tied.uncut, scene.stated)
+        free = replace(free, places=places)
+        focal_rungs = (*(() if stated_rung is None else (stated_rung,)), *focal_rungs)
+        if places:
+            adjust(reconstruction, free, typical, threads)
     typical = misses(reconstruction).typical
     told = "the files told the lenses" if first.held else "a board told the lenses"
     free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, tied.uncut)

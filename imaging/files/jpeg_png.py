@@ -15,7 +15,7 @@ _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 """In entropy-coded data: anything but a stuffed 0xFF, a restart and a fill byte."""
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_SCAN, _END, _APP1 = 0xDA, 0xD9, 0xE1
+_SCAN, _END, APP1 = 0xDA, 0xD9, 0xE1
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def jpeg_shell(file: BinaryIO) -> Shell:
         length = struct.unpack(">H", head[2:])[0] - 2
         if length < 0:
             break
-        if head[1] == _APP1 and not exif:
+        if head[1] == APP1 and not exif:
             block = file.read(length)
             exif = block if block.startswith(b"Exif\0\0") else b""
         elif head[1] in _FRAMES and length >= 5:

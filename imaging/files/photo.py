@@ -1,6 +1,6 @@
 """Display-referred photographs: JPEG, PNG, TIFF, WebP and HEIF of 8 or 16 bits, and their EXIF."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,10 +27,12 @@ from imaging.files.heif_webp import (
 )
 from imaging.files.icc import profile_of
 from imaging.files.jpeg_png import (
+    APP1,
     JPEG_MAGIC,
     PNG_MAGIC,
     Shell,
     jpeg_is_whole,
+    jpeg_segments,
     jpeg_shell,
     png_is_whole,
     png_shell,
@@ -39,6 +41,7 @@ from imaging.files.silence import quiet
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
 from imaging.files.tiff.image import UnfitError, decode_tiff
+from imaging.files.xmp import MARK, DroneNote, drone_note
 from imaging.mosaic import FrameMetadata
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
@@ -268,8 +271,12 @@ def _metadata(file: BinaryIO) -> FrameMetadata | None:
     """EXIF of an open JPEG, PNG or TIFF, empty if it has none or damaged; None if it is no such file."""
     head = file.read(12)
     shell: Shell
+    note = DroneNote()
     if head.startswith(JPEG_MAGIC):
         shell = jpeg_shell(file)
+        for segment in jpeg_segments(file, APP1):
+            if segment.startswith(MARK):
+                note = drone_note(segment)
     elif head.startswith(PNG_MAGIC):
         shell = png_shell(file)
     elif head.startswith(_TIFF_MAGICS):
@@ -283,7 +290,12 @@ def _metadata(file: BinaryIO) -> FrameMetadata | None:
         return _heif_metadata(head + file.read())
     else:
         return None
-    return decode_exif(shell.exif) if shell.exif else FrameMetadata()
+    found = decode_exif(shell.exif) if shell.exif else FrameMetadata()
+    position = found.position
+    if position is not None:
+        error = note.error or position.error
+        position = replace(position, error=error, altitude_error=note.altitude_error)
+    return replace(found, gimbal=note.gimbal, height=note.height, position=position)
 
 
 def _heif_metadata(data: bytes) -> FrameMetadata:

@@ -39,6 +39,8 @@ class LensError(Record):
     p2: float = 0.0
     k3: float = 0.0
     k4: float = 0.0
+    focal_untold: bool = False
+    """Whether the scene does not tell the focal length, so that its error is that of what is used instead."""
     projection: tuple[tuple[float | None, ...], ...] = ()
     """[rows][columns], px: how far a far point's projection may be off, at places evenly spread over the
     image, when the camera's own turn is not counted; None: not known at all."""

@@ -116,7 +116,12 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
     elif camera.lens_error is not None and camera.lens is not None:
         doubt = camera.lens_error.fx / camera.lens.fx
         grades += ["warn"] * (doubt >= FOCAL)
-        words.append(f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)")
+        words.append(
+            "the photographs do not tell the focal length, and the one that is used is known to "
+            f"{100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
+            if camera.lens_error.focal_untold
+            else f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
+        )
     gains = [sensor.gain for sensor in camera.sensors if sensor.gain is not None]
     if gains:
         doubt = max(gain.sigma / gain.value for gain in gains if gain.value > 0)

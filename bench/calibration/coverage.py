@@ -1,0 +1,153 @@
+"""How often the truth lies within the 95 % intervals that a calibration states, over made flights and walks.
+
+    python -m bench.calibration.coverage [--json] [--write] [--seeds N]
+
+Tracks without pictures (bench.calibration.tracks): places with 0.3 px of noise, 3 % of them wrong by up to
+20 px. The focal length of the files is off as files are, by 3 % in a standard deviation. The scene is
+adjusted, cut, its focal length settled, its lens chosen and its errors stated as `rig calibrate` does it; the
+scale is that of GPS positions with 1 m of noise. An interval is 1.96 standard errors about what was found:
+for poses along each axis of the world, in degrees and in place.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bench.calibration import tracks
+from bench.support.record import arguments, deliver
+from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers, misses
+from calib.adjustment.lens_ladder import climb
+from calib.adjustment.uncertainty import standard_errors
+from calib.poses.focal import focal_priors, settle_focal
+from calib.sensor.focal_length import FocalLength
+from calib.survey import similarity
+from imaging.progress import unreported
+from imaging.session.view_id import ViewId
+
+Array = npt.NDArray[np.float64]
+
+SEEDS = 20
+SPREAD = 0.03
+"""Of the focal length that files tell."""
+RECEIVER = 1.0
+"""m, of GPS."""
+WITHIN = 1.96
+WHAT = ("focal length", "turn", "place", "scale")
+
+
+def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[float]]:
+    """By how many stated standard errors everything misses the truth in one scene."""
+    rng = np.random.default_rng((5, seed))
+    truth = tracks.truth(kind, seed, radial)
+    model = tracks.noisy(truth, seed)
+    told = FocalLength(tracks.FOCAL * math.exp(rng.normal(0, SPREAD)), SPREAD, "the files' focal length")
+    model.cameras[1].params = [told.px, tracks.WIDTH / 2, tracks.HEIGHT / 2, 0.0]
+    free, scale = Free(focal=focal_priors({1: told})), 1.0
+    for _ in range(4):
+        adjust(model, free, scale, 1)
+        scale = drop_outliers(model, least=0.6)
+    free, _ = settle_focal(model, free, scale, 1, {1: "made"}, {"made": told})
+    scale = misses(model).typical
+    free, _ = climb(model, free, scale, 1, unreported)
+    adjust(model, free, scale, 1)
+    stated = standard_errors(model, free, scale, unreported)
+    assert stated is not None
+    focal = model.cameras[1].mean_focal_length() - tracks.FOCAL
+    found: dict[str, list[float]] = {name: [] for name in WHAT}
+    found["focal length"] = [abs(focal) / stated.lenses["made"]["fx"]]
+    poses, true = _poses(model), _poses(truth)
+    for view, pose in _aligned(poses, true).items():
+        turn = cv2.Rodrigues(pose[:3, :3] @ true[view][:3, :3].T)[0].ravel()
+        found["turn"] += (np.degrees(np.abs(turn)) / stated.rotation[view]).tolist()
+        shift = _centre(pose) - _centre(true[view])
+        found["place"] += (np.abs(shift) / stated.translation[view]).tolist()
+    here = np.array([_centre(pose) for pose in poses.values()])
+    there = np.array([_centre(true[view]) for view in poses]) + rng.normal(0, RECEIVER, (len(here), 3))
+    noise = np.full(len(here), 1e-3)
+    fitted, fits, scatter = similarity.consensus(here, there, noise)
+    errors = similarity.standard_errors(
+        there[fits], fitted(here[fits]) - there[fits], np.hypot(noise[fits], scatter)
+    )
+    # What the model's unit is in truth: that of its own similarity to the true places.
+    unit = similarity.fit(here, np.array([_centre(true[view]) for view in poses])).scale
+    found["scale"] = [abs(fitted.scale / unit - 1) / errors[0]]
+    return found
+
+
+def _poses(model: Any) -> dict[ViewId, Array]:
+    return {
+        ViewId.of_image(model.image(index).name): np.vstack(
+            [model.image(index).cam_from_world().matrix(), [0.0, 0.0, 0.0, 1.0]]
+        )
+        for index in sorted(model.reg_image_ids())
+    }
+
+
+def _centre(pose: Array) -> Array:
+    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
+
+
+def _aligned(poses: Mapping[ViewId, Array], true: Mapping[ViewId, Array]) -> dict[ViewId, Array]:
+    """The poses in the true world: turned by all turns together, scaled and moved by all places."""
+    relative = np.sum([true[view][:3, :3].T @ poses[view][:3, :3] for view in poses], axis=0)
+    u, _, vt = np.linalg.svd(relative)
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    here = np.array([turn @ _centre(pose) for pose in poses.values()])
+    there = np.array([_centre(true[view]) for view in poses])
+    spread = here - here.mean(0)
+    scale = float((spread * (there - there.mean(0))).sum() / (spread**2).sum())
+    aligned = {}
+    for view, place in zip(poses, scale * spread + there.mean(0), strict=True):
+        pose = np.eye(4)
+        pose[:3, :3] = poses[view][:3, :3] @ turn.T
+        pose[:3, 3] = -pose[:3, :3] @ place
+        aligned[view] = pose
+    return aligned
+
+
+def measure(seeds: int) -> dict[str, dict[str, float]]:
+    """Shares of intervals that hold the truth, by scene and by what is stated."""
+    result = {}
+    for kind in tracks.KINDS:
+        for lens, radial in tracks.LENSES.items():
+            every = [inside(kind, radial, seed) for seed in range(seeds)]
+            result[f"{kind}, {lens} lens"] = {
+                name: float(np.mean([one <= WITHIN for found in every for one in found[name]]))
+                for name in WHAT
+            }
+    result["all"] = {name: float(np.mean([row[name] for row in result.values()])) for name in WHAT}
+    return result
+
+
+def table(result: dict[str, dict[str, float]], seeds: int) -> str:
+    lines = [
+        "# The truth within the stated 95 % intervals",
+        "",
+        f"`python -m bench.calibration.coverage --write`. Tracks of {seeds} scenes a row, without pictures: "
+        f"{tracks.NOISE:g} px of noise, {100 * tracks.WRONG:g} % of places wrong; the files' focal length is "
+        f"off by {100 * SPREAD:g} % in a standard deviation, GPS by {RECEIVER:g} m. Per cent of intervals "
+        "that hold the truth; turns and places axis by axis, by the standard error of the worst axis, "
+        "which is what is stated, so that more than 95 are expected of them.",
+        "",
+        f"| scenes | {' | '.join(WHAT)} |",
+        "|---|" + "---|" * len(WHAT),
+    ]
+    for scenes, row in result.items():
+        lines.append(f"| {scenes} | {' | '.join(f'{100 * row[name]:.0f}' for name in WHAT)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    options = parser.parse_args()
+    result = measure(options.seeds)
+    deliver(options, "coverage", result, table(result, options.seeds))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""Where photographs say that they were taken, how their camera hung, and how far that may be off."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.adjustment.place_priors import StatedPlace
+from calib.data.views import View
+from calib.survey.gps import FEWEST
+from calib.survey.points import east_north_up
+from imaging.errors import InputError
+from imaging.files.photo import read_metadata
+from imaging.mosaic import FrameMetadata
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+
+Array = npt.NDArray[np.float64]
+
+FLAT, UP = 2.5, 6.0
+"""m: standard deviations of a receiver's position and height where the file states none."""
+BAROMETER = 0.4
+"""m, of a drone's heights against each other."""
+TILT, HEADING = np.radians(0.5), np.radians(15.0)
+"""Of a gimbal: it hangs level to half a degree, and its compass is as good as compasses near motors are."""
+
+
+def stated_places(session: Session, views: Sequence[View]) -> dict[ViewId, StatedPlace]:
+    """Read where views were taken, east, north and up of their median; {}: fewer than FEWEST say it."""
+    told: dict[ViewId, FrameMetadata] = {}
+    for view in views:
+        try:
+            metadata = read_metadata(session.file(view.shots[0]))
+        except InputError:
+            continue
+        if metadata.position is not None and metadata.position.altitude is not None:
+            told[view.id] = metadata
+    return places_of(told) if len(told) >= FEWEST else {}
+
+
+def places_of(told: Mapping[ViewId, FrameMetadata]) -> dict[ViewId, StatedPlace]:
+    """The same of metadata that all have a position with its height."""
+    positions = [one.position for one in told.values() if one.position is not None]
+    geodetic = np.array([(one.latitude, one.longitude, one.altitude) for one in positions], np.float64)
+    heights = np.array([np.nan if one.height is None else one.height for one in told.values()])
+    pressed = bool(np.isfinite(heights).all())
+    if pressed:
+        geodetic[:, 2] = heights + np.median(geodetic[:, 2] - heights)
+    latitude, longitude, height = np.median(geodetic, axis=0).tolist()
+    centres = east_north_up(geodetic, (latitude, longitude, height))
+    places = {}
+    for (view, metadata), position, centre in zip(told.items(), positions, centres, strict=True):
+        up = position.altitude_error or (BAROMETER if pressed else max(UP, 2 * (position.error or 0.0)))
+        flat = position.error or FLAT
+        turn = None if metadata.gimbal is None or metadata.orientation != 1 else gimbal_turn(*metadata.gimbal)
+        places[view] = StatedPlace(centre, np.array([flat, flat, up]), turn, float(TILT), float(HEADING))
+    return places
+
+
+def gimbal_turn(yaw: float, pitch: float, roll: float) -> Array:
+    """Turn east, north and up into the axes of a camera: right, down and ahead.
+
+    Args:
+        yaw: degrees, clockwise from north.
+        pitch: degrees, up from level.
+        roll: degrees, clockwise as the camera looks.
+
+    Returns:
+        The rotation [3, 3].
+    """
+    yaw, pitch, roll = np.radians([yaw, pitch, roll]).tolist()
+    ahead = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
+    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
+    below = np.cross(ahead, level)
+    right = np.cos(roll) * level + np.sin(roll) * below
+    return np.stack([right, np.cross(ahead, right), ahead])

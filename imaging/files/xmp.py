@@ -1,0 +1,50 @@
+"""XMP packets: what a drone says of its camera's attitude, its height and the error of its position.
+
+The names are DJI's (`drone-dji`), as attributes or as elements; other makers write none that are alike.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+MARK = b"http://ns.adobe.com/xap/1.0/\0"
+"""What a JPEG's segment begins with that holds a packet."""
+_FIXED = 50.0
+"""RtkFlag of a position that is known to centimetres."""
+
+
+@dataclass(frozen=True)
+class DroneNote:
+    """gimbal: yaw, clockwise from north, pitch, up, and roll of the camera, degrees. height: m above where it
+    took off, by its barometer. error, altitude_error: standard errors of a position that a base station
+    corrected, m. None: not told.
+    """
+
+    gimbal: tuple[float, float, float] | None = None
+    height: float | None = None
+    error: float | None = None
+    altitude_error: float | None = None
+
+
+def drone_note(packet: bytes) -> DroneNote:
+    """What a packet says; nothing where it is none of a drone, or damaged."""
+    if b"drone-dji" not in packet:
+        return DroneNote()
+    angles = [_number(packet, f"Gimbal{axis}Degree") for axis in ("Yaw", "Pitch", "Roll")]
+    yaw, pitch, roll = angles
+    told = yaw is not None and pitch is not None and abs(yaw) <= 360 and abs(pitch) <= 180
+    gimbal = (yaw, pitch, roll or 0.0) if told and yaw is not None and pitch is not None else None
+    errors = [_number(packet, f"RtkStd{axis}") for axis in ("Lon", "Lat", "Hgt")]
+    east, north, up = errors if _number(packet, "RtkFlag") == _FIXED else (None, None, None)
+    flat = max(east, north) if east is not None and north is not None else None
+    return DroneNote(
+        gimbal, _number(packet, "RelativeAltitude"), flat if flat else None, up if up and up > 0 else None
+    )
+
+
+def _number(packet: bytes, name: str) -> float | None:
+    found = re.search(
+        rb"drone-dji:" + name.encode() + rb"\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", packet
+    )
+    value = math.nan if found is None else float(found.group(1))
+    return value if math.isfinite(value) and abs(value) < 1e5 else None
