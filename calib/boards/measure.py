@@ -153,7 +153,7 @@ def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: 
                     tuple(one if np.isfinite(one) else None for one in row)
                     for row in doubt.map[name].tolist()
                 )
-                lens_errors[name] = LensError(projection=projection, **doubt.lenses[name])
+                lens_errors[name] = LensError.model_validate({**doubt.lenses[name], "projection": projection})
         if len(solved.cam_from_rig) > 1:
             for name, pose in solved.cam_from_rig.items():
                 mounted[name] = pose_of(pycolmap.Rigid3d(pose[:3]))
