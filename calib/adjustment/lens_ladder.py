@@ -17,6 +17,8 @@ from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 
 FISHEYE = "lens_fisheye"
+_UNTOLD = ("lens_principal_point", "lens_tangential", "lens_fisheye_far")
+"""Terms that are not tried where the scene does not tell the focal length."""
 FEWEST_VIEWS = 4
 HELD_OUT = 3
 """One scene point in so many is held out."""
@@ -70,8 +72,13 @@ def climb(
         if uncut is not None:
             fisheye = {"radial": True, "model": "RADIAL_FISHEYE"}
             trials.append((FISHEYE, fisheye, "a fisheye of two terms instead"))
-    below = _held_out(sample, free, scale, threads)
     rungs = []
+    if any(one.held for one in free.focal.values()):
+        # A middle aside looks like a tilt there, as a longer lens looks like more height.
+        trials = [trial for trial in trials if trial[0] not in _UNTOLD]
+        reason = "a scene that does not tell the focal length does not tell the middle of the image either"
+        rungs.append(Rung(name="lens_principal_point", taken=False, reason=reason))
+    below = _held_out(sample, free, scale, threads)
     for done, (name, more, what) in enumerate(trials):
         progress("judging the lens", done, len(trials))
         higher = replace(free, **more)

@@ -7,6 +7,7 @@ from bench.calibration import tracks
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers
 from calib.adjustment.focal_evidence import TOLD, effect
 from calib.adjustment.focal_priors import FocalPrior
+from calib.adjustment.lens_ladder import climb
 from calib.adjustment.uncertainty import standard_errors
 from imaging.progress import unreported
 
@@ -61,3 +62,13 @@ def test_a_prior_counts_by_its_spread_and_that_of_the_points():
     assert tight == pytest.approx(840.0, abs=0.5)
     assert adjusted("ring", free[1]).cameras[1].params[0] == pytest.approx(tracks.FOCAL, rel=2e-3)
     np.testing.assert_allclose(adjusted("ring", free[0]).cameras[1].params[3], -0.05, atol=5e-3)
+
+
+def test_a_middle_aside_is_not_taken_for_a_tilt_over_flat_ground():
+    free = Free(focal={1: FocalPrior(820.0, 25.0, held=True)})
+    chosen, rungs = climb(adjusted("flat flight", free), free, SCALE, 1, unreported)
+    assert not chosen.principal_point
+    assert chosen.model in ("SIMPLE_RADIAL", "RADIAL")
+    (middle,) = [rung for rung in rungs if rung.name == "lens_principal_point"]
+    assert not middle.taken
+    assert "does not tell the middle" in middle.reason

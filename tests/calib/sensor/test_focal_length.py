@@ -3,8 +3,11 @@
 import math
 
 import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from calib.sensor.focal_length import focal_length, sensor_width
+from imaging.files.photo import read_metadata
 from imaging.mosaic import FrameMetadata
 
 
@@ -72,3 +75,23 @@ def test_digital_zoom_lengthens_millimetres_and_widens_the_equivalent():
 def test_nothing_is_told_by_nothing():
     assert focal_length(FrameMetadata(), 100, 100) is None
     assert focal_length(FrameMetadata(focal_length_35mm=1e6, focal_length_mm=1e6), 100, 100) is None
+
+
+@pytest.mark.parametrize(("unit", "inch"), [(2, 1.0), (3, 2.54), (4, 25.4)])
+def test_the_sensor_is_what_the_resolution_in_the_focal_plane_says(tmp_path, unit, inch):
+    """Of 3,888 pixels over 22.2 mm, in three units, whatever the file was scaled to."""
+    exif = Image.Exif()
+    own = exif.get_ifd(0x8769)
+    dense = IFDRational(round(3888 / 22.2 * 25.4 / inch * 1000), 1000)
+    own |= {37386: IFDRational(50, 1), 41486: dense, 41487: dense, 41488: unit, 40962: 3888, 40963: 2592}
+    own[41988] = IFDRational(3, 2)
+    path = tmp_path / "a.jpg"
+    Image.new("RGB", (96, 64)).save(path, exif=exif)
+    found = read_metadata(path)
+    assert found.sensor_mm == pytest.approx(22.2, rel=1e-3)
+    assert found.digital_zoom == 1.5
+    px = told(96, 64, focal_length_mm=50.0, sensor_mm=found.sensor_mm).px
+    assert px == pytest.approx(50 / 22.2 * 96, rel=1e-3)
+    own[41486] = own[41487] = IFDRational(0, 1)
+    Image.new("RGB", (96, 64)).save(path, exif=exif)
+    assert read_metadata(path).sensor_mm is None
