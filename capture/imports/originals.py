@@ -20,7 +20,7 @@ FOREIGN = (
         (".heic", ".heif", ".hif"), "install pillow-heif to read HEIC, or convert it to JPEG or TIFF"
     )
     | {".avif": "convert AVIF to JPEG or TIFF"}
-    | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
+    | dict.fromkeys((".mp4", ".mov"), "a video is imported by itself: rig import VIDEO S")
 )
 """What to do about pictures of kinds that are not read, by their suffix."""
 

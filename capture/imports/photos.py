@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from capture.bracket.deviation import deviates
 from capture.imports.bands import bands_of, read_band_list
@@ -22,6 +23,7 @@ from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.pixel_shift import put_together
 from capture.imports.sorting.cameras import Identity, sort_into_cameras
 from capture.imports.sorting.strays import without_strays
+from capture.imports.video import is_video, take_frames
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.arguments import checked
@@ -75,6 +77,8 @@ def import_photos(
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
 
+    A `folder` that is a video gives its sharpest frames, each a frame of one camera.
+
     layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
     layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
     consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
@@ -89,6 +93,14 @@ def import_photos(
     read are listed in the result.
     """
     folder, out = Path(folder), Path(out)
+    if is_video(folder):
+        with TemporaryDirectory() as aside:
+            frames = Path(aside) / folder.stem
+            note = take_frames(folder, frames, on_progress)
+            result = import_photos(
+                frames, out, layout="photos", cameras="one", bracket=1, masks=masks, on_progress=on_progress
+            )
+        return replace(result, guesses=(note,))
     exposures = None if exposures is None else Path(exposures)
     masks = None if masks is None else Path(masks)
     _check_folders(folder, out, bracket)

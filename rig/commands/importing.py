@@ -21,7 +21,7 @@ def import_(
         typer.Argument(
             metavar="PHOTOS",
             help="Folder of RAW, JPEG, HEIC, WebP, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, "
-            "COLMAP, LLFF, HDR-NeRF or RawNeRF.",
+            "COLMAP, LLFF, HDR-NeRF or RawNeRF; or a video.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],

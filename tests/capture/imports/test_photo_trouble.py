@@ -158,7 +158,10 @@ def test_a_session_is_not_imported_with_its_renders(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "fix"),
-    [("a.AVIF", "convert AVIF to JPEG or TIFF"), ("b.mov", "extract photographs from a video")],
+    [
+        ("a.AVIF", "convert AVIF to JPEG or TIFF"),
+        ("b.mov", "a video is imported by itself: rig import VIDEO S"),
+    ],
 )
 def test_pictures_that_are_not_read_are_told_with_what_to_do(tmp_path, name, fix):
     photos = put(tmp_path / "photos", {name: b"x", "notes.txt": b"mine"})
