@@ -127,7 +127,7 @@ def table(result: dict[str, dict[str, float]], seeds: int) -> str:
     lines = [
         "# The truth within the stated 95 % intervals",
         "",
-        f"`python -m bench.calibration.coverage --write`. Tracks of {seeds} scenes a row, without pictures: "
+        f"`python -m bench.calibration.coverage --seeds {seeds} --write`. {seeds} scenes a row, no pictures: "
         f"{tracks.NOISE:g} px of noise, {100 * tracks.WRONG:g} % of places wrong; the files' focal length is "
         f"off by {100 * SPREAD:g} % in a standard deviation, GPS by {RECEIVER:g} m. Per cent of intervals "
         "that hold the truth; turns and places axis by axis, by the standard error of the worst axis, "
