@@ -18,7 +18,7 @@ CHANGE = 0.1
 """Of a focal length, relative, of which the effect is told."""
 TOLD = 3e-5
 """Of an image's width, by which points have to move with that change. Flights over flat ground move them by
-6e-6, flights over houses by 5e-5, walks by 1e-4 and more, rings by 7e-4 (those of bench.calibration.tracks); a real
+6e-6, flights over houses by 5e-5, walks by 1e-4 and more, rings by 7e-4 (bench.calibration.tracks); a real
 flight over a park by 7e-6."""
 _RIDGE = 1e-9
 
