@@ -13,8 +13,8 @@ from imaging.merge.bracket import ROWS, Merged
 
 Float = npt.NDArray[np.float32]
 
-MAX_WIDTH = 1600
-"""Wider images are reduced to it for features."""
+LONGEST_SIDE = 1600
+"""px; larger images are reduced to it for features, upright ones as much as those that lie."""
 MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
@@ -38,12 +38,13 @@ _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
 def preview(merged: Merged) -> Float:
     """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3]: float32 [h, w] in 0..1.
 
-    At most MAX_WIDTH wide; grey where the view shows nothing.
+    At most LONGEST_SIDE wide or high; grey where the view shows nothing.
     """
     brightness, sigma = luminance(merged)
     height, width = brightness.shape
-    if width > MAX_WIDTH:
-        size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
+    if max(width, height) > LONGEST_SIDE:
+        share = LONGEST_SIDE / max(width, height)
+        size = (max(1, round(share * width)), max(1, round(share * height)))
         brightness = cv2.resize(brightness, size, interpolation=cv2.INTER_AREA)
         sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
     faint = is_faint(merged)
