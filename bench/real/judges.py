@@ -1,0 +1,254 @@
+"""Real photographs with known facts, calibrated by rig and by pycolmap's defaults, each in a process of its
+own.
+
+    python -m bench.real.judges [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
+
+Sets under RIG_DATA, at full size. pycolmap looks for features at its own size, matches all pairs and maps
+them, with one camera. Camera centres are compared with those that are published (fox), after the similarity
+that fits best; heights and tilts with GPS and gimbal (brighton). Focal lengths are those of EXIF, in pixels,
+where it has one. What is invented: exposure, white balance or falloff that calibration takes. Rows are kept
+in FOLDER. --quick: sceaux.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.spent import processor_seconds
+from bench.support.trial import Cache
+from calib.calibrate import calibrate
+from capture.imports.photos import import_photos
+from imaging.errors import RigError
+from imaging.files.colmap import pycolmap
+from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from imaging.session.session import Session
+
+Array = npt.NDArray[np.float64]
+
+SETS: Mapping[str, tuple[str, float | None]] = {
+    "fox": ("fox/images/*.jpg", None),
+    "banana": ("banana/*.JPG", None),
+    "brighton": ("brighton/*.JPG", 1111.0),
+    "sceaux": ("sceaux/*.[jJ][pP][gG]", None),
+    "monstree": ("monstree/*.jpg", None),
+    "lund": ("lund/*.jpg", None),
+}
+"""Photographs of each set, and the focal length that EXIF's 35 mm equivalent stands for, px, where it is a
+judge."""
+PARTS = {
+    "exposure_each_photograph": "exposure",
+    "white_balance_each_photograph": "white balance",
+    "vignetting": "falloff",
+}
+
+
+def photographs(name: str) -> list[Path]:
+    """Files of a set."""
+    return sorted(Path(os.environ["RIG_DATA"]).glob(SETS[name][0]))
+
+
+def published_centres(name: str) -> dict[str, Array] | None:
+    """Camera centres [3] that were published with a set, by file name; None where none were."""
+    file = Path(os.environ["RIG_DATA"]) / name / "transforms.json"
+    if not file.is_file():
+        return None
+    frames = json.loads(file.read_text())["frames"]
+    return {Path(one["file_path"]).name: np.array(one["transform_matrix"])[:3, 3] for one in frames}
+
+
+def centre_errors(centres: Mapping[str, Array], published: Mapping[str, Array]) -> dict[str, float]:
+    """Median and worst distance of centres from published ones, in per cent of the extent of these."""
+    names = sorted(centres.keys() & published.keys())
+    own, goal = (np.stack([of[name] for name in names]) for of in (centres, published))
+    a, b = own - own.mean(0), goal - goal.mean(0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    scale = float(np.trace(np.diag(s) @ sign) / (a**2).sum())
+    away = np.linalg.norm(scale * a @ (u @ sign @ vt).T - b, axis=1)
+    extent = float(np.linalg.norm(np.ptp(goal, axis=0)))
+    return {
+        "centre_median": 100 * float(np.median(away)) / extent,
+        "centre_worst": 100 * float(away.max()) / extent,
+    }
+
+
+def by_rig(name: str, work: Path) -> dict[str, Any]:
+    """What `rig import` and `rig calibrate` make of a set."""
+    session = work / f"judges-{name}"
+    shutil.rmtree(session, ignore_errors=True)
+    import_photos(photographs(name)[0].parent, session)
+    began = processor_seconds()
+    try:
+        record = calibrate(session)
+    except RigError as error:
+        return {"placed": 0, "seconds": processor_seconds() - began, "said": [str(error)]}
+    row: dict[str, Any] = {
+        "placed": len(record.views),
+        "seconds": processor_seconds() - began,
+        "lens": [camera.lens.model for camera in record.cameras if camera.lens is not None],
+        "focal": [camera.lens.fx for camera in record.cameras if camera.lens is not None],
+        "taken": [PARTS[rung.name] for rung in record.rungs if rung.taken and rung.name in PARTS],
+        "said": [
+            *record.doubts,
+            *(r.reason for r in record.rungs if r.taken and r.name == "lens_focal_untold"),
+        ],
+    }
+    sources = {
+        (shot.frame, shot.camera): Path(shot.source or shot.file).name
+        for shot in Session.open(session).shots("scene")
+    }
+    if (published := published_centres(name)) is not None:
+        centres = {sources[view.frame, view.camera]: _centre(view) for view in record.views}
+        row |= centre_errors(centres, published)
+    if record.coordinates is not None and record.unit == "m":
+        row |= _heights(session, record)
+    return row
+
+
+def _centre(view: ViewCalibration) -> Array:
+    pose = view.cam_from_world.matrix()
+    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
+
+
+def _heights(session: Path, record: CalibrationRecord) -> dict[str, float]:
+    """Span of the heights of cameras, how far the ground is below them, and median tilt of those that look
+    down."""
+    places = np.stack([_centre(view) for view in record.views])
+    axes = np.stack([view.cam_from_world.matrix()[2, :3] for view in record.views])
+    model = pycolmap.Reconstruction(str(session / "calibration" / "colmap"))
+    points = np.stack([point.xyz for point in model.points3D.values()])
+    return {
+        "height_span": float(np.ptp(places[:, 2])),
+        "ground_below": float(np.median(places[:, 2]) - np.median(points[:, 2])),
+        "tilt": float(np.degrees(np.median(np.arccos(np.clip(-axes[:, 2], -1, 1))))),
+    }
+
+
+def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
+    """What pycolmap makes of a set by its defaults, with one camera."""
+    folder = work / f"judges-{name}-pycolmap"
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "images").mkdir(parents=True)
+    for path in photographs(name):
+        shutil.copy(path, folder / "images" / path.name)
+    began = processor_seconds()
+    database = folder / "database.db"
+    pycolmap.extract_features(database, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE)
+    pycolmap.match_exhaustive(database)
+    models = pycolmap.incremental_mapping(database, folder / "images", folder)
+    seconds = processor_seconds() - began
+    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    if best is None:
+        return {"placed": 0, "seconds": seconds}
+    row: dict[str, Any] = {
+        "placed": best.num_reg_images(),
+        "seconds": seconds,
+        "focal": [camera.mean_focal_length() for camera in best.cameras.values()],
+    }
+    if (published := published_centres(name)) is not None:
+        centres = {
+            best.image(index).name: best.image(index).projection_center() for index in best.reg_image_ids()
+        }
+        row |= centre_errors(centres, published)
+    return row
+
+
+PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
+
+
+def apart(program: str, name: str, work: Path) -> dict[str, Any]:
+    """A row, made in a process of its own."""
+    code = (
+        "import sys, json; from pathlib import Path; from bench.real import judges; "
+        "print(json.dumps(judges.PROGRAMS[sys.argv[1]](sys.argv[2], Path(sys.argv[3]))))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, program, name, str(work)], check=True, stdout=subprocess.PIPE, text=True
+    )
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """A row of each set and program."""
+    cache = Cache(options.work / "judges.jsonl")
+    rows = {
+        name: {
+            program: cache.get(f"{name} {program}", partial(apart, program, name, options.work))
+            for program in PROGRAMS
+        }
+        for name in options.sets
+    }
+    return {"machine": machine(), "rows": rows}
+
+
+def table(result: dict[str, Any]) -> str:
+    """Markdown."""
+    lines = [
+        "# Real photographs with known facts",
+        "",
+        f"`python -m bench.real.judges --write`. {words(result['machine'])}. Processor seconds.",
+        "",
+        "Sets at full size, nothing set by hand, beside pycolmap's defaults (exhaustive pairs, one camera).",
+        "",
+        "| set | photographs | placed | by pycolmap | s | s of pycolmap | focal length, px | of pycolmap "
+        "| EXIF | lens | parts of light taken | facts | warnings |",
+        "|" + "---|" * 13,
+    ]
+    for name, row in result["rows"].items():
+        rig, peer = row["rig"], row["pycolmap"]
+        stated = SETS[name][1]
+        lines.append(
+            f"| {name} | {len(photographs(name))} | {rig['placed']} | {peer['placed']} "
+            f"| {rig['seconds']:.0f} | {peer['seconds']:.0f} | {_numbers(rig.get('focal'))} | {_numbers(peer.get('focal'))} "
+            f"| {'' if stated is None else f'{stated:.0f}'} | {', '.join(rig.get('lens', []))} "
+            f"| {', '.join(rig.get('taken', [])) or 'none'} | {_facts(rig, peer)} "
+            f"| {'; '.join(rig.get('said', [])) or 'none'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(values: list[float] | None) -> str:
+    return ", ".join(f"{value:.0f}" for value in values or [])
+
+
+def _facts(rig: Mapping[str, Any], peer: Mapping[str, Any]) -> str:
+    """What is known of a set otherwise, beside what was measured."""
+    said = []
+    if "centre_median" in rig:
+        said.append(
+            f"centres off by {rig['centre_median']:.3f} % of the extent in the median and "
+            f"{rig['centre_worst']:.2f} at most, by pycolmap {peer['centre_median']:.3f} and "
+            f"{peer['centre_worst']:.2f}"
+        )
+    if "height_span" in rig:
+        said.append(
+            f"heights of cameras within {rig['height_span']:.2f} m, ground {rig['ground_below']:.1f} m "
+            f"below, axes tilted by {rig['tilt']:.2f} degrees"
+        )
+    return "; ".join(said)
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--work", type=Path, default=WORK / "judges", help="keeps sessions and finished rows")
+    parser.add_argument("--sets", default=",".join(SETS), help="comma-separated")
+    options = parser.parse_args()
+    options.sets = ("sceaux",) if options.quick else tuple(options.sets.split(","))
+    options.work.mkdir(parents=True, exist_ok=True)
+    result = measure(options)
+    deliver(options, "real_judges", result, table(result))
+
+
+if __name__ == "__main__":
+    main()
