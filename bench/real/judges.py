@@ -210,7 +210,8 @@ def table(result: dict[str, Any]) -> str:
         stated = SETS[name][1]
         lines.append(
             f"| {name} | {len(photographs(name))} | {rig['placed']} | {peer['placed']} "
-            f"| {rig['seconds']:.0f} | {peer['seconds']:.0f} | {_numbers(rig.get('focal'))} | {_numbers(peer.get('focal'))} "
+            f"| {rig['seconds']:.0f} | {peer['seconds']:.0f} "
+            f"| {_numbers(rig.get('focal'))} | {_numbers(peer.get('focal'))} "
             f"| {'' if stated is None else f'{stated:.0f}'} | {', '.join(rig.get('lens', []))} "
             f"| {', '.join(rig.get('taken', [])) or 'none'} | {_facts(rig, peer)} "
             f"| {'; '.join(rig.get('said', [])) or 'none'} |"

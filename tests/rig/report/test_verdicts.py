@@ -24,7 +24,7 @@ from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from rig.__main__ import main
-from rig.commands.calibrate import LightPart, poses_result
+from rig.commands.calibration_result import LightPart, poses_result
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.pages.calibration import calibration_report
 from rig.report.sections.next_shots import next_shots
