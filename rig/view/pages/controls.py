@@ -11,6 +11,7 @@ from rig.view.pictures.look import STOPS, TONE_MAPS, Look, legend
 from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
 
 FREE = "free"
+AIM = "Click into the picture."
 DIFFERENCE_STOPS = 2.0
 """At the ends of the colours of a difference."""
 KEYS = (
@@ -60,7 +61,7 @@ class Controls:
             self.home = gui.add_button("Home", icon=viser.Icon.HOME, hint="Back to where the page began.")
         self.parts_of_model = self._parts(gui, painter, changed, narrow)
         with gui.add_folder("Spot meter"):
-            self.spot = gui.add_markdown("Click into the picture.")
+            self.spot = gui.add_markdown(AIM)
         with gui.add_folder("Keys", expand_by_default=False):
             gui.add_markdown(KEYS)
         gui.add_html(FULL_SCREEN)

@@ -11,14 +11,14 @@ import viser
 
 from imaging.errors import RigError
 from rig.view.pages.cameras import splat_camera
-from rig.view.pages.controls import DIFFERENCE_STOPS, FREE, Controls, assign
+from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.pages.frusta import Frusta
 from rig.view.pictures.layers import LAYERS, TRUST, picture_of
 from rig.view.pictures.look import Look, coloured, stops
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
 from rig.view.pictures.tones import Picture
-from rig.view.serving.frame import Frame
+from rig.view.serving.frame import Frame, marked
 from rig.view.serving.start import NARROW, Start, stand, start_at, up_of
 
 COARSE_SECONDS = 0.028
@@ -40,7 +40,8 @@ class ScenePage:
         self.frame: Frame | None = None
         self._drawing: Drawing | None = None
         self._drawn: object = None
-        self._measured: tuple[int, int] | None = None
+        self._spot: tuple[float, float] | None = None
+        self._measured: tuple[Drawing | None, object] = None, None
         self._wake, self._closed = threading.Event(), threading.Event()
         self._moved = self._arrived = 0.0
         self._stood = np.zeros(7)
@@ -57,7 +58,7 @@ class ScenePage:
             on_home=self._go_home,
         )
         client.camera.on_update(lambda _: self._camera_moved())
-        client.scene.on_click()(lambda event: self._measure(*event.screen_pos))
+        client.scene.on_click()(lambda event: self._aim(*event.screen_pos))
         self._thread = threading.Thread(target=self._run, name=f"page {client.client_id}", daemon=True)
         self._thread.start()
         self._wake.set()
@@ -154,10 +155,16 @@ class ScenePage:
                 self._drawing, self._drawn = self.painter.draw(wanted), key
             self.frame = Frame(self._drawing.light, camera.aspect)
         assert self.frame is not None
-        shown = self.frame.in_window(self._picture(self._drawing, wanted.show))
+        shown, spot = self.frame.in_window(self._picture(self._drawing, wanted.show)), self._spot
+        if spot is not None:
+            shown = marked(shown, *spot)
         if self._closed.is_set():
             return
         self.client.scene.set_background_image(shown, format="jpeg", jpeg_quality=75 if coarse else 95)
+        if spot is not None and (self._measured[0] is not self._drawing or self._measured[1] != spot):
+            self._measure(self._drawing, self.frame.pixel(*spot), wanted.show, coarse)
+            if not coarse:
+                self._measured = self._drawing, spot
         self.client.flush()
         rate = shown.shape[0] * shown.shape[1] / max(time.perf_counter() - began, 1e-4)
         if coarse:
@@ -200,14 +207,20 @@ class ScenePage:
             return coloured(stops(drawing.light, scale) - stops(drawing.over, scale), DIFFERENCE_STOPS)
         return self.controls.look.shown(drawing.light, scale)
 
-    def _measure(self, across: float, down: float) -> None:
-        """Say what light there is at a place in the window, 0..1."""
-        frame, drawing = self.frame, self._drawing
-        place = None if frame is None else frame.pixel(across, down)
-        if drawing is not None and place is not None:
-            show = str(self.controls.show.value)
-            self._measured = place
-            self.controls.spot.content = reading(drawing, show, self.painter.scene, *place)
-            residuals = self.painter.residuals()  # the first time it takes a while
-            if self._measured == place and residuals is not None:
-                self.controls.spot.content = reading(drawing, show, self.painter.scene, *place, residuals)
+    def _aim(self, across: float, down: float) -> None:
+        """Measure at a place in the window, 0..1, from now on."""
+        self._spot = across, down
+        self._wake.set()
+
+    def _measure(self, drawing: Drawing, place: tuple[int, int] | None, show: str, coarse: bool) -> None:
+        """Say what light there is at a pixel; None: the spot lies beside the picture."""
+        if place is None:
+            self.controls.spot.content = AIM
+            return
+        self.controls.spot.content = reading(drawing, show, self.painter.scene, *place)
+        if coarse:
+            return
+        self.client.flush()
+        residuals = self.painter.residuals()  # the first time it takes a while
+        if residuals is not None:
+            self.controls.spot.content = reading(drawing, show, self.painter.scene, *place, residuals)

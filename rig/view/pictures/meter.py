@@ -21,8 +21,9 @@ def reading(
     luminance = float(colour @ LUMINANCE)
     above = float(stops(colour, scene.exposure))
     height, width = drawing.light.shape[:2]
-    lines = [f"**{above:+.2f} stops** from middle grey"]
-    error = None if residuals is None else residuals.at(luminance)
+    dark = above == -np.inf
+    lines = ["**no light**" if dark else f"**{above:+.2f} stops** from middle grey"]
+    error = None if residuals is None or dark else residuals.at(luminance)
     if error is not None:
         lines.append(f"**+- {number(error, 2)} stops**: 68 % of held-out pixels as bright are no further off")
     if scene.luminance_scale is not None and scene.luminance_error is not None:

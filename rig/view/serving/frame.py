@@ -38,3 +38,19 @@ class Frame:
         return max(0, round((height * self.aspect - width) / 2)), max(
             0, round((width / self.aspect - height) / 2)
         )
+
+
+def marked(picture: Picture, across: float, down: float) -> Picture:
+    """Draw a ring around a place of a picture, 0..1 from its upper left, that is seen on any colour."""
+    height, width = picture.shape[:2]
+    radius = max(3.0, width / 160)
+    reach = int(radius) + 3
+    column, row = across * width, down * height
+    left, top = max(0, int(column) - reach), max(0, int(row) - reach)
+    shown = picture.copy()
+    near = shown[top : int(row) + reach, left : int(column) + reach]
+    rows, columns = np.ogrid[: near.shape[0], : near.shape[1]]
+    away = np.hypot(rows + top + 0.5 - row, columns + left + 0.5 - column)
+    near[np.abs(away - radius) < 1.5] = 0
+    near[np.abs(away - radius) < 0.75] = 255
+    return shown

@@ -1,5 +1,6 @@
 """The page of a scene in a browser that we did not write: headless Chromium."""
 
+import re
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -42,6 +43,33 @@ def test_a_drag_moves_the_camera_and_a_click_measures_light(window) -> None:
     assert f"column {column}, row {row} of {width}x{height}" in window.page.controls.spot.content
     luminance = float(window.page.frame.light[row, column] @ LUMINANCE)
     assert f"luminance {luminance:.3g}" in window.page.controls.spot.content
+
+
+def test_a_reading_follows_the_camera_and_what_is_shown(window) -> None:
+    window.until(lambda: window.page.frame.light.shape[1] == window.width)
+    window.tab.mouse.click(200, 400)
+    window.until(lambda: "column" in window.page.controls.spot.content)
+    window.until(lambda: float(np.ptp(window.canvas()[385:415, 185:215].mean(2))) > 150)  # its mark
+    before = window.page.controls.spot.content
+    window.choose("free", window.page.painter.scene.views[0].name)
+
+    def now() -> bool:
+        place = window.page.frame.pixel(*window.page._spot)
+        if place is None:
+            return False
+        luminance = float(window.page.frame.light[place] @ LUMINANCE)
+        return f"luminance {luminance:.3g}" in window.page.controls.spot.content
+
+    lens = window.page.painter.scene.views[0].lens
+    window.until(lambda: window.page.frame.light.shape[:2] == (lens.height, lens.width))
+    window.until(now)
+    assert window.page.controls.spot.content != before
+    assert f"of {lens.width}x{lens.height}" in window.page.controls.spot.content
+    window.choose("render", "depth")
+    window.until(lambda: re.search(" away|nothing there", window.page.controls.spot.content) is not None)
+    window.page.controls.spot.content = ""
+    window.page.refresh()  # as after more of a training
+    window.until(lambda: "column" in window.page.controls.spot.content)
 
 
 def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) -> None:

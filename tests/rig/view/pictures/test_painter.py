@@ -20,6 +20,7 @@ from rig.view.pictures.painter import (
     RENDER,
     SECOND,
     SPLIT,
+    Drawing,
     Painter,
     Parts,
     Wanted,
@@ -53,6 +54,20 @@ def test_two_scenes_are_compared_in_stops(scene: Scene, brighter: Scene) -> None
     np.testing.assert_array_equal(split.light[:, middle:], second.light[:, middle:])
     np.testing.assert_allclose(over.light, 2 * over.over, rtol=1e-5)
     assert "**+1.000 stops** over A" in reading(over, OVER, scene, 10, 12)
+
+
+def test_a_place_without_light_is_said_to_have_none(scene: Scene) -> None:
+    light = np.zeros((2, 2, 3), np.float32)
+    light[1, 1] = 1.0
+    drawing = Drawing(light)
+    residuals = Painter(scene).residuals()
+    assert residuals is not None
+    for known in (None, residuals):
+        dark = reading(drawing, RENDER, scene, 0, 1, known)
+        assert dark.startswith("**no light**")
+        assert "stops" not in dark
+        assert "luminance 0" in dark
+    assert "stops** from middle grey" in reading(drawing, RENDER, scene, 1, 1)
 
 
 def test_a_render_lies_beside_its_reference(scene: Scene) -> None:

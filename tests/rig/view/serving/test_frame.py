@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.view.serving.frame import BESIDE, Frame
+from rig.view.serving.frame import BESIDE, Frame, marked
 
 
 @pytest.mark.parametrize("aspect", [0.5, 4 / 3, 2.5])
@@ -31,3 +31,14 @@ def test_outside_the_window_is_no_pixel() -> None:
     assert frame.pixel(0.999, 0.999) == (2, 3)
     assert frame.pixel(1.0, 0.5) is None
     assert frame.pixel(0.5, -0.01) is None
+
+
+@pytest.mark.parametrize("place", [(0.5, 0.5), (0.0, 0.0), (0.999, 0.3), (0.2, 1.0)])
+def test_a_ring_marks_a_place_and_leaves_the_rest(place: tuple[float, float]) -> None:
+    picture = np.full((90, 160, 3), 128, np.uint8)
+    shown = marked(picture, *place)
+    rows, columns = np.nonzero((shown != picture).any(2))
+    away = np.hypot(rows + 0.5 - place[1] * 90, columns + 0.5 - place[0] * 160)
+    assert 0 < away.min() < away.max() < 6
+    assert {0, 255} <= set(shown.ravel().tolist())
+    assert (picture == 128).all()
