@@ -11,13 +11,13 @@ from rig.view.pictures.look import STOPS, TONE_MAPS, Look, legend
 from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
 
 FREE = "free"
-AIM = "Click into the picture."
+AIM = "Click or tap into the picture."
 DIFFERENCE_STOPS = 2.0
 """At the ends of the colours of a difference."""
 KEYS = (
     "Drag or arrow keys to turn, right-drag to shift, scroll to go nearer, **W A S D Q E** to fly.  \n"
     "**B**, **V**: a stop brighter, darker. **N**, **P**: next, previous photograph. "
-    "**C**: cameras. **H**: home. Click to measure."
+    "**C**: cameras. **H**: home. Click or tap to measure."
 )
 FULL_SCREEN = (
     '<div style="padding:0 1em 0.6em"><button style="width:100%;padding:0.35em;border-radius:4px;border:1px '

@@ -32,4 +32,4 @@ def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay:
     """
     home = start_of(painter.scene, painter.scene.views[0]) if start is None else start
     sent = home if start is None and not stay else None
-    viewer.show(lambda client, look: ScenePage(client, painter, home, look), sent)
+    viewer.show(lambda client, look, narrow: ScenePage(client, painter, home, look, narrow), sent)

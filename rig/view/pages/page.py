@@ -19,7 +19,7 @@ from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
 from rig.view.pictures.tones import Picture
 from rig.view.serving.frame import Frame, marked
-from rig.view.serving.start import NARROW, Start, stand, start_at, up_of
+from rig.view.serving.start import Start, stand, start_at, up_of
 
 COARSE_SECONDS = 0.028
 """That a picture may take while the camera moves: it has as few pixels as that needs."""
@@ -35,7 +35,9 @@ _SAME = 1e-4
 class ScenePage:
     """Draws for one browser, in a thread of its own, until it is closed."""
 
-    def __init__(self, client: viser.ClientHandle, painter: Painter, start: Start, look: Look) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, painter: Painter, start: Start, look: Look, narrow: bool
+    ) -> None:
         self.client, self.painter, self.start = client, painter, start
         self.frame: Frame | None = None
         self._drawing: Drawing | None = None
@@ -52,7 +54,7 @@ class ScenePage:
             painter,
             look,
             self._wake.set,
-            narrow=client.camera.image_width < NARROW,
+            narrow=narrow,
             on_view=self._go,
             on_frusta=self._show_frusta,
             on_home=self._go_home,

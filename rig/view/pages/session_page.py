@@ -16,7 +16,7 @@ from rig.view.pictures.photographs import Photograph, Photographs, sheet
 from rig.view.pictures.tones import Light
 from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer
-from rig.view.serving.start import NARROW, height_angle, pose_of, stand
+from rig.view.serving.start import height_angle, pose_of, stand
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
 SHEET = 1000
@@ -29,7 +29,12 @@ class SessionPage:
     """A contact sheet, developed at the page's exposure, and the rig in three dimensions."""
 
     def __init__(
-        self, client: viser.ClientHandle, photographs: Photographs, rig: RigModel | None, look: Look
+        self,
+        client: viser.ClientHandle,
+        photographs: Photographs,
+        rig: RigModel | None,
+        look: Look,
+        narrow: bool,
     ) -> None:
         self.client, self.photographs, self.rig = client, photographs, rig
         self.frame: Frame | None = None
@@ -44,7 +49,7 @@ class SessionPage:
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones)
             shows = (PHOTOGRAPHS, RIG) if rig else (PHOTOGRAPHS,)
             self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
-        with gui.add_folder("Session", expand_by_default=client.camera.image_width >= NARROW):
+        with gui.add_folder("Session", expand_by_default=not narrow):
             self.words = gui.add_markdown("")
         for control in (self.exposure, self.tones, self.show):
             control.on_update(lambda _: self._wake.set())
@@ -175,4 +180,4 @@ def show_session(viewer: Viewer, folder: Path) -> None:
     record = photographs.calibration
     rig = None if record is None else RigModel.of(folder, record)
     start = None if rig is None else rig.start()
-    viewer.show(lambda client, look: SessionPage(client, photographs, rig, look), start)
+    viewer.show(lambda client, look, narrow: SessionPage(client, photographs, rig, look, narrow), start)

@@ -17,6 +17,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from rig.view.serving.window import css_width, width_of, with_script
+
 LOCAL = "127.0.0.1"
 PARAMETER = "token"
 _LOCAL_PAGE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
@@ -98,8 +100,11 @@ def guarded(access: Access) -> Iterator[None]:
             if refused is not None:
                 return refused
             response = process_request(connection, request)
-            if response is not None:
-                access.remembered(request, response)
+            if response is None:
+                css_width.set(width_of(request))
+                return None
+            response = with_script(response)
+            access.remembered(request, response)
             return response
 
         options.setdefault("logger", _UNHEARD)

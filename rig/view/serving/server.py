@@ -15,7 +15,8 @@ from rig.view.pictures.look import Look
 from rig.view.serving.access import LOCAL, Access, guarded
 from rig.view.serving.first import FirstPicture
 from rig.view.serving.frame import Frame
-from rig.view.serving.start import Start, stand
+from rig.view.serving.start import NARROW, Start, stand
+from rig.view.serving.window import css_width
 
 _ANY = ("0.0.0.0", "::")
 
@@ -45,7 +46,8 @@ class Page(Protocol):
         ...
 
 
-MakePage = Callable[[viser.ClientHandle, Look], Page]
+MakePage = Callable[[viser.ClientHandle, Look, bool], Page]
+"""Of a browser, as a look has it; the last: its window is narrow."""
 
 
 class Viewer:
@@ -63,6 +65,7 @@ class Viewer:
         self.access = Access.to(host)
         self.pages: dict[int, Page] = {}
         self._clients: dict[int, viser.ClientHandle] = {}
+        self._narrow: set[int] = set()
         self._make: MakePage | None = None
         self._told = ""
         self._changing = threading.Lock()
@@ -73,6 +76,7 @@ class Viewer:
             self.begin_at(first.start)
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()
+        self.server.on_client_connect(self._look_at_window)
         self.server.on_client_connect(self._open)
         self.server.on_client_disconnect(self._close)
 
@@ -150,8 +154,15 @@ class Viewer:
             before.clear()
         if start is not None:
             stand(client, start)
-        page = self.pages[client.client_id] = self._make(client, look)
+        page = self.pages[client.client_id] = self._make(client, look, client.client_id in self._narrow)
         page.tell(self._told)
+
+    async def _look_at_window(self, client: viser.ClientHandle) -> None:
+        """Remember whether a window is narrow; in the task of its connection, which alone knows."""
+        # A camera's image is in pixels of the screen, of which a telephone has several for one of CSS.
+        width = css_width.get()
+        if (client.camera.image_width if width is None else width) < NARROW:
+            self._narrow.add(client.client_id)
 
     def _open(self, client: viser.ClientHandle) -> None:
         with self._changing:
@@ -170,6 +181,7 @@ class Viewer:
         with self._changing:
             self._waiting.pop(client.client_id, None)
             self._clients.pop(client.client_id, None)
+            self._narrow.discard(client.client_id)
             page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()

@@ -31,7 +31,7 @@ def point(vector: npt.ArrayLike) -> Point:
 
 
 NARROW = 600
-"""px of a window's width below which all controls would hide the picture: some begin folded."""
+"""CSS px of a window's width below which all controls would hide the picture: some begin folded."""
 WIDEST = np.radians(120.0)
 """That a browser is asked to show from top to bottom."""
 

@@ -13,7 +13,7 @@ from imaging.session.paths import find_reconstruction
 from rig.view.pages.opening import show_scenes
 from rig.view.serving.server import Viewer
 
-CANVAS = "document.querySelector('canvas[data-engine]').clientWidth"
+CANVAS = "document.querySelector('canvas[data-engine]').clientWidth * devicePixelRatio"
 LIMIT = 20.0
 """Seconds that a browser without a GPU may take for anything."""
 
@@ -28,10 +28,12 @@ def viewer(scene_template: Path) -> Iterator[Viewer]:
 class Window:
     """A window of the browser, and the page that draws for it."""
 
-    def __init__(self, browser, viewer: Viewer, width: int = 900, height: int = 500) -> None:
+    def __init__(
+        self, browser, viewer: Viewer, width: int = 900, height: int = 500, **device: object
+    ) -> None:
         known = set(viewer.pages)
         self.height = height
-        self.tab = browser.new_page(viewport={"width": width, "height": height})
+        self.tab = browser.new_page(viewport={"width": width, "height": height}, **device)
         self.tab.goto(viewer.url)
         self.until(lambda: bool(set(viewer.pages) - known))
         self.page = viewer.pages[max(viewer.pages)]
@@ -72,8 +74,8 @@ class Window:
 def open_window(browser) -> Iterator[Callable[..., Window]]:
     opened = []
 
-    def open_one(viewer: Viewer, **size: int) -> Window:
-        opened.append(Window(browser, viewer, **size))
+    def open_one(viewer: Viewer, **window: object) -> Window:
+        opened.append(Window(browser, viewer, **window))
         return opened[-1]
 
     yield open_one

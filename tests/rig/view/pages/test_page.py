@@ -72,6 +72,39 @@ def test_a_reading_follows_the_camera_and_what_is_shown(window) -> None:
     window.until(lambda: "column" in window.page.controls.spot.content)
 
 
+PHONE = {"has_touch": True, "device_scale_factor": 2}
+
+
+def test_a_tap_measures_and_a_finger_that_moves_turns(open_window, viewer) -> None:
+    window = open_window(viewer, width=420, height=860, **PHONE)
+    assert window.page.client.camera.image_width > 600  # px of the screen
+    cameras = window.tab.get_by_text("Photographs", exact=True)
+    assert not cameras.is_visible()
+    for across, down in ((60, 300), (300, 360)):  # below the word that Chromium draws without a GPU
+        window.tab.touchscreen.tap(across, down)
+        spot = (across / 420, down / 860)
+        window.until(lambda spot=spot: np.allclose(window.page._spot or (-1, -1), spot, atol=0.01))
+        window.until(lambda: window.page._measured[1] == window.page._spot)
+        height, width = window.page.frame.light.shape[:2]
+        row, column = window.page.frame.pixel(*window.page._spot)
+        assert f"column {column}, row {row} of {width}x{height}" in window.page.controls.spot.content
+    spot, stood = window.page._spot, np.array(window.page.client.camera.position)
+    touch = window.tab.context.new_cdp_session(window.tab)
+    for kind, place in (("Start", 100), ("Move", 130), ("Move", 180), ("Move", 240), ("End", None)):
+        points = [] if place is None else [{"x": place, "y": 330}]
+        touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+    window.until(lambda: np.abs(window.page.client.camera.position - stood).max() > 0.01)
+    assert window.page._spot == spot
+    window.tab.get_by_text("Cameras", exact=True).tap()
+    window.until(cameras.is_visible)
+
+
+def test_a_wide_window_begins_with_its_controls_unfolded(open_window, viewer) -> None:
+    """Whatever its shape and its pixels are."""
+    window = open_window(viewer, width=640, height=860, **PHONE)
+    window.until(window.tab.get_by_text("Photographs", exact=True).is_visible)
+
+
 def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) -> None:
     painter = window.page.painter
     name = next(iter(painter.references))

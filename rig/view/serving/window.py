@@ -1,0 +1,54 @@
+"""A browser's window: its width in CSS pixels, and a script that lets viser's page be tapped."""
+
+import functools
+import gzip
+import re
+from contextvars import ContextVar
+
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+_COOKIE = "rig_view_width"
+_SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
+# viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
+# themselves for what they touch, so that no tap would ever measure.
+_SCRIPT = f"""<script>
+const say = () => {{ document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`; }};
+say();
+addEventListener("resize", say);
+addEventListener("pointerdown", (event) => {{
+  const {{ target, pointerId }} = event;
+  if (target instanceof HTMLCanvasElement && target.hasPointerCapture(pointerId))
+    target.releasePointerCapture(pointerId);
+}}, true);
+</script>
+"""
+
+css_width: ContextVar[int | None] = ContextVar("css_width", default=None)
+"""px of the window that the connection at hand is from; None: it did not say."""
+
+
+def width_of(request: Request) -> int | None:
+    """Read the width of the window, CSS px, that a request is from; None: it does not say."""
+    # Not by `http.cookies`: it gives up at cookies that other servers of this machine set in their own way.
+    found = _SAID.search("; ".join(request.headers.get_all("Cookie")))
+    return int(found[1]) if found else None
+
+
+def with_script(response: Response) -> Response:
+    """Add the script to a page; anything else is as it was."""
+    if not response.headers.get("Content-Type", "").startswith("text/html"):
+        return response
+    zipped = response.headers.get("Content-Encoding") == "gzip"
+    body = _with_script(bytes(response.body), zipped)
+    headers = Headers(response.headers)
+    del headers["Content-Length"]
+    headers["Content-Length"] = str(len(body))
+    return Response(response.status_code, response.reason_phrase, headers, body)
+
+
+@functools.lru_cache(maxsize=2)
+def _with_script(body: bytes, zipped: bool) -> bytes:
+    page = gzip.decompress(body) if zipped else body
+    page = page.replace(b"<head>", b"<head>\n" + _SCRIPT.encode(), 1)
+    return gzip.compress(page) if zipped else page
