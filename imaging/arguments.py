@@ -28,8 +28,8 @@ _WORDS = {
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function refuse arguments that are of none of the types in its signature.
 
-    Types that the signature only quotes, and what collections hold, are left to the function. Errors:
-    InputError.
+    Types that the signature only quotes, protocols that cannot be checked, and what collections hold are left
+    to the function. Errors: InputError.
     """
     signature = inspect.signature(function)
 
@@ -62,6 +62,8 @@ def fits(value: object, kind: Any) -> bool:
     if kind in _NUMBERS:
         return isinstance(value, _NUMBERS[kind]) and not isinstance(value, bool)
     kind = PathLike if kind is Path else origin or kind
+    if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
+        return True
     return not isinstance(kind, type) or isinstance(value, kind)
 
 

@@ -166,7 +166,7 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
     )
     scale = metrics.align_scale(everything, true)
-    most = float(np.percentile(true, 99.9))
+    most = max(0.0, float(np.percentile(true, 99.9)))
     for row, image, goal in zip(rows, light, truth, strict=True):
         aligned = image * scale
         row["hdr_psnr_mu"] = metrics.hdr_psnr_mu(image, goal, peak)

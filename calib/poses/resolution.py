@@ -160,7 +160,10 @@ class _Choice:
         return Rung(name="pose_contradictions", taken=taken, reason=self.reason)
 
     def _folded(self) -> bool:
-        """Tell if views that the model puts beside each other are not as bright."""
+        """Tell if light may say that the model is folded: it is exact, or views beside each other are not as
+        bright."""
+        if self.matches.exact:
+            return True
         poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
         return lit_apart(poses, self.matches.pairs, self.matches.brightness, self.matches.steady)
 

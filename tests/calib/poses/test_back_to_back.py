@@ -76,7 +76,7 @@ def test_both_cameras_are_placed_and_how_is_told(tmp_path: Path, monkeypatch: py
         {"front": (0.0, 0.0, 0.0), "back": (0.0, 0.0, 0.0)}, {"front": 1.0, "back": 1.0}, ()
     )
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
-    monkeypatch.setattr(vignetting, "estimate", lambda *rest, comparable: none)
+    monkeypatch.setattr(vignetting, "estimate", lambda *rest, **more: none)
     session = photographed(tmp_path / "S")
     record = calibrate(session, on_progress=unreported)
     assert record.unregistered == ()

@@ -115,7 +115,7 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
     none = vignetting.Falloff(
         {"cam0": (0.0, 0.0, 0.0), "cam1": (0.0, 0.0, 0.0)}, {"cam0": 1.0, "cam1": 1.0}, ()
     )
-    monkeypatch.setattr(vignetting, "estimate", lambda *rest, comparable: none)
+    monkeypatch.setattr(vignetting, "estimate", lambda *rest, **more: none)
     record = calibrate(own_arm, on_progress=unreported)
     assert record.unregistered == ()
     (lost,) = (view for view in record.views if view.by_rig)
