@@ -167,6 +167,12 @@ class _Choice:
         poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
         return lit_apart(poses, self.matches.pairs, self.matches.brightness, self.matches.steady)
 
+    def _differs_beside(self) -> bool:
+        """Tell if views that the first model has look from the same side are not as bright."""
+        poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
+        matches = self.matches
+        return warning(poses, matches.pairs, matches.brightness, matches.steady) is not None
+
     def _by_light(self) -> tuple[Any, Pairs] | None:
         """A model without pairs that are lit differently, and its pairs; None where it shows that light is
         wrong."""
@@ -178,7 +184,14 @@ class _Choice:
         rest = {pair: one for pair, one in matches.pairs.items() if pair not in false}
         deleted = self._delete(false)
         model, pairs = self._closed(rest, deleted)
-        if model is not None:
+        if model is None:
+            # Nothing is left that could refute light: it is believed where the first model bears it out.
+            if self._differs_beside():
+                self.reason += (
+                    f"; {len(false)} pairs are lit differently, and no views can be placed without them"
+                )
+                self._refused()
+        else:
             fit, tested = fitting(model, {pair: matches.pairs[pair] for pair in false}, matches.max_error)
             if tested < FEWEST_TESTED or fit <= REFUTED * tested:
                 self.reason += (
