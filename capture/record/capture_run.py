@@ -277,8 +277,10 @@ class CaptureRun:
         self._unknown |= dict.fromkeys(written.unknown)
         if deviates(written.reported, requested):
             self._problems.append(_deviation(shot_id, requested, written.reported))
-        if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
-            self._apart.setdefault(shot_id.step, []).append((shot.skew, shot_id))
+        # Where shutters are unknown, orders that went out too far apart are enough to say so.
+        apart = shot.told if shot.skew is None else shot.skew
+        if apart is not None and apart > self._tolerance and not shot.retries:
+            self._apart.setdefault(shot_id.step, []).append((apart, shot_id))
         self._progress(shot.file, len(self.done), len(self.planned))
 
     def _untold(self) -> Iterator[str]:

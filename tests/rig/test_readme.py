@@ -137,11 +137,12 @@ class Desk:
             text=True,
         ) as served:
             assert served.stderr is not None
-            said = ""
+            said, ended = "", False
             for line in served.stderr:
                 said += line
-                if "http://127.0.0.1" in line:
+                if "http://127.0.0.1" in line and not ended:
                     served.send_signal(signal.SIGINT)
+                    ended = True
             assert served.wait(60) == 0, said
         assert "until Ctrl-C" in said
 
