@@ -296,8 +296,9 @@ class CaptureRun:
         for step, late in sorted(self._apart.items()):
             worst, shot = max(late)
             frames = len({shot.frame for _, shot in late})
+            opened = "shutters opened" if self.done[shot].skew is not None else "orders to expose went out"
             yield (
-                f"step {step}: in {frames} of {len(self._plan.frames)} frames the shutters opened more than "
+                f"step {step}: in {frames} of {len(self._plan.frames)} frames the {opened} more than "
                 f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({shot.camera}, frame "
                 f"{shot.frame}): keep the scene still, or trigger the cameras by a hardware line"
             )
