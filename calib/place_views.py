@@ -88,6 +88,11 @@ def with_poses(
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
         comparable=len(filters) == 1,
+        uncorrected={
+            camera.name: vignetting.natural(model.lenses[camera.name])
+            for camera in session.record.cameras
+            if camera.kind == "raw" and camera.name in model.lenses
+        },
         without=without,
     )
     if development.exposure:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from calib.light.falloff import DARKEST, Fit, Terms, Tracks, darkest, fit_terms, log_light, track_losses
 from calib.light.parts import ASKED, LightPart
 from calib.light.viewing_sides import by_side
+from imaging.lens import Lens
 from imaging.session.records import Rung
 
 Array = npt.NDArray[np.float64]
@@ -19,6 +20,11 @@ FOLDS = 5
 SURE = 3.0
 """Standard errors between the regions of a scene that a part has to gain: surfaces are not lenses, and there
 are few regions."""
+SURE_OF_A_LENS = 2.0
+"""The same of a falloff of RAW files that is within `LENSES` of the fourth power of the cosine."""
+LENSES = (0.25, 3.0)
+"""Falloffs of real lenses in natural log of light at the corner, as multiples of that law's: telecentric
+lenses have less, open apertures more."""
 NOTICED = 0.005
 """Less than this, natural log of light between cameras, is left out: nobody misses it."""
 LEAST_FALLOFF = 0.02
@@ -49,6 +55,7 @@ def estimate(
     models: Mapping[str, str],
     *,
     comparable: bool = True,
+    uncorrected: Mapping[str, float] | None = None,
     without: Collection[LightPart] = (),
 ) -> Falloff:
     """Falloff and gains that tracks of held-out regions ask for, and nothing else.
@@ -56,7 +63,8 @@ def estimate(
     cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
     model share a falloff unless their own predict held-out tracks better. Of falloff and gains the one that
     tells more is tried first, so that it does not pass for the other. comparable: whether the cameras see the
-    same light; if not, they get no gains. without: parts that nobody wants.
+    same light; if not, they get no gains. uncorrected: of each camera whose files are RAW, natural log of
+    light at the corner by the cosine's fourth power, at most 0. without: parts that nobody wants.
     """
     count = len(cameras)
     none = Terms((), gains=False)
@@ -82,7 +90,13 @@ def estimate(
         gain, error = _gain(tracks, terms, wanted, count)
         more = wanted.parameters(count) - terms.parameters(count)
         rung = Rung.judged(name, gain, error, UNIT, what, more, SURE)
-        fits = [fit_terms(tracks, one, count) for one in (terms, wanted)] if rung.taken else []
+        fits = []
+        if rung.taken or gain > SURE_OF_A_LENS * error:
+            fits = [fit_terms(tracks, one, count) for one in (terms, wanted)]
+        if fits and not rung.taken:
+            usual = name == "vignetting" and _as_of_lenses(fits[1], wanted, cameras, uncorrected or {})
+            rung = rung.model_copy(update={"taken": usual})
+            fits = fits if usual else []
         if fits and darkest(fits[1].polynomials) < AT_BOUND * DARKEST:
             rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})
         elif fits:
@@ -121,6 +135,27 @@ def estimate(
         vignetting = {name: _row(found.polynomials[terms.lenses[i]]) for i, name in enumerate(cameras)}
     gain = {name: float(np.exp(found.log_gain[i])) for i, name in enumerate(cameras)}
     return Falloff(vignetting, gain, tuple(rungs))
+
+
+def natural(lens: Lens) -> float:
+    """Natural log of the light at the corner, the middle's being 0, by the fourth power of the cosine.
+
+    Of an angle of arctan(corner / focal length); a fisheye gets none.
+    """
+    if lens.fisheye:
+        return 0.0
+    corner = np.hypot(lens.width / 2 / lens.fx, lens.height / 2 / lens.fy)
+    return float(-2.0 * np.log1p(corner**2))
+
+
+def _as_of_lenses(fit: Fit, terms: Terms, cameras: Sequence[str], uncorrected: Mapping[str, float]) -> bool:
+    """Whether all cameras record RAW, and each falloff is what lenses of this angle have."""
+    if not uncorrected.keys() >= set(cameras):
+        return False
+    corner = np.log(1.0 + fit.polynomials.sum(axis=1))
+    law = np.array([uncorrected[name] for name in cameras])
+    share = corner[np.array(terms.lenses)] / np.minimum(law, -1e-6)
+    return bool(np.all((LENSES[0] <= share) & (share <= LENSES[1])))
 
 
 def _size(name: str, fit: Fit) -> str:

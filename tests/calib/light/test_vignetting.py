@@ -228,3 +228,22 @@ def test_the_size_of_what_was_taken_is_said():
     # 1 - 0.32 + 0.09 - 0.02 is 0.75.
     assert re.search(r"model; the corners get 7[456] % of the light of the middle$", said["vignetting"])
     assert said["camera_gain"].endswith("cameras differ by up to 22 %")
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        ({}, False),
+        ({"a": -0.5}, False),
+        (dict.fromkeys(NAMES, -0.5), True),
+        (dict.fromkeys(NAMES, -2.0), False),
+    ],
+)
+def test_two_standard_errors_are_enough_for_what_every_lens_does_to_raw(law, expected):
+    """Without RAW of all cameras, or where lenses of this angle have much more, it takes three."""
+    tracks = made([(-0.3, 0, 0)] * 4, [1] * 4, points=130, noise=0.35, seed=1)
+    found = estimate(tracks, NAMES, MODELS, uncorrected=law)
+    (rung,) = (rung for rung in found.rungs if rung.name == "vignetting")
+    assert 2 < rung.gain / rung.standard_error < 3
+    assert rung.taken == expected
+    assert (sum(found.vignetting["a"]) < -0.1) == expected
