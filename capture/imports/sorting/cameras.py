@@ -273,7 +273,7 @@ def _camera(
     """several: whether the body has more settings of its lens than this."""
     body = key.body
     homes = {photo.path.parent for photo in photos}
-    home = homes.pop() if len(homes) == 1 else folder
+    home = homes.pop() if len(homes) == 1 else folder / body.identity if body.source == "folder" else folder
     stem = _plain((body.model or body.make) if body.source not in ("folder", "one") else home.resolve().name)
     if several and key.setting.known:
         stem = f"{stem[:26].strip('-')}-{_plain(key.setting.short)[:13].strip('-')}"
