@@ -110,10 +110,19 @@ def run_scenes(
 
 
 def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress) -> None:
-    """A session of a scene's photographs and poses; one that has them is kept."""
+    """A session of a scene's photographs and poses; one that has them is kept.
+
+    InputError where the scene lists a photograph that is not there: its figures would be of another set.
+    """
+    from capture.imports.layouts import read_layout
     from capture.imports.photos import import_photos
 
     if not (session / "calibration" / "calibration.json").is_file():
+        given = read_layout(scene, layout)
+        if given is not None and given.missing:
+            raise InputError(
+                f"{given.missing[0]}: copy the scene again, a benchmark is of all its photographs."
+            )
         import_photos(scene, session, layout=layout, on_progress=progress).require_complete()
 
 

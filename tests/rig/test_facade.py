@@ -50,8 +50,8 @@ def test_reconstruct_opens_the_scene_that_is_there_and_its_settings_are_those_of
     [
         ({"settings": {"iteration": 5}}, "settings has no 'iteration'"),
         ({"settings": {"iterations": "many"}}, "iterations='many' cannot be used"),
-        ({"quality": "fine"}, "'fine' is none of draft"),
-        ({"method": "nerf"}, "'nerf' is none of"),
+        ({"quality": "fine"}, "cannot take 'fine' for quality: give it one of 'draft'"),
+        ({"method": "nerf"}, "cannot take 'nerf' for method"),
     ],
 )
 def test_what_cannot_be_trained_is_refused_before_anything_is_read(options, words, tmp_path: Path) -> None:
