@@ -1,9 +1,14 @@
 """What a camera computes into its values before it sends them, switched off and read back.
 
-Makers say of gamma (Blackfly: "available in all pixel formats"), white balance (Basler dart: "effective on
-all pixel data output formats including raw"), lookup tables and more that they act on raw mosaics too. Each
-would bend or scale the light of every frame without a trace in it. Names are those of SFNC, and of the
-descriptions of FLIR, Point Grey, Basler, Allied Vision, Vieworks and Adimec that ADGenICam collects.
+Makers say of gamma (Blackfly: "available in all pixel formats"), lookup tables and more that they act on raw
+mosaics too, and Basler's ProcessedRawEnable sends a mosaic that is made of a developed picture. Each would
+bend or mix the light of every frame without a trace in it. Names are those of SFNC, and of the descriptions
+of FLIR, Point Grey, Basler, Allied Vision, Vieworks and Adimec that ADGenICam collects. Gains of single
+colours are in drivers/genicam/colours.py.
+
+What stays as it is set, since samples remain proportional to light: the size of frames (windows, binning,
+decimation), BlackLevel, DigitalGain and the factory's own corrections of a sensor (DSNU, PRNU, clamping of
+black).
 """
 
 from collections.abc import Iterator
@@ -13,8 +18,10 @@ from dataclasses import dataclass
 from drivers.errors import CameraRefused
 from drivers.genicam.nodemap import NodeMap
 
-_OFF = ("Off", "Disabled", "Disable", "False", "None", "Linear")
-"""Entries that mean that something is off, of enumerations that switch it."""
+_OFF = ("off", "disabled", "disable", "false", "none", "linear")
+"""Entries that mean that something is off, in small letters, of enumerations that switch it."""
+_OFF_OF = {"ExposureMode": ("timed",), "ExposureModeValue": ("timed",)}
+"""The same of enumerations whose entries have names of their own."""
 _ALIKE = 0.005
 """By which an amount may be off where a camera counts in steps: half a percent of a factor."""
 
@@ -39,24 +46,39 @@ STAGES = (
     Stage("automatic gain", ("GainAuto", "GainAutoBalance", "pgrExposureCompensationAuto")),
     Stage("automatic black level", ("BlackLevelAuto", "BlackLevelAutoBalance")),
     Stage("automatic white balance", ("BalanceWhiteAuto",)),
-    Stage("image signal processor", ("IspEnable", "ISPEnable")),
+    Stage(
+        "image signal processor",
+        ("IspEnable", "ISPEnable", "OnBoardColorProcessEnabled", "ProcessedRawEnable", "PgiMode"),
+    ),
     Stage("gamma", ("GammaEnable", "GammaEnabled", "GammaMode", "GammaCorrection"), (("Gamma", 1.0),)),
     Stage("lookup table", ("LUTEnable", "LUTEnabled", "LUTConfiguration"), selector="LUTSelector"),
-    Stage(
-        "white balance",
-        ("BalanceWhiteEnable", "BalanceRatioEnable"),
-        (("BalanceRatio", 1.0), ("BalanceRatioAbs", 1.0)),
-        "BalanceRatioSelector",
-    ),
+    Stage("white balance", ("BalanceWhiteEnable", "BalanceRatioEnable")),
     Stage(
         "colour transformation",
-        ("ColorTransformationEnable", "ColorTransformationMode", "ColorCorrectionEnable"),
+        (
+            *("ColorTransformationEnable", "ColorTransformationMode", "ColorCorrectionEnable"),
+            *("LightSourceSelector", "LightSourcePreset", "BslLightSourcePreset"),
+        ),
         selector="ColorTransformationSelector",
+    ),
+    Stage(
+        "adjustment of hue and saturation",
+        (
+            "HueAuto",
+            "HueEnabled",
+            "SaturationAuto",
+            "SaturationEnable",
+            "SaturationEnabled",
+            "ColorAdjustmentEnable",
+        ),
     ),
     Stage("digital shift", amounts=(("DigitalShift", 0.0),)),
     Stage(
         "sharpening",
-        ("SharpeningEnable", "SharpnessEnabled", "SharpnessEnable", "EdgeFilter", "MedianFilter"),
+        (
+            *("SharpeningAuto", "SharpnessAuto", "SharpeningEnable", "SharpnessEnabled", "SharpnessEnable"),
+            *("EdgeFilter", "MedianFilter"),
+        ),
         (("Sharpening", 0.0), ("BslSharpnessEnhancement", 0.0)),
     ),
     Stage(
@@ -65,15 +87,29 @@ STAGES = (
         (("NoiseReductionAbs", 0.0), ("BslNoiseReduction", 0.0)),
     ),
     Stage("brightness", ("BF_AutoLevelAdjust",), (("BslBrightness", 0.0),)),
-    Stage("contrast", ("ContrastMode", "BslContrastMode", "ToneMappingEnable"), (("BslContrast", 0.0),)),
     Stage(
-        "several slopes or exposures in one", ("HDR_Mode", "pgrHDRModeEnabled", "MultiSlopeMode", "HDREnable")
+        "contrast",
+        ("ContrastMode", "BslContrastMode", "ToneMappingEnable", "ImageAdjustMethod"),
+        (("BslContrast", 0.0),),
+    ),
+    Stage("conversion to temperatures", ("TemperatureLinearMode",)),
+    Stage(
+        "several slopes or exposures in one",
+        ("HDR_Mode", "pgrHDRModeEnabled", "MultiSlopeMode", "HDREnable"),
+    ),
+    Stage("way of ending or repeating exposures", ("ExposureMode", "ExposureModeValue")),
+    Stage("mirroring", ("ReverseX", "ReverseY", "HorizontalFlip", "VerticalFlip")),
+    Stage(
+        "scaling",
+        ("ImageScaling",),
+        tuple((f"Scaling{way}{kind}", 1.0) for way in ("Horizontal", "Vertical") for kind in ("", "Abs")),
     ),
     Stage(
         "shading correction",
         (
             *("LensShadingCorrectionMode", "LensShadingCorrectionEnable", "VignettingCorrectionMode"),
             *("ShadingCorrectionMode", "ShadingEnable", "FlatFieldCorrection", "FlatFieldCorrectionEnable"),
+            "FfcEnable",
         ),
     ),
     Stage(
@@ -97,8 +133,11 @@ STAGES = (
     ),
     Stage("compression", ("ImageCompressionMode", "AdaptiveCompressionEnable")),
 )
-_MAY_STAY = frozenset(("correction of defective pixels", "shading correction"))
-"""Not worth a camera where it cannot be switched off: few pixels change, or all by a fixed factor."""
+_MAY_STAY = frozenset(
+    ("correction of defective pixels", "shading correction", "adjustment of hue and saturation")
+)
+"""Not worth a camera where it cannot be switched off: few pixels change, or all by a fixed factor, or none
+of a mosaic."""
 
 
 def switch_off(nodes: NodeMap, name: str) -> None:
@@ -149,7 +188,8 @@ def _off(nodes: NodeMap, switch: str) -> str | bool | None:
         return None
     kind = nodes.kind(switch)
     if kind == "Enumeration":
-        return next((entry for entry in _OFF if entry in nodes.entries(switch)), None)
+        plain = {entry.removeprefix(f"{switch}_").casefold(): entry for entry in nodes.entries(switch)}
+        return next((plain[off] for off in _OFF_OF.get(switch, _OFF) if off in plain), None)
     return False if kind in ("Boolean", "Integer") else None
 
 

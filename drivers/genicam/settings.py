@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.camera import Capabilities
 from drivers.errors import CameraRefused
-from drivers.genicam import processing, units
+from drivers.genicam import colours, processing, units
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_NAME, PixelFormat, format_of
 from imaging.cfa import Tile, as_tile
@@ -44,6 +44,8 @@ def prepare(nodes: NodeMap, name: str) -> PixelFormat:
     set_if_there(nodes, "GainSelector", "All")
     best = _choose_format(nodes, name)
     processing.switch_off(nodes, name)
+    if not best.cfa.mono:
+        colours.even_out(nodes, name)
     return best
 
 

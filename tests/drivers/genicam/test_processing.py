@@ -32,35 +32,15 @@ def test_every_switch_and_amount_is_put_where_it_does_nothing(stage) -> None:  #
         nodes = node_map(switch(name) + choice(f"{name}Other", 1, "Off", "On"))
         switch_off(nodes, "cam0")
         assert nodes.number(name) == 0
-        nodes = node_map(choice(name, 1, "Off", "On"))
-        switch_off(nodes, "cam0")
-        assert nodes.text(name) == "Off"
+        off = "Timed" if name.startswith("ExposureMode") else "Off"
+        for entries in ((off, "On"), (off.upper(), "ON"), (f"{name}_{off}", f"{name}_On")):
+            nodes = node_map(choice(name, 1, *entries))
+            switch_off(nodes, "cam0")
+            assert nodes.text(name) == entries[0]
     for name, neutral in stage.amounts:
         nodes = node_map(amount(name, 2.5))
         switch_off(nodes, "cam0")
         assert nodes.number(name) == neutral
-
-
-def test_each_entry_of_a_selector_has_its_own() -> None:
-    """Red is at 1.6, blue at 1.3: both become 1."""
-    registers = (
-        '<IntReg Name="R"><Address>0</Address><pIndex Offset="4">BalanceRatioSelector</pIndex>'
-        "<Length>4</Length>"
-    )
-    nodes = node_map(
-        choice("BalanceRatioSelector", 0, "Red", "Green", "Blue")
-        + '<Converter Name="BalanceRatio"><FormulaTo>FROM * 1000</FormulaTo>'
-        "<FormulaFrom>TO / 1000</FormulaFrom>"
-        "<pValue>R</pValue></Converter>"
-        f"{registers}<AccessMode>RW</AccessMode><pPort>Device</pPort></IntReg>"
-    )
-    for entry, ratio in (("Red", 1.6), ("Green", 1.0), ("Blue", 1.3)):
-        nodes.set("BalanceRatioSelector", entry)
-        nodes.set("BalanceRatio", ratio)
-    switch_off(nodes, "cam0")
-    for entry in ("Red", "Green", "Blue"):
-        nodes.set("BalanceRatioSelector", entry)
-        assert nodes.number("BalanceRatio") == 1.0
 
 
 @pytest.mark.parametrize(
@@ -69,10 +49,12 @@ def test_each_entry_of_a_selector_has_its_own() -> None:
         (amount("Gamma", 0.8, LOCKED), r"by its gamma .*\(Gamma is 0\.8\)"),
         (switch("GammaEnable", 1, LOCKED) + amount("Gamma", 1.0), r"\(GammaEnable is True\)"),
         (switch("LUTEnable", 1, LOCKED), r"by its lookup table .*\(LUTEnable is True\)"),
-        (amount("BalanceRatioAbs", 1.6, LOCKED), r"by its white balance .*\(BalanceRatioAbs is 1\.6\)"),
-        ('<Integer Name="BalanceRatio"><Value>1600</Value>'
-         '</Integer>', r"BalanceRatio is 1600, in a unit of its own"),
         ('<Integer Name="DigitalShift"><Value>2</Value><Min>1</Min></Integer>', r"by its digital shift"),
+        (switch("ProcessedRawEnable", 1, LOCKED), r"signal processor .*\(ProcessedRawEnable is True\)"),
+        (switch("ReverseX", 1, LOCKED), r"by its mirroring .*\(ReverseX is True\)"),
+        (amount("ScalingVerticalAbs", 0.5, LOCKED), r"by its scaling .*\(ScalingVerticalAbs is 0\.5\)"),
+        (choice("ExposureMode", 1, "Timed", "PieceWiseLinearHDR").replace("><Enum", f">{LOCKED}<Enum", 1),
+         r"exposures .*\(ExposureMode is PieceWiseLinearHDR\)"),
         (choice("ExposureAuto", 1, "Off", "On").replace("><Enum", f">{LOCKED}<Enum", 1), "automatic exp"),
     ],
 )  # fmt: skip
@@ -88,6 +70,7 @@ def test_what_is_off_may_stay_as_it_is() -> None:
         + amount("Gamma", 0.45, LOCKED)
         + switch("DefectCorrectStaticEnable", 1, LOCKED)
         + choice("ContrastMode", 1, "Soft", "Hard")
+        + switch("SaturationEnable", 1, LOCKED)
         + '<Category Name="FlatFieldCorrection"/>'
     )
     switch_off(nodes, "cam0")
