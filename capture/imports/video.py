@@ -1,6 +1,7 @@
 """The sharpest frames of a video, as photographs: what a telephone filmed can be imported."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from capture.imports.originals import shown
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.files.cicp import UNSPECIFIED, refuse_hdr
 from imaging.files.photo import encode_png
 from imaging.files.silence import quiet
 from imaging.progress import Progress
@@ -24,6 +26,10 @@ MOST = 200
 APART = 0.5
 """Seconds between two of them at least, on average."""
 
+_COLOUR = re.compile(rb"colrncl[cx]..(..)", re.DOTALL)
+_LARGEST = 1 << 26
+"""Bytes of a file's tables that are looked through."""
+
 
 def is_video(path: Path) -> bool:
     """Whether a path is a file with the suffix of a video."""
@@ -33,8 +39,14 @@ def is_video(path: Path) -> bool:
 def take_frames(video: Path, into: Path, progress: Progress) -> str:
     """Write the sharpest frame of each part of a video as PNG, and say in a sentence what was taken.
 
-    InputError where the file is no video, or takes more memory than there is.
+    InputError where the file is no video, is coded for displays of HDR, or takes more memory than there is.
     """
+    try:
+        refuse_hdr(_transfer(video), "colour information")
+    except InputError as error:
+        raise InputError(
+            f"{video} {str(error).partition(':')[0]}: export it as SDR (Rec. 709) first."
+        ) from None
     into.mkdir(parents=True, exist_ok=True)
     taken = 0
     with quiet():
@@ -63,6 +75,22 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
         "the camera all the time and read row by row while it moves: photographs taken standing still are "
         "better."
     )
+
+
+def _transfer(video: Path) -> int:
+    """TransferCharacteristics in the box `colr` of an MP4 or MOV file (ISO/IEC 14496-12); 2: not said."""
+    with video.open("rb") as file:
+        while len(head := file.read(8)) == 8:
+            start, length = file.tell() - 8, int.from_bytes(head[:4])
+            if head[4:] == b"moov":
+                said = _COLOUR.search(file.read(min(length, _LARGEST)))
+                return UNSPECIFIED if said is None else int.from_bytes(said[1])
+            if length == 1:
+                length = int.from_bytes(file.read(8))
+            if length < 8:
+                break
+            file.seek(start + length)
+    return UNSPECIFIED
 
 
 def _frames(capture: Any) -> Iterator[npt.NDArray[np.uint8]]:

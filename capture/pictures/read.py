@@ -34,7 +34,7 @@ class PictureFacts:
     of a mosaic each photosite counts for its own colour, one without a filter for all. black: share of all
     samples at or below the black level. lit: share of all samples clearly above it, by LIT of white.
     transparent: share of the pixels that alpha says to be so, in part or wholly. profile: name of another
-    space than sRGB. doubt: a sentence about what an EXR says of its colour, if that is not clear.
+    space than sRGB. doubt: the end of a sentence about what of the file was not read, or is not clear.
     """
 
     kind: ImageKind
@@ -119,9 +119,15 @@ def _shares(path: Path, content: RawMosaic | Photo | Light) -> PictureFacts:
     if isinstance(content, Photo):
         height, width = content.pixels.shape[:2]
         shares = _photo_shares(content.pixels)
-        glass, profile = content.transparent, content.profile
         return PictureFacts(
-            "ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile
+            "ldr",
+            width,
+            height,
+            content.metadata,
+            *shares,
+            transparent=content.transparent,
+            profile=content.profile,
+            doubt=content.doubt,
         )
     height, width = content.pixels.shape[:2]
     black = float(np.mean(content.pixels <= 0))

@@ -1,6 +1,7 @@
-"""Colour by four numbers, as videos have it and PNG's chunk `cICP`: ITU-T H.273 (2021), tables 2 to 4.
+"""Colour by four numbers, as videos, HEIF's `nclx` and PNG's chunk `cICP` have it.
 
-PNG (third edition), 11.3.2.6: the chunk counts before a profile and all other chunks.
+ITU-T H.273 (2021), tables 2 to 4. PNG (third edition), 11.3.2.6: the chunk counts before a profile and all
+other chunks. HEIF (ISO/IEC 23008-12): a profile counts before the numbers.
 """
 
 import numpy as np
@@ -44,20 +45,23 @@ def refuse_hdr(transfer: int, where: str) -> None:
         )
 
 
-def space_of(body: bytes, bits: int) -> tuple[str, Array, npt.NDArray[np.float64]] | None:
+def space_of(
+    body: bytes, bits: int, where: str = "cICP chunk"
+) -> tuple[str, Array, npt.NDArray[np.float64]] | None:
     """Name, light of each of 65536 codes, 0..1, and matrix [3, 3] to linear Rec.709; None: not specified.
 
-    Where only the curve or only the primaries are not specified, those of sRGB count. body: of the chunk.
-    bits: of a sample, 8 or 16. InputError, without the name of the file, for what is not read.
+    Where only the curve or only the primaries are not specified, those of sRGB count. body: the four numbers.
+    bits: of a sample, 8 or 16. where: what of the file has the numbers. InputError, without the name of the
+    file, for what is not read.
     """
     if len(body) != 4:
-        raise InputError("has a cICP chunk of other than four bytes: write it again")
+        raise InputError(f"has a {where} of other than four bytes: write it again")
     primaries, transfer, matrix, full = body
     if (primaries, transfer) == (UNSPECIFIED, UNSPECIFIED):
         return None
     if matrix != 0:
-        raise InputError("has samples that are no RGB, as its cICP chunk says: convert it to RGB")
-    refuse_hdr(transfer, "cICP chunk")
+        raise InputError(f"has samples that are no RGB, as its {where} says: convert it to RGB")
+    refuse_hdr(transfer, where)
     points = _POINTS.get(1 if primaries == UNSPECIFIED else primaries)
     codes = np.linspace(0.0, 1.0, 65536)
     if not full:  # black at 16 and white at 235 of 8 bits
@@ -65,11 +69,11 @@ def space_of(body: bytes, bits: int) -> tuple[str, Array, npt.NDArray[np.float64
     light = _light(SRGB if transfer == UNSPECIFIED else transfer, codes)
     if points is None or light is None:
         raise InputError(
-            f"has a cICP chunk with primaries {primaries} and curve {transfer}, which rig does not read: "
+            f"says in its {where} primaries {primaries} and curve {transfer}, which rig does not read: "
             "convert it to sRGB"
         )
     name = _NAMES.get(primaries, f"primaries {primaries}")
-    return f"{name} with curve {transfer} of their cICP chunk", light, rec709_from_rgb(points)
+    return f"{name} with curve {transfer} of their {where}", light, rec709_from_rgb(points)
 
 
 def _light(transfer: int, codes: Array) -> Array | None:

@@ -18,12 +18,14 @@ from PIL import Image
 
 from imaging.compute.memory import check_picture
 from imaging.files.tiff.exif import decode_exif
+from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
 WEBP_SUFFIXES = frozenset((".webp",))
 HEIF_SUFFIXES = frozenset((".heic", ".heif", ".hif"))
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_AVIF = {b"avif", b"avis"}
 _BACK = {6: 1, 8: -1}
 """Quarter turns to the left that lay back a picture of this orientation that stands upright."""
 
@@ -43,8 +45,15 @@ def heif_is_read() -> bool:
 
 
 def is_heif(data: bytes) -> bool:
-    """Whether bytes begin as a HEIF file; AVIF, which is none, has brands of its own."""
-    return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
+    """Whether bytes begin as a HEIF file of HEVC pictures."""
+    return data[4:8] == b"ftyp" and data[8:12] in _BRANDS and not is_avif(data)
+
+
+def is_avif(data: bytes) -> bool:
+    """Whether bytes begin as an AVIF file, by its own brand or beside HEIF's plain one."""
+    length = int.from_bytes(data[:4])
+    brands = {data[at : at + 4] for at in (8, *range(16, min(length, 256), 4))}
+    return data[4:8] == b"ftyp" and bool(brands & _AVIF) and not brands & {b"heic", b"heix"}
 
 
 def is_webp(data: bytes) -> bool:
@@ -63,8 +72,8 @@ def decode_webp(data: bytes, name: str) -> Wrapped:
 
 
 def webp_metadata(data: bytes) -> FrameMetadata:
-    """What the EXIF of a WebP file says."""
-    return decode_exif(_chunk(data, b"EXIF"))
+    """What the EXIF and the XMP of a WebP file say."""
+    return noted(decode_exif(_chunk(data, b"EXIF")), _chunk(data, b"XMP "))
 
 
 def decode_heif(data: bytes, name: str) -> Wrapped:
@@ -77,13 +86,26 @@ def decode_heif(data: bytes, name: str) -> Wrapped:
 
 
 def heif_metadata(data: bytes) -> FrameMetadata:
-    """What the EXIF of a HEIF file says, with the orientation of the picture as it is laid."""
+    """What the EXIF and the XMP of a HEIF file say, with the orientation of the picture as it is laid."""
     return _laid_back(_heif(data))[0]
 
 
 def embedded_icc(data: bytes) -> bytes:
-    """The colour profile in such a file; b"" for none."""
-    return _chunk(data, b"ICCP") if is_webp(data) else _heif(data).info.get("icc_profile") or b""
+    """The colour profile in a WebP file; b"" for none."""
+    return _chunk(data, b"ICCP")
+
+
+def heif_colour(data: bytes) -> tuple[bytes, bytes]:
+    """The colour profile in a HEIF file, and its `nclx` as four bytes of ITU-T H.273; each b"" for none.
+
+    The decoder has turned Y, Cb and Cr of any range into RGB of the full one, so the last two of the numbers
+    are those of RGB.
+    """
+    info = _heif(data).info
+    told = info.get("nclx_profile") or {}
+    numbers = told.get("color_primaries"), told.get("transfer_characteristics")
+    known = all(isinstance(number, int) and 0 <= number < 256 for number in numbers)
+    return info.get("icc_profile") or b"", bytes((*numbers, 0, 1)) if known else b""
 
 
 def _heif(data: bytes) -> Any:
@@ -93,7 +115,7 @@ def _heif(data: bytes) -> Any:
 
 
 def _laid_back(found: Any) -> tuple[FrameMetadata, int]:
-    metadata = decode_exif(found.info.get("exif") or b"")
+    metadata = noted(decode_exif(found.info.get("exif") or b""), found.info.get("xmp") or b"")
     width, height = found.size
     turns = _BACK.get(metadata.orientation, 0) if height > width else 0
     return (metadata if turns else replace(metadata, orientation=1)), turns

@@ -19,7 +19,7 @@ from PIL import ImageCms
 
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.files import cicp
-from imaging.files.heif_webp import embedded_icc, is_heif, is_webp
+from imaging.files.heif_webp import embedded_icc, heif_colour, is_heif, is_webp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import is_adobe_rgb
@@ -41,7 +41,7 @@ _NOTHING = (b"", "")
 _SRGB_GAMMA = 0.45455
 """Told beside the sRGB chunk, for readers that do not know that."""
 _ROWS, _TOP = 64, 65535
-_CICP = "cICP"
+_CICP, _NCLX = "cICP chunk", "nclx colour"
 _SRGB_CURVE = np.rint(_TOP * srgb_decode(np.linspace(0, 1, 4096))).astype(np.uint16)
 
 
@@ -74,13 +74,13 @@ def profile_of(data: bytes) -> Profile | None:
     InputError, without the name of the file, where it says that its samples are none that rig reads.
     """
     icc, name = _embedded(data)
-    if name == _CICP:
-        return _by_cicp(icc[:4], icc[4])
+    if name in (_CICP, _NCLX):
+        return _by_cicp(icc[:4], icc[4], name)
     return None if len(icc) > LARGEST else _profile(icc, name)
 
 
-def _by_cicp(body: bytes, bits: int) -> Profile | None:
-    space = cicp.space_of(body, bits)
+def _by_cicp(body: bytes, bits: int, where: str) -> Profile | None:
+    space = cicp.space_of(body, bits, where)
     if space is None:
         return None
     name, light, matrix = space
@@ -191,8 +191,10 @@ def _embedded(data: bytes) -> tuple[bytes, str]:
             return _of_jpeg(data)
         if data.startswith(PNG_MAGIC):
             return _of_png(data)
-        if is_webp(data) or is_heif(data):
+        if is_webp(data):
             return embedded_icc(data), ""
+        if is_heif(data):
+            return _of_heif(data)
         value = photograph(TiffReader(BytesIO(data)))[1].get(_ICC_TAG)
     except (TiffError, zlib.error, struct.error, imagecodecs.CmsError, ValueError):
         return _NOTHING
@@ -209,6 +211,14 @@ def _of_jpeg(data: bytes) -> tuple[bytes, str]:
         return _NOTHING
     primaries = [0.64, 0.33, 0.21, 0.71, 0.15, 0.06]
     return _made([*_WHITE, *primaries], 563 / 256), "Adobe RGB (1998), as EXIF has it"
+
+
+def _of_heif(data: bytes) -> tuple[bytes, str]:
+    """The profile; else the numbers of `nclx`. InputError where these say HDR, beside a profile too."""
+    icc, told = heif_colour(data)
+    if told:
+        cicp.refuse_hdr(told[1], _NCLX)
+    return (icc, "") if icc or not told else (told + b"\x08", _NCLX)
 
 
 def _of_png(data: bytes) -> tuple[bytes, str]:

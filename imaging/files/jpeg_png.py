@@ -1,13 +1,16 @@
-"""What surrounds the pixels of JPEG and PNG files: sizes, EXIF, and whether the end is there.
+"""What surrounds the pixels of JPEG and PNG files: sizes, EXIF, XMP, and whether the end is there.
 
 The decoders fill what is missing with grey, so completeness is checked here.
 """
 
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
+
+from imaging.files.xmp import MARK
 
 JPEG_MAGIC, PNG_MAGIC = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 
@@ -16,35 +19,38 @@ _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _SCAN, _END, APP1 = 0xDA, 0xD9, 0xE1
+_PNG_XMP = b"XML:com.adobe.xmp\0"
 
 
 @dataclass(frozen=True)
 class Shell:
-    """width, height: px, 0 if not told; exif: the EXIF block, b'' if there is none."""
+    """width, height: px, 0 if not told; exif: the EXIF block, xmp: the XMP packet, b'' if there is none."""
 
     width: int = 0
     height: int = 0
     exif: bytes = b""
+    xmp: bytes = b""
 
 
 def jpeg_shell(file: BinaryIO) -> Shell:
     """What the segments before the first scan of an open JPEG file say; empty where it is damaged."""
     width = height = 0
-    exif = b""
+    exif = xmp = b""
     file.seek(2)
     while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] not in (_SCAN, _END):
         length = struct.unpack(">H", head[2:])[0] - 2
         if length < 0:
             break
-        if head[1] == APP1 and not exif:
+        if head[1] == APP1:
             block = file.read(length)
-            exif = block if block.startswith(b"Exif\0\0") else b""
+            exif = exif or (block if block.startswith(b"Exif\0\0") else b"")
+            xmp = xmp or (block if block.startswith(MARK) else b"")
         elif head[1] in _FRAMES and length >= 5:
             block = file.read(length)
             height, width = struct.unpack(">HH", block[1:5].ljust(4, b"\0"))
         else:
             file.seek(length, 1)
-    return Shell(width, height, exif)
+    return Shell(width, height, exif, xmp)
 
 
 def jpeg_segments(file: BinaryIO, marker: int) -> Iterator[bytes]:
@@ -82,13 +88,27 @@ def jpeg_is_whole(data: bytes) -> bool:
 def png_shell(file: BinaryIO) -> Shell:
     """What the chunks of an open PNG file say; empty where it is damaged."""
     width = height = 0
-    exif = b""
+    exif = xmp = b""
     for kind, length in png_chunks(file):
         if kind == b"IHDR" and length >= 8:
             width, height = struct.unpack(">II", file.read(8).ljust(8, b"\0"))
         elif kind == b"eXIf" and length <= 1 << 20:
             exif = file.read(length)
-    return Shell(width, height, exif)
+        elif kind == b"iTXt" and length <= 1 << 20:
+            xmp = xmp or _xmp_of(file.read(length))
+    return Shell(width, height, exif, xmp)
+
+
+def _xmp_of(text: bytes) -> bytes:
+    """The packet in an iTXt chunk; b'' where it is another text, or damaged."""
+    if not text.startswith(_PNG_XMP):
+        return b""
+    packed, rest = text[len(_PNG_XMP) : len(_PNG_XMP) + 1], text[len(_PNG_XMP) + 2 :]
+    body = rest.split(b"\0", 2)[-1]  # behind the language and the keyword in it
+    try:
+        return zlib.decompressobj().decompress(body, 1 << 22) if packed == b"\1" else body
+    except zlib.error:
+        return b""
 
 
 def png_is_whole(file: BinaryIO) -> bool:

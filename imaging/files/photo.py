@@ -1,6 +1,6 @@
 """Display-referred photographs: JPEG, PNG, TIFF, WebP and HEIF of 8 or 16 bits, and their EXIF."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,6 +14,7 @@ from imaging.arguments import checked
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
+from imaging.files.gain_map import ASIDE, holds_gain_map
 from imaging.files.heif_webp import (
     HEIF_SUFFIXES,
     WEBP_SUFFIXES,
@@ -21,18 +22,17 @@ from imaging.files.heif_webp import (
     decode_webp,
     heif_is_read,
     heif_metadata,
+    is_avif,
     is_heif,
     is_webp,
     webp_metadata,
 )
 from imaging.files.icc import profile_of
 from imaging.files.jpeg_png import (
-    APP1,
     JPEG_MAGIC,
     PNG_MAGIC,
     Shell,
     jpeg_is_whole,
-    jpeg_segments,
     jpeg_shell,
     png_is_whole,
     png_shell,
@@ -41,7 +41,7 @@ from imaging.files.silence import quiet
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
 from imaging.files.tiff.image import UnfitError, decode_tiff
-from imaging.files.xmp import MARK, DroneNote, drone_note
+from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
@@ -62,7 +62,8 @@ class Photo:
 
     The pixel grid is as stored: the orientation of the metadata is not applied. alpha: float32 [H, W], how
     opaque each pixel is, 0..1, None where all is opaque; what is transparent stands before black. profile:
-    name of the colour space that the file is in, and the pixels were; "": sRGB, or not told.
+    name of the colour space that the file is in, and the pixels were; "": sRGB, or not told. doubt: the end
+    of a sentence about what of the file was not read, or "".
     """
 
     pixels: npt.NDArray[np.float32]
@@ -70,6 +71,7 @@ class Photo:
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     alpha: npt.NDArray[np.float32] | None = None
     profile: str = ""
+    doubt: str = ""
 
     @property
     def transparent(self) -> float:
@@ -114,7 +116,8 @@ def decode_photo(data: bytes, name: str) -> Photo:
         profile.apply(pixels)
     alpha = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else None
     metadata = _metadata(BytesIO(data)) or FrameMetadata()
-    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, alpha, "" if profile is None else profile.name)
+    space, doubt = "" if profile is None else profile.name, ASIDE if holds_gain_map(data) else ""
+    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, alpha, space, doubt)
 
 
 def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:
@@ -133,7 +136,7 @@ def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:
         return width, height, decoded.metadata
     if not (whole and shell.width and shell.height):
         raise InputError(f"{name} is damaged or cut off: copy it again from the camera.")
-    return shell.width, shell.height, decode_exif(shell.exif) if shell.exif else FrameMetadata()
+    return shell.width, shell.height, _said_by(shell)
 
 
 def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
@@ -220,6 +223,8 @@ def _decoder(data: bytes) -> Any:
         return _png
     if is_webp(data):
         return lambda data, name: decode_webp(data, name).codes
+    if is_avif(data):
+        raise UnfitError("is an AVIF picture, which rig does not read: convert it to JPEG or TIFF")
     if is_heif(data):
         if not heif_is_read():
             raise UnfitError("is a HEIF picture: install pillow-heif, or convert it to JPEG")
@@ -268,34 +273,24 @@ def _png(data: bytes, name: str) -> npt.NDArray[Any]:
 
 
 def _metadata(file: BinaryIO) -> FrameMetadata | None:
-    """EXIF of an open JPEG, PNG or TIFF, empty if it has none or damaged; None if it is no such file."""
+    """EXIF and XMP of an open file, empty if it has none or damaged; None if it is no photograph."""
     head = file.read(12)
-    shell: Shell
-    note = DroneNote()
     if head.startswith(JPEG_MAGIC):
-        shell = jpeg_shell(file)
-        for segment in jpeg_segments(file, APP1):
-            if segment.startswith(MARK):
-                note = drone_note(segment)
-    elif head.startswith(PNG_MAGIC):
-        shell = png_shell(file)
-    elif head.startswith(_TIFF_MAGICS):
+        return _said_by(jpeg_shell(file))
+    if head.startswith(PNG_MAGIC):
+        return _said_by(png_shell(file))
+    if head.startswith(_TIFF_MAGICS):
         try:
             return read_exif(TiffReader(file))
         except TiffError:
             return FrameMetadata()
-    elif is_webp(head):
+    if is_webp(head):
         return webp_metadata(head + file.read())
-    elif is_heif(head) and heif_is_read():
-        return _heif_metadata(head + file.read())
-    else:
-        return None
-    found = decode_exif(shell.exif) if shell.exif else FrameMetadata()
-    position = found.position
-    if position is not None:
-        error = note.error or position.error
-        position = replace(position, error=error, altitude_error=note.altitude_error)
-    return replace(found, gimbal=note.gimbal, height=note.height, position=position)
+    return _heif_metadata(head + file.read()) if is_heif(head) and heif_is_read() else None
+
+
+def _said_by(shell: Shell) -> FrameMetadata:
+    return noted(decode_exif(shell.exif) if shell.exif else FrameMetadata(), shell.xmp)
 
 
 def _heif_metadata(data: bytes) -> FrameMetadata:

@@ -1,11 +1,14 @@
-"""XMP packets: what a drone says of its camera's attitude, its height and the error of its position.
+"""XMP packets: what a drone says of its camera's attitude, its height, its position and the error of that.
 
-The names are DJI's (`drone-dji`), as attributes or as elements; other makers write none that are alike.
+The names are DJI's (`drone-dji`), as attributes or as elements; other makers write none that are alike. The
+packet lies in a segment of a JPEG, tag 700 of a TIFF or DNG, an item of a HEIF, or a chunk of a PNG or WebP.
 """
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from imaging.mosaic import FrameMetadata, GpsPosition
 
 MARK = b"http://ns.adobe.com/xap/1.0/\0"
 """What a JPEG's segment begins with that holds a packet."""
@@ -16,12 +19,13 @@ _FIXED = 50.0
 @dataclass(frozen=True)
 class DroneNote:
     """gimbal: yaw, clockwise from north, pitch, up, and roll of the camera, degrees. height: m above where it
-    took off, by its barometer. error, altitude_error: standard errors of a position that a base station
-    corrected, m. None: not told.
+    took off, by its barometer. position: where its receiver was, without errors. error, altitude_error:
+    standard errors of a position that a base station corrected, m. None: not said.
     """
 
     gimbal: tuple[float, float, float] | None = None
     height: float | None = None
+    position: GpsPosition | None = None
     error: float | None = None
     altitude_error: float | None = None
 
@@ -38,8 +42,31 @@ def drone_note(packet: bytes) -> DroneNote:
     east, north, up = errors if _number(packet, "RtkFlag") == _FIXED else (None, None, None)
     flat = max(east, north) if east is not None and north is not None else None
     return DroneNote(
-        gimbal, _number(packet, "RelativeAltitude"), flat if flat else None, up if up and up > 0 else None
+        gimbal,
+        _number(packet, "RelativeAltitude"),
+        _position(packet),
+        flat if flat else None,
+        up if up and up > 0 else None,
     )
+
+
+def noted(found: FrameMetadata, packet: bytes) -> FrameMetadata:
+    """The metadata of a file with what its XMP packet says of a drone; EXIF's position counts before that."""
+    note = drone_note(packet)
+    position = found.position or note.position
+    if position is not None:
+        error = note.error or position.error
+        position = replace(position, error=error, altitude_error=note.altitude_error)
+    return replace(found, gimbal=note.gimbal, height=note.height, position=position)
+
+
+def _position(packet: bytes) -> GpsPosition | None:
+    """Where the receiver was; older firmware spells its longitude GpsLongtitude."""
+    latitude = _number(packet, "GpsLatitude")
+    longitude = _number(packet, "GpsLongitude") or _number(packet, "GpsLongtitude")
+    if not latitude or not longitude or abs(latitude) > 90 or abs(longitude) > 180:  # 0, 0 is no fix
+        return None
+    return GpsPosition(latitude, longitude, _number(packet, "AbsoluteAltitude"))
 
 
 def _number(packet: bytes, name: str) -> float | None:

@@ -28,9 +28,10 @@ from imaging.files.tiff.directory import (
     text,
 )
 from imaging.files.tiff.pages import photograph
+from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
-MAKE, MODEL, ORIENTATION, DATE_TIME = 271, 272, 274, 306
+MAKE, MODEL, ORIENTATION, DATE_TIME, XMP = 271, 272, 274, 306, 700
 EXPOSURE_TIME, F_NUMBER, ISO = 33434, 33437, 34855
 SHUTTER_SPEED_VALUE, APERTURE_VALUE = 37377, 37378
 SENSITIVITY_TYPE, OUTPUT_SENSITIVITY, RECOMMENDED_INDEX, ISO_SPEED = 34864, 34865, 34866, 34867
@@ -166,7 +167,8 @@ def read_exif(reader: TiffReader) -> FrameMetadata:
         except TiffError:
             continue  # the picture can do without its position
         found = replace(found, position=exif_gps.position_of(gps))
-    return found
+    packet = main.get(XMP, b"")
+    return noted(found, packet if isinstance(packet, bytes) else bytes(x & 255 for x in integers(main, XMP)))
 
 
 def decode_exif(block: bytes) -> FrameMetadata:

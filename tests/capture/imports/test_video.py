@@ -1,5 +1,6 @@
 """The sharpest frames of a video become photographs of one camera."""
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -34,6 +35,41 @@ def test_of_every_half_second_the_sharpest_frame_is_taken(tmp_path):
         there = read_photo(session.file(shot)).pixels
         blurred = cv2.GaussianBlur(expected, (0, 0), 4)
         assert np.abs(there - expected / 255).mean() < 0.5 * np.abs(there - blurred / 255).mean()
+
+
+def boxed(data: bytes, kinds: list[bytes], box: bytes) -> bytes:
+    """The boxes of `data` with another at the end of the one that `kinds` lead to."""
+    out, at = b"", 0
+    while at + 8 <= len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        body = data[at + 8 : at + length]
+        if kinds and kind == kinds[0]:
+            lead = {b"stsd": 8, b"mp4v": 78}.get(kind, 0)
+            body = body[:lead] + (boxed(body[lead:], kinds[1:], box) if kinds[1:] else body[lead:] + box)
+        out, at = out + struct.pack(">I4s", len(body) + 8, kind) + body, at + length
+    return out
+
+
+@pytest.mark.parametrize("form", [b"nclx", b"nclc"])
+@pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (1, None), (2, None)])
+def test_a_video_for_displays_of_hdr_is_refused(tmp_path, form, transfer, name):
+    clip = tmp_path / "clip.mp4"
+    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter_fourcc(*"mp4v"), 10, (128, 96))
+    for level in (60, 120):
+        writer.write(np.full((96, 128, 3), level, np.uint8))
+    writer.release()
+    colour = b"colr" + form + struct.pack(">3H", 9, transfer, 9) + (b"\x80" if form == b"nclx" else b"")
+    box = struct.pack(">I", len(colour) + 4) + colour
+    path = [b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v"]
+    plain = clip.read_bytes()
+    assert plain.index(b"mdat") < plain.index(b"moov")  # so that no offset moves
+    clip.write_bytes(boxed(plain, path, box))
+    if name is None:
+        assert import_photos(clip, tmp_path / "s").frames == 1
+    else:
+        with pytest.raises(InputError, match=rf"clip\.mp4 is HDR coded by {name}, .*: export it as SDR"):
+            import_photos(clip, tmp_path / "s")
+        assert not (tmp_path / "s").exists()
 
 
 def test_what_is_no_video_is_refused_and_leaves_nothing(tmp_path):

@@ -3,6 +3,7 @@
 from datetime import datetime
 from io import BytesIO
 
+import colour
 import cv2
 import imagecodecs
 import numpy as np
@@ -81,6 +82,74 @@ def test_what_is_cut_off_is_refused(tmp_path, kind):
     path = write(tmp_path / f"a.{kind}", kind, picture())
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(InputError, match=f"a.{kind} is damaged or cut off"):
+        read_photo(path)
+
+
+def numbered(path, primaries, transfer, pixels):
+    """A HEIC file of 10 bits whose colour is told by numbers of ITU-T H.273."""
+    import pillow_heif
+
+    codes = (pixels.astype(np.uint16) << 8).tobytes()
+    size = pixels.shape[1], pixels.shape[0]
+    found = pillow_heif.from_bytes(mode="RGB;16", size=size, data=codes)
+    found.save(
+        path,
+        quality=95,
+        save_nclx_profile=True,
+        color_primaries=primaries,
+        transfer_characteristics=transfer,
+        matrix_coefficients=9,
+        full_range_flag=1,
+    )
+    return path
+
+
+@pytest.mark.skipif(not heif_is_read(), reason="pillow-heif is not installed")
+@pytest.mark.parametrize("profile", [False, True])
+@pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG")])
+def test_hdr_of_ten_bits_is_refused_by_its_curve(tmp_path, monkeypatch, transfer, name, profile):
+    import pillow_heif
+
+    path = numbered(tmp_path / "a.heic", 9, transfer, picture())
+    opened = pillow_heif.open_heif
+
+    def with_a_profile_beside(*args, **more):  # which pillow-heif does not write
+        found = opened(*args, **more)
+        if found.info["nclx_profile"]["transfer_characteristics"] == transfer:
+            found.info["icc_profile"] = bytes(imagecodecs.cms_profile("srgb"))
+        return found
+
+    if profile:
+        monkeypatch.setattr(pillow_heif, "open_heif", with_a_profile_beside)
+    with pytest.raises(InputError, match=rf"a\.heic is HDR coded by {name}, as its nclx colour says"):
+        read_photo(path)
+    write(tmp_path / "b.heic", "heic", picture())
+    result = import_photos(tmp_path, tmp_path.parent / f"{tmp_path.name}-s")
+    assert result.shots == 1
+    assert any(f"HDR coded by {name}" in said for said in (*result.guesses, *result.missing))
+
+
+@pytest.mark.skipif(not heif_is_read(), reason="pillow-heif is not installed")
+def test_numbers_without_a_profile_are_the_light_that_they_mean(tmp_path):
+    flat = np.full((64, 96, 3), (150, 90, 90), np.uint8)
+    photo = read_photo(numbered(tmp_path / "a.heic", 12, 13, flat))
+    assert photo.profile == "Display P3 with curve 13 of their nclx colour"
+    light = colour.RGB_to_RGB(
+        colour.cctf_decoding(flat[0, 0] / 255, "sRGB"), "Display P3", "sRGB", "Bradford"
+    )
+    np.testing.assert_allclose(photo.pixels.mean((0, 1)), colour.cctf_encoding(light, "sRGB"), atol=0.01)
+    plain = read_photo(numbered(tmp_path / "b.heic", 1, 13, flat))
+    assert plain.profile == ""
+    np.testing.assert_allclose(plain.pixels.mean((0, 1)), flat[0, 0] / 255, atol=0.01)
+    with pytest.raises(InputError, match="its nclx colour primaries 9 and curve 9, which rig does not read"):
+        read_photo(numbered(tmp_path / "c.heic", 9, 9, flat))
+
+
+@pytest.mark.parametrize("brands", [b"avif\0\0\0\0mif1miaf", b"mif1\0\0\0\0avifmiaf", b"avis\0\0\0\0msf1"])
+def test_avif_is_named(tmp_path, brands):
+    path = tmp_path / "a.heic"
+    path.write_bytes(len(brands + bytes(8)).to_bytes(4) + b"ftyp" + brands + bytes(40))
+    with pytest.raises(InputError, match=r"a\.heic is an AVIF picture, .*: convert it to JPEG or TIFF\.$"):
         read_photo(path)
 
 
