@@ -103,9 +103,11 @@ def heif_colour(data: bytes) -> tuple[bytes, bytes]:
     """
     info = _heif(data).info
     told = info.get("nclx_profile") or {}
-    numbers = told.get("color_primaries"), told.get("transfer_characteristics")
-    known = all(isinstance(number, int) and 0 <= number < 256 for number in numbers)
-    return info.get("icc_profile") or b"", bytes((*numbers, 0, 1)) if known else b""
+    primaries, transfer = (told.get(name) for name in ("color_primaries", "transfer_characteristics"))
+    numbers = b""
+    if isinstance(primaries, int) and isinstance(transfer, int):
+        numbers = bytes((primaries & 255, transfer & 255, 0, 1))
+    return info.get("icc_profile") or b"", numbers
 
 
 def _heif(data: bytes) -> Any:

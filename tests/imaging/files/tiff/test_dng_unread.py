@@ -11,7 +11,7 @@ import tifffile
 from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
-from imaging.files.tiff.directory import DOUBLE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Entry
+from imaging.files.tiff.directory import DOUBLE, RATIONAL, SHORT, UNDEFINED, Entry
 from imaging.files.tiff.dng_pixels import in_place
 from imaging.files.tiff.dng_unread import _BENDING
 from imaging.mosaic import RawMosaic
@@ -168,27 +168,3 @@ def test_samples_of_another_meaning_are_refused_by_their_tag(
     assert text.startswith(str(path))
     assert text.endswith(".")
     assert "\n" not in text
-
-
-@pytest.mark.parametrize(
-    ("tag", "entry"),
-    [
-        (50730, Entry(SRATIONAL, [2])),  # BaselineExposure
-        (51109, Entry(SRATIONAL, [1])),  # BaselineExposureOffset
-        (51110, Entry(LONG, [1])),  # DefaultBlackRender
-        (50739, Entry(RATIONAL, [1])),  # ShadowScale
-        (50940, Entry(RATIONAL, [0, 0, 1, 1])),  # ProfileToneCurve
-        (52525, Entry(UNDEFINED, bytes(64))),  # ProfileGainTableMap
-        (50974, Entry(SHORT, [1, 1])),
-        (50975, Entry(SHORT, [1])),
-        (50879, Entry(SHORT, [0])),
-    ],
-)
-def test_what_is_for_rendering_changes_nothing(
-    write: Write, make_raw: MakeRaw, monkeypatch: pytest.MonkeyPatch, tag: int, entry: Entry
-) -> None:
-    monkeypatch.setattr("imaging.files.tiff.dng_tags.BASELINE_SHARPNESS", tag)
-    raw = make_raw()
-    seen = read_raw(write(raw, BASELINE_SHARPNESS=entry))
-    assert np.array_equal(seen.pixels, raw.pixels)
-    assert (seen.black, seen.white, seen.neutral) == (raw.black, raw.white, raw.neutral)
