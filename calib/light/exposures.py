@@ -9,6 +9,7 @@ import numpy as np
 from calib.data.views import View, of_one_band, read_view
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.masks import masked
+from imaging.merge.power_law import exponent
 from imaging.merge.ratios import LABEL_SIGMA, Linearity, Overlap, Ratio, linearity, overlap, ratio, solve
 from imaging.progress import Progress
 from imaging.session.calibration import Response
@@ -29,12 +30,14 @@ Key = float
 class Exposures:
     """scale: k of each shot's file, s; linearity: of each camera that has overlapping exposures.
 
-    measured: whether any scale is more than its label.
+    measured: whether any scale is more than its label. powers: of cameras whose signal goes with a power of
+    light other than 1, that power.
     """
 
     scale: dict[str, float]
     measured: bool
     linearity: dict[str, Linearity]
+    powers: dict[str, float]
     rungs: tuple[Rung, ...]
 
 
@@ -57,6 +60,7 @@ class _Solved:
     shift: float
     error: float
     linearity: Linearity | None
+    power: float | None
     scatter: float | None
     per_shot: bool
 
@@ -100,7 +104,8 @@ def estimate(session: Session, views: Sequence[View], progress: Progress) -> Exp
             for shot in view.shots:
                 scale[shot.file] = float(np.exp(result.scale[frame, _key(shot)]))
     lines = {name: result.linearity for (name, _), result in solved.items() if result.linearity is not None}
-    return Exposures(scale, bool(solved), lines, _rungs(list(solved.values())))
+    powers = {name: result.power for (name, _), result in solved.items() if result.power is not None}
+    return Exposures(scale, bool(solved), lines, powers, _rungs(list(solved.values())))
 
 
 def _key(shot: ShotRecord) -> Key:
@@ -164,8 +169,13 @@ def _solve(steps: _Steps, frames: Sequence[int]) -> _Solved | None:
         for frame, own in alone.items():
             own_values, _ = solve(values, _indexed(own, keys), scatter)
             scale |= {(frame, key): float(v) for key, v in zip(keys, own_values, strict=True)}
+    stated = [
+        (steps.labels[pair[0]] - steps.labels[pair[1]], [one for _, one in steps.overlaps[pair]])
+        for pair in pooled
+    ]
     return _Solved(
         scale=scale,
+        power=exponent(stated) if steps.sigma == LABEL_SIGMA else None,
         shift=float(np.abs(values - labels).max()) if steps.sigma == LABEL_SIGMA else 0.0,
         error=float(errors.max()),
         linearity=linearity([(edge, [o for _, o in steps.overlaps[p]]) for p, edge in pooled.items()]),

@@ -1,6 +1,6 @@
 """What is known about exposure and response before any pose is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +15,14 @@ from imaging.files.photo import read_photo
 from imaging.merge.masks import mask_of
 from imaging.merge.ratios import Linearity
 from imaging.progress import Progress
-from imaging.session.calibration import CalibrationRecord, Response
+from imaging.session.calibration import RAW_CURVE, CalibrationRecord, Response
 from imaging.session.records import Rung, ShotRecord
 from imaging.session.session import Session
 
 SITES = 4_000
 """Patches that the response of one camera model is measured from; more would only take time."""
-LIGHT_RUNGS = frozenset({*response.RUNGS, "exposure_ratios", "exposure_per_shot"})
+LIGHT_RUNGS = frozenset({*response.RUNGS, "exposure_ratios", "exposure_per_shot", RAW_CURVE})
+CURVES = "gamma, lookup table, tone curve and contrast"
 LINEAR = 0.01
 """Departure from a straight line, relative, that still counts as linear."""
 
@@ -47,8 +48,8 @@ def measure_light(session: Session, views: Sequence[View], progress: Progress) -
         found = exposures.estimate(session, raw, progress)
         scale |= found.scale
         for name in {view.camera.name for view in raw}:
-            responses[name] = _linear(found.linearity.get(name))
-        rungs += [*found.rungs, _straight(list(found.linearity.values()))]
+            responses[name] = _linear(found.linearity.get(name), found.powers.get(name))
+        rungs += [*found.rungs, _straight(found.linearity), *_left_on(found.powers)]
         measured = found.measured
     for view in views:
         if view.camera.kind == "hdr":
@@ -84,7 +85,13 @@ def light_of(record: CalibrationRecord, views: Sequence[View]) -> Radiometry:
     )
 
 
-def _linear(line: Linearity | None) -> Response:
+def _linear(line: Linearity | None, power: float | None) -> Response:
+    if power is not None:
+        return Response(
+            kind="linear",
+            evidence=f"RAW, kept linear although its signal goes with light to the power {power:.2f}",
+            residual=None if line is None else line.raw,
+        )
     if line is None:
         return Response(
             kind="linear", evidence="RAW, taken as linear and not checked: no two exposures overlap"
@@ -97,22 +104,42 @@ def _linear(line: Linearity | None) -> Response:
     )
 
 
-def _straight(lines: Sequence[Linearity]) -> Rung:
-    """Why RAW got no response curve."""
+def _straight(lines: Mapping[str, Linearity]) -> Rung:
+    """Why RAW got no response curve. lines: of each camera, by name."""
     if not lines:
         return Rung(
             name="response_curve", taken=False, reason="RAW is linear; no two exposures overlap to check it"
         )
-    worst = max(line.deviation for line in lines)
+    name, worst = max(lines.items(), key=lambda one: one[1].deviation)
     verdict = (
         "RAW is linear"
-        if worst <= LINEAR
-        else f"RAW is kept linear although it departs by more than {100 * LINEAR:g} %: "
-        "check black level, white level and the light"
+        if worst.deviation <= LINEAR
+        else f"RAW is kept linear although that of {name} departs by more than {100 * LINEAR:g} %: "
+        f"switch off {CURVES} in the camera, and check black level, white level and the light"
     )
     return Rung(
-        name="response_curve", taken=False, gain=100 * worst, unit="% off a straight line", reason=verdict
+        name="response_curve",
+        taken=False,
+        gain=100 * worst.deviation,
+        unit="% off a straight line",
+        reason=verdict,
     )
+
+
+def _left_on(powers: Mapping[str, float]) -> list[Rung]:
+    """A doubt where cameras bent their RAW. powers: of light that it goes with, by their names."""
+    if not powers:
+        return []
+    named = ", ".join(f"{name} (light to the power {power:.2f})" for name, power in sorted(powers.items()))
+    return [
+        Rung(
+            name=RAW_CURVE,
+            taken=True,
+            reason=f"the RAW of {named} is bent, as a gamma in the camera bends it, if exposures are what "
+            f"their labels say: switch off {CURVES} in the camera and shoot again, or mend the exposure "
+            "times if it is they that are wrong",
+        )
+    ]
 
 
 def _models(views: Sequence[View]) -> list[list[View]]:

@@ -189,8 +189,10 @@ MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
 FOCAL_UNTOLD = "lens_focal_untold"
 """The rung that says whether the photographs tell the focal length of a lens, and what is used where not."""
+RAW_CURVE = "raw_curve"
+"""The rung that names cameras which bent their RAW before they sent it."""
 _DOUBTS = frozenset(
-    {"pose_lit_differently", "pose_moving", "pose_unconfirmed", "pose_undecided", FOCAL_UNTOLD}
+    {"pose_lit_differently", "pose_moving", "pose_unconfirmed", "pose_undecided", FOCAL_UNTOLD, RAW_CURVE}
 )
 
 
@@ -232,7 +234,7 @@ class CalibrationRecord(Record):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why poses may be wrong that no view contradicts."""
+        """Why poses may be wrong that no view contradicts, and light that is bent."""
         return tuple(rung.reason for rung in self.rungs if rung.taken and rung.name in _DOUBTS)
 
     def camera(self, name: str) -> CameraCalibration:

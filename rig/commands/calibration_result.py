@@ -67,6 +67,7 @@ def cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         "charts": _chart_figures(record),
         "report": str(report),
     }
+    lines += [f"{session}: {doubt}" for doubt in record.doubts]
     lines += [*_chart_lines(session, record), *_luminance_lines(session, record)]
     return CommandResult(data, [*lines, f"Report: {report}"])
 
