@@ -19,17 +19,28 @@ class CapturedFrame:
     """A frame that a camera delivered.
 
     set_to: what the camera read back when it was set. told: when it was told to expose, monotonic, seconds.
+    began: when that order began to go out; over: when the exposure had ended for certain. None: not known.
     """
 
     frame: RawMosaic | CameraFile
     set_to: Exposure
     told: float
     retries: int
+    began: float | None = None
+    over: float | None = None
 
     @property
     def reported(self) -> Exposure:
         """What the file says of itself; what the camera read back only where the file is silent."""
         return self.frame.metadata.exposure or self.set_to
+
+    @property
+    def opened_by(self) -> float | None:
+        """When its shutter had opened at the latest, whatever its lag; None where that is not known.
+
+        Labels are rounded, by up to a tenth.
+        """
+        return None if self.over is None else self.over - 0.9 * self.reported.time
 
 
 def made_ready(camera: Camera, requested: Exposure) -> Exposure:

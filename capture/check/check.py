@@ -79,6 +79,8 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
     looks = [content.look for _, content in pictures]
+    several = len({shot.camera for shot in shots}) > 1
+    untimed = [shot for shot in shots if several and shot.skew is None and shot.told is not None]
     return CheckReport(
         session=str(session),
         planned=sum(len(planned_shots(plan)) for plan in plans),
@@ -89,7 +91,8 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
         warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
         looks=tuple(looks),
         skews=tuple(_skews(shots)),
-        untimed=tuple(sorted({shot.camera for shot in shots if shot.skew is None and shot.told is not None})),
+        untimed=tuple(sorted({shot.camera for shot in untimed})),
+        untimed_bound=max((shot.skew_bound for shot in untimed if shot.skew_bound is not None), default=None),
         thumbnails={shot.file: content.thumbnail for shot, content in pictures},
     )
 

@@ -109,7 +109,8 @@ class CheckReport(FindingModel):
     """What `check` found. planned: shots of all plans; shots: records; sound: files that are proven.
 
     problems: files and records that are not as they should be. warnings: pictures that are whole, and
-    show something that a photographer would want to know. untimed: cameras whose skew is unknown.
+    show something that a photographer would want to know. untimed: cameras whose skew is unknown,
+    and untimed_bound: the most that it may be, s, None where nothing tells.
     thumbnails: JPEG by file, not written with the
     rest.
     """
@@ -124,6 +125,7 @@ class CheckReport(FindingModel):
     looks: tuple[ShotLook, ...] = ()
     skews: tuple[StepSkew, ...] = ()
     untimed: tuple[str, ...] = ()
+    untimed_bound: float | None = None
     thumbnails: dict[str, bytes] = Field(default_factory=dict, exclude=True, repr=False)
 
     @property

@@ -30,12 +30,20 @@ HandOver = Callable[[ExposureStep, str, CapturedFrame, int], None]
 """Takes over a frame: its exposure step, its camera, itself, and the bytes of the budget that it holds."""
 
 
+class _Order(NamedTuple):
+    """To expose: when it began to go out, and when it counts as given; seconds of the clock."""
+
+    began: float
+    told: float
+
+
 class _StoredShot(NamedTuple):
     """A shot that is stored in the camera: `shot` is what the camera knows it by."""
 
     step: ExposureStep
     set_to: Exposure
-    told: float
+    order: _Order
+    over: float
     shot: Any
 
 
@@ -129,7 +137,10 @@ class CameraWorker:
                     self._budget.release(download.held)
                 else:
                     missing.remove(step)
-                    self._deliver(step, step.requested, self._clock.now(), download)
+                    captured = CapturedFrame(
+                        download.frame, step.requested, self._clock.now(), step.failures(self.name)
+                    )
+                    self._deliver(step, captured, download.held)
         except CameraError as broken_off:
             error = broken_off
         if self._state.halted is not None:
@@ -181,14 +192,16 @@ class CameraWorker:
 
     def _shoot(self, step: ExposureStep, set_to: Exposure) -> None:
         """Expose, and meanwhile fetch the shot before; this one stays in the camera if another is to come."""
-        told, camera = self._camera.trigger(), self._camera
+        camera, began = self._camera, self._clock.now()
+        order = _Order(began, camera.trigger())
         self._empty(again=True)
         if isinstance(camera, StoresShots) and self._overlaps and self.orders.has_items and camera.keeps():
             shot = camera.keep()
+            over = self._clock.now()
             self._empty()
-            self._stored = _StoredShot(step, set_to, told, shot)
+            self._stored = _StoredShot(step, set_to, order, over, shot)
         else:
-            self._collect(step, set_to, told, camera.collect)
+            self._collect(step, set_to, order, None, camera.collect)
             self._empty()
 
     def _empty(self, again: bool = False) -> None:
@@ -202,7 +215,8 @@ class CameraWorker:
             return
         assert isinstance(self._camera, StoresShots)
         try:
-            self._collect(stored.step, stored.set_to, stored.told, partial(self._camera.fetch, stored.shot))
+            fetched = partial(self._camera.fetch, stored.shot)
+            self._collect(stored.step, stored.set_to, stored.order, stored.over, fetched)
         except CameraError as error:
             if again:
                 self._stored, self._overlaps = stored, not isinstance(error, CameraBusy)
@@ -213,12 +227,22 @@ class CameraWorker:
         self,
         step: ExposureStep,
         set_to: Exposure,
-        told: float,
+        order: _Order,
+        over: float | None,
         deliver: Callable[[], RawMosaic | CameraFile],
     ) -> None:
+        """over: when the exposure had ended for certain; None: it has when the frame is there."""
         download = self._download(deliver)
         assert download is not None
-        self._deliver(step, set_to, told, download)
+        captured = CapturedFrame(
+            frame=download.frame,
+            set_to=set_to,
+            told=order.told,
+            retries=step.failures(self.name),
+            began=order.began,
+            over=self._clock.now() if over is None else over,
+        )
+        self._deliver(step, captured, download.held)
 
     def _download(self, deliver: Callable[[], RawMosaic | CameraFile | None]) -> _Download | None:
         """A frame within the budget, with the part of it that it still takes; None if there is no more."""
@@ -242,19 +266,21 @@ class CameraWorker:
         self._budget.replace(reserved, held)
         return _Download(frame, held)
 
-    def _deliver(self, step: ExposureStep, set_to: Exposure, told: float, download: _Download) -> None:
+    def _deliver(self, step: ExposureStep, captured: CapturedFrame, held: int) -> None:
         """Hand a frame over to those who write, if its step wants it of this camera."""
-        frame, held = download
+        opened = captured.frame.metadata.opened
         with self._clock.lock:
             if self.name in step.cameras:
-                step.told[self.name] = told
-                if frame.metadata.opened is not None:
-                    step.opened[self.name] = frame.metadata.opened
+                step.told[self.name] = captured.told
+                if captured.began is not None:
+                    step.began[self.name] = captured.began
+                if opened is not None:
+                    step.opened[self.name] = opened
         self._misses = 0
         if self.name not in step.cameras:
             self._budget.release(held)
             return
-        self._hand_over(step, self.name, CapturedFrame(frame, set_to, told, step.failures(self.name)), held)
+        self._hand_over(step, self.name, captured, held)
 
     def _expected(self) -> int:
         """Bytes that the next download takes; the whole budget as long as no frame has come."""

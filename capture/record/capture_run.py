@@ -91,16 +91,24 @@ def _exposure_of(requested: Exposure | None) -> Exposure:
 
 @dataclass(frozen=True)
 class _First:
-    """When the first camera of a step was told to expose; when the first shutter opened, if that is known."""
+    """When the first camera of a step was told to expose; when the first shutter opened, if that is known.
+
+    earliest: before which no shutter opened, None where that is not known.
+    """
 
     told: float
     opened: float | None
+    earliest: float | None
 
     @classmethod
-    def of(cls, told: Mapping[str, float], opened: Mapping[str, float]) -> "_First":
+    def of(cls, step: ExposureStep) -> "_First":
         """From the moments of all; one that alone says when it opened has none to be compared with."""
-        alone = len(opened) == 1 and len(told) > 1
-        return cls(min(told.values()), None if alone or not opened else min(opened.values()))
+        alone = len(step.opened) == 1 and len(step.told) > 1
+        opened = None if alone or not step.opened else min(step.opened.values())
+        # A shutter on a wire may open before its own camera is asked for the frame, not before any order.
+        earliest = [*step.opened.values(), *(step.began[name] for name in step.told if name in step.began)]
+        whole = len(step.told) > 1 and all(name in step.opened or name in step.began for name in step.told)
+        return cls(min(step.told.values()), opened, min(earliest) if earliest and whole else None)
 
 
 def after(first: float | None, moment: float | None) -> float | None:
@@ -129,7 +137,7 @@ class CaptureRun:
         self._missing: dict[ShotId, str] = {}
         self._problems: list[str] = []
         self._apart: dict[int, list[tuple[float, ShotId]]] = {}
-        self._untimed: set[str] = set()
+        self._untimed: dict[str, list[float]] = {}
         self._unknown: dict[str, None] = {}
 
     def frames(self) -> Iterator[int]:
@@ -172,7 +180,7 @@ class CaptureRun:
             bracketed = alone if not attempt and len(pending) == len(steps) else None
             for step in threads.shoot(self._steps(frame, pending), bracketed):
                 if step.told and step.number in together:
-                    first.setdefault(step.number, _First.of(step.told, step.opened))
+                    first.setdefault(step.number, _First.of(step))
                 for name in step.cameras:
                     shot_id, outcome = ShotId(name, frame, step.number), step.outcomes[name]
                     if isinstance(outcome, SavedShot):
@@ -242,6 +250,9 @@ class CaptureRun:
     ) -> None:
         """The line of a shot whose file is whole; first: of its step."""
         requested, host = _exposure_of(self._plan.bracket[shot_id.step]), written.host
+        skew = None if first is None else after(first.opened, written.opened)
+        latest = written.opened if written.opened is not None else written.opened_by
+        bound = None if first is None or skew is not None else after(first.earliest, latest)
         shot = ShotRecord(
             kind=self._plan.kind,
             plan=self._plan.plan,
@@ -257,7 +268,8 @@ class CaptureRun:
             width=written.width,
             height=written.height,
             captured_at=written.captured_at,
-            skew=None if first is None else after(first.opened, written.opened),
+            skew=skew,
+            skew_bound=bound,
             told=None if first is None else after(first.told, written.told),
             retries=written.retries,
             band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
@@ -273,7 +285,9 @@ class CaptureRun:
             return
         self.done[shot_id] = shot
         if len(self._plan.cameras) > 1 and written.opened is None:
-            self._untimed.add(shot_id.camera)
+            self._untimed.setdefault(shot_id.camera, [])
+            if bound is not None and not shot.retries:
+                self._untimed[shot_id.camera].append(bound)
         self._unknown |= dict.fromkeys(written.unknown)
         if deviates(written.reported, requested):
             self._problems.append(_deviation(shot_id, requested, written.reported))
@@ -286,9 +300,11 @@ class CaptureRun:
     def _untold(self) -> Iterator[str]:
         """A sentence on the cameras that do not say when their shutters opened."""
         if self._untimed:
+            bounds = [bound for found in self._untimed.values() for bound in found]
+            most = f", at most {1000 * max(bounds):.3g} ms" if bounds else ""
             yield (
-                f"the skew of {', '.join(sorted(self._untimed))} is unknown: a camera that stamps no frames "
-                "opens its shutter some time after it is told; keep the scene still"
+                f"the skew of {', '.join(sorted(self._untimed))} is unknown{most}: a camera that stamps no "
+                "frames opens its shutter some time after it is told; keep the scene still"
             )
 
     def _skews(self) -> Iterator[str]:

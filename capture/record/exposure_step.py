@@ -26,7 +26,8 @@ class SavedShot:
     """A frame whose file is whole on the disk.
 
     told: when its camera was told to expose, and opened: when its shutter did open, None where the camera
-    does not say that; seconds of the clock. retries: attempts before this one.
+    does not say that; opened_by: when it had opened at the latest, None where nothing tells; seconds of the
+    clock. retries: attempts before this one.
     host: where it comes from, if that is another host.
     unknown: what its driver could not learn of it, a sentence each.
     """
@@ -44,6 +45,7 @@ class SavedShot:
     retries: int
     host: HostClock | None = None
     unknown: tuple[str, ...] = ()
+    opened_by: float | None = None
 
 
 @dataclass
@@ -64,7 +66,8 @@ class ExposureStep:
 
     number: of the step in the bracket. cameras: those whose frames are wanted. participants: they, and the
     leader that exposes along.
-    told: when the camera of each frame was told to expose. opened: when its shutter did, where it says so.
+    told: when the camera of each frame was told to expose. began: when that order began to go out.
+    opened: when its shutter opened, where it says so.
     outcomes: of every camera, in the end: its file, or why there is none.
     """
 
@@ -87,6 +90,7 @@ class ExposureStep:
         along = leader is not None and leader not in cameras
         self.participants = (*self.cameras, leader) if along and leader is not None else self.cameras
         self.told: dict[str, float] = {}
+        self.began: dict[str, float] = {}
         self.opened: dict[str, float] = {}
         self.outcomes: dict[str, SavedShot | RigError] = {}
         self._patience = patience

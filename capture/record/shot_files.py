@@ -67,6 +67,7 @@ def save_frame(
         captured_at=frame.metadata.captured_at or datetime.now(UTC),
         told=captured.told,
         opened=frame.metadata.opened,
+        opened_by=captured.opened_by,
         unknown=frame.metadata.unknown,
         retries=captured.retries,
         host=None if isinstance(frame, RawMosaic) else frame.host,

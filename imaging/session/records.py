@@ -197,6 +197,9 @@ class ShotRecord(Record):
     skew: float | None = None
     """Seconds from the first shutter of the same frame and step to this one, as cameras stamp their frames;
     None where this one, or every other, does not."""
+    skew_bound: float | None = Field(default=None, ge=0)
+    """Where `skew` is not known, the most that it may be: from when the first order of its frame and step
+    went out, or the first shutter is known to have opened, to the moment by which this one had."""
     told: float | None = Field(default=None, ge=0)
     """Seconds after the first camera of the same frame and step that this one was told to expose; how much
     later its shutter opened, only `skew` says."""

@@ -53,7 +53,9 @@ def check(
     lines += [f"  {problem.message}" for problem in report.problems]
     lines += [f"  warning: {warning.message}" for warning in report.warnings]
     if report.untimed:
-        lines.append(f"  skew unknown: {', '.join(report.untimed)} do not say when their shutters open")
+        bound = report.untimed_bound
+        most = "" if bound is None else f", at most {1000 * bound:.3g} ms"
+        lines.append(f"  skew unknown{most}: {', '.join(report.untimed)} do not say when their shutters open")
     lines += [f"Contact sheet: {page}"] if page else []
     lines += [f"  no contact sheet: {refused}"] if refused else []
     missing = None

@@ -116,6 +116,8 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
     )
     skews = [1000 * step.skew for step in report.skews]
     of = f"; unknown of {', '.join(report.untimed)}" if report.untimed else ""
+    if report.untimed_bound is not None:
+        of += f", at most {1000 * report.untimed_bound:.3g} ms"
     largest = f"{max(skews):.2g}" if skews else "unknown" if report.untimed else "n/a"
     yield Tile(largest, "ms" if skews else "", f"largest trigger skew{of}")
 

@@ -263,14 +263,47 @@ def test_the_skew_of_a_camera_that_does_not_stamp_its_frames_is_unknown(fake_rig
         rig.cameras[name].stamps = False
     result = run(rig, clock)
     (unknown,) = result.unknown
-    assert unknown.startswith(f"the skew of {', '.join(silent)} is unknown: ")
+    assert unknown.startswith(f"the skew of {', '.join(silent)} is unknown, at most ")
     for shot in rig.session.shots():
         assert shot.told == pytest.approx(0.01 if shot.camera == "c" else 0.0)
         # Nor has the only one that stamps any to be compared with.
         known = silent == "b" and shot.camera != "b"
         assert shot.skew == (pytest.approx(shot.told) if known else None)
+        assert (shot.skew_bound is None) == known
     report = check(rig.session.folder)
     assert report.untimed == (tuple(silent) if silent == "b" else ("a", "b", "c"))
+    most = max(shot.skew_bound or 0.0 for shot in rig.session.shots())
+    assert report.untimed_bound == most
+    assert f"at most {1000 * most:.3g} ms" in unknown
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.08, 0.3])
+@pytest.mark.parametrize("listens", [False, True])
+def test_no_shutter_opens_later_than_the_bound_of_its_skew(fake_rig, lag, listens):
+    """a opens at once; b some time after it was told, or, on a wire, before it was asked for the frame."""
+    rig, clock = fake_rig(a="raw", b="raw"), VirtualClock()
+    slowed(rig, clock, {("b", "trigger"): 0.1 if listens else 0.001, ("b", "collect"): lag + 0.2})
+    true = {}
+    for name, camera in rig.cameras.items():
+        camera.stamps = False
+        trigger = camera.trigger
+
+        def noted(name=name, trigger=trigger):
+            told = trigger()
+            shot = true.setdefault(name, [])
+            shot.append(told if name == "a" else told + lag)
+            return told
+
+        camera.trigger = noted
+    run(rig, clock)
+    of = {name: [shot for shot in rig.session.shots() if shot.camera == name] for name in "ab"}
+    for number, (first, second) in enumerate(zip(true["a"], true["b"], strict=True)):
+        skew = second - min(first, second)
+        assert of["b"][number].skew is None
+        time = of["b"][number].reported.time
+        assert skew <= of["b"][number].skew_bound
+        if number:  # while no size is known, b waits until a's frame is down
+            assert of["b"][number].skew_bound <= skew + 0.3 + 0.1 * time
 
 
 def test_a_camera_that_stamps_its_frames_knows_best_when_it_opened(fake_rig):
