@@ -26,9 +26,15 @@ ROOM = 0.5
 """Of the free memory, what all processes together may take."""
 
 
-def summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict[ViewId, ViewSummary]:
-    """What calibration keeps of the images of every view; what an earlier run kept is not found again."""
-    every = {view.id: kept.large(str(view.id)) for view in evidence.views}
+def summaries(
+    evidence: Evidence, kept: Unfinished, progress: Progress, *, learned: bool = False
+) -> dict[ViewId, ViewSummary]:
+    """What calibration keeps of the images of every view; what an earlier run kept is not found again.
+
+    learned: with learned features, not SIFT's.
+    """
+    kind = "learned " if learned else ""
+    every = {view.id: kept.large(f"{kind}{view.id}") for view in evidence.views}
     missing = [view for view in evidence.views if every[view.id] is None]
     known = len(every) - len(missing)
     found = in_processes(
@@ -41,15 +47,17 @@ def summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict[
                 {shot.file: evidence.light.scale[shot.file] for shot in view.shots},
                 evidence.light.responses[view.camera.name],
                 evidence.sensors[view.camera.name].camera_from_rec709,
+                learned,
             )
             for view in missing
         ],
     )
-    progress("finding features", known, len(every))
+    step = f"finding {kind}features"
+    progress(step, known, len(every))
     for done, (view, summary) in enumerate(zip(missing, found, strict=True), known + 1):
         every[view.id] = arrays = summary.arrays()
-        kept.keep_large(str(view.id), arrays)
-        progress("finding features", done, len(every))
+        kept.keep_large(f"{kind}{view.id}", arrays)
+        progress(step, done, len(every))
     return {view: ViewSummary.of(arrays) for view, arrays in every.items() if arrays is not None}
 
 

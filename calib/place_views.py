@@ -10,6 +10,7 @@ from calib.assemble import Evidence, Placement, assemble
 from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
 from calib.colour.white_balance import Balance
+from calib.data import learned
 from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
 from calib.exports import pictures
@@ -31,6 +32,10 @@ from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
+LEARNED = "learned_matching"
+FEW = 0.8
+"""Share of the images that show something; learned features are tried where SIFT's place fewer."""
+
 
 def with_poses(
     evidence: Evidence, board_refused: str, keep_doubtful: bool, progress: Progress
@@ -46,7 +51,7 @@ def with_poses(
     summaries = all_views.summaries(evidence, kept, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
+        model, summaries = _with_learned(evidence, summaries, kept, keep_doubtful, progress)
     except CalibrationError as error:
         kept.finish()
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
@@ -136,6 +141,40 @@ def _question(evidence: Evidence) -> list[object]:
         {name: response.model_dump(mode="json") for name, response in evidence.light.responses.items()},
         repr(evidence.sensors),
     ]
+
+
+def _with_learned(
+    evidence: Evidence,
+    summaries: dict[ViewId, ViewSummary],
+    kept: Unfinished,
+    keep_doubtful: bool,
+    progress: Progress,
+) -> tuple[sfm.SceneModel, dict[ViewId, ViewSummary]]:
+    """The model of SIFT's features or, where these place few views, of learned ones if they place more."""
+    model, refusal = None, None
+    try:
+        model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
+    except CalibrationError as error:
+        refusal = error
+    showing = [view for view, summary in summaries.items() if summary.blank is None]
+    placed = 0 if model is None else len(model.poses)
+    if placed < FEW * len(showing) and learned.available():
+        others = all_views.summaries(evidence, kept, progress, learned=True)
+        try:
+            another = _solved(evidence, others, 1, kept, keep_doubtful, progress)
+        except CalibrationError:
+            another = None
+        if another is not None and len(another.poses) > placed:
+            reason = (
+                f"SIFT's features place {placed} of {len(showing)} images, learned ones (DISK, matched by "
+                f"LightGlue) {len(another.poses)}"
+            )
+            rung = Rung(name=LEARNED, taken=True, reason=reason)
+            return replace(another, rungs=(*another.rungs, rung)), others
+    if model is None:
+        assert refusal is not None
+        raise refusal
+    return model, summaries
 
 
 def _solved(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import Features, extract, unmasked
+from calib.data.features import Features, extract, extract_learned, unmasked
 from calib.data.previews import is_faint, preview
 from calib.data.unfinished import Arrays
 from calib.data.views import View, of_one_band, read_view
@@ -82,8 +82,11 @@ def summarise(
     scale: Mapping[str, float],
     response: Response,
     camera_from_rec709: Matrix | None,
+    learned: bool = False,
 ) -> ViewSummary:
     """Merge the exposures of a view, find its features and how bright the scene is around them.
+
+    learned: whether features are learned ones, not SIFT's.
 
     Features are found in the whole picture, since the border of a mask would look like a thing of the
     scene; those behind a mask are dropped then. No brightness is told from behind a mask.
@@ -96,7 +99,8 @@ def summarise(
     merged = mean_of_bands(bands)
     height, width = picture.shape
     blank = _blank(merged)
-    found = _unmasked(session, view, extract(picture), width, height)
+    features = extract_learned(picture) if learned else extract(picture)
+    found = _unmasked(session, view, features, width, height)
     seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return ViewSummary(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),

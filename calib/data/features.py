@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calib.data import learned
 from calib.data.matching import match
 from calib.data.pairs import pairs_to_match
 from calib.data.previews import enlargement
@@ -34,10 +35,16 @@ PLANAR_SHARE = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: SIFT's, uint8 [K, 128]."""
+    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: [K, 128], SIFT's are uint8,
+    learned ones float32."""
 
     points: npt.NDArray[np.float64]
-    descriptors: npt.NDArray[np.uint8]
+    descriptors: npt.NDArray[Any]
+
+    @property
+    def learned(self) -> bool:
+        """Whether they are learned ones."""
+        return self.descriptors.dtype != np.uint8
 
 
 @dataclass(frozen=True)
@@ -96,6 +103,21 @@ def extract(picture: Float) -> Features:
     return Features(places[:, :2] / scale, vectors)
 
 
+def extract_learned(picture: Float) -> Features:
+    """Learned features of one picture, float32 [h, w] in 0..1."""
+    return Features(*learned.extract(picture))
+
+
+def _matched(one: Features, other: Features, sides: tuple[Any, Any]) -> npt.NDArray[np.uint32]:
+    """Pairs of indices [M, 2] of features of two pictures; sides: their pycolmap cameras."""
+    if not one.learned:
+        return match(one.descriptors, other.descriptors)
+    sizes = tuple((camera.width, camera.height) for camera in sides)
+    return learned.match(
+        (one.points, one.descriptors), (other.points, other.descriptors), (sizes[0], sizes[1])
+    )
+
+
 def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
     """The features of a picture of `width` x `height` that a mask lets through.
 
@@ -150,9 +172,12 @@ def fill_database(
         """Matches of a pair and the geometry that they fit; None where they are too few."""
         a, b = every[number]
         one, other = features[a], features[b]
-        matches = kept.small(f"{a} {b}")
+        key = f"learned {a} {b}" if one.learned else f"{a} {b}"
+        matches = kept.small(key)
         if matches is None:
-            matches = match(one.descriptors, other.descriptors)
+            sides = cameras[a.camera], cameras[b.camera]
+            matches = _matched(one, other, sides)
+            kept.keep(key, matches)
         if len(matches) < FEWEST_MATCHES:
             return matches, None
         return matches, pycolmap.estimate_two_view_geometry(
@@ -163,7 +188,6 @@ def fill_database(
         for done, (matches, geometry) in enumerate(in_turn(len(every), geometry_of)):
             progress("matching", done, len(every))
             a, b = every[done]
-            kept.keep(f"{a} {b}", matches)
             if geometry is None:
                 continue
             database.write_matches(images[a], images[b], matches)

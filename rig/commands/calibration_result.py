@@ -163,6 +163,11 @@ def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
             f"too little of {', '.join(alone)} was recognised in the others: leave out what is blurred, or "
             "take more pictures between these and their neighbours"
         )
+        from calib.data.learned import INSTALL, available
+        from calib.place_views import FEW
+
+        if len(record.views) < FEW * (len(record.views) + len(record.unregistered)) and not available():
+            yield f"learned features find more, minutes later: {INSTALL}, then calibrate again"
     contradicted = [names.get(view, str(view)) for view in record.unregistered if view in record.contradicted]
     if contradicted:
         yield (
@@ -181,6 +186,7 @@ def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
 
 def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
     """What came of a calibration with poses."""
+    from calib.place_views import LEARNED
     from imaging.session.calibration import MOTION
 
     report = session / "calibration" / "report.html"
@@ -191,6 +197,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == MOTION],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == LEARNED],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_light_lines(session, record),
         *_coordinate_lines(session, record),

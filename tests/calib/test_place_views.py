@@ -1,12 +1,17 @@
 """A stopped calibration goes on only where all that its features follow from is as it was."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from calib import place_views
+from calib.data import learned
 from calib.place_views import _question
+from imaging.errors import CalibrationError
+from imaging.progress import unreported
 from imaging.session.calibration import Response
 
 
@@ -45,3 +50,56 @@ def test_a_mask_that_is_written_again_is_another_question_and_one_that_is_gone_n
     os.utime(tmp_path / "mask.png", ns=(0, 0))
     assert gone != before
     assert _question(evidence(tmp_path)) != before
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is asked of a model."""
+
+    poses: dict
+    rungs: tuple = ()
+
+
+@pytest.mark.parametrize(
+    ("by_sift", "by_learned", "there", "expected"),
+    [
+        (2, 9, True, 9),
+        (2, 9, False, 2),
+        (8, 9, True, 8),  # enough: nothing else is tried
+        (5, 4, True, 5),
+        (5, None, True, 5),
+        (None, 9, True, 9),
+        (None, None, True, None),
+        (None, 9, False, None),
+    ],
+)
+def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, there, expected):
+    """Of ten images; None: none can be placed."""
+
+    def summaries(kind):
+        return {number: SimpleNamespace(blank=None, kind=kind) for number in range(10)}
+
+    def solved(evidence, given, *rest):
+        placed = by_learned if given[0].kind == "learned" else by_sift
+        if placed is None:
+            raise CalibrationError(f"{given[0].kind} places none.")
+        return Model(dict.fromkeys(range(placed)))
+
+    monkeypatch.setattr(learned, "available", lambda: there)
+    monkeypatch.setattr(place_views, "_solved", solved)
+    monkeypatch.setattr(
+        place_views.all_views,
+        "summaries",
+        lambda *given, learned: summaries("learned" if learned else "sift"),
+    )
+    given = None, summaries("sift"), None, False, unreported
+    if expected is None:
+        with pytest.raises(CalibrationError, match="sift places none"):
+            place_views._with_learned(*given)
+        return
+    model, own = place_views._with_learned(*given)
+    assert len(model.poses) == expected
+    said = [rung.reason for rung in model.rungs if rung.name == place_views.LEARNED]
+    assert bool(said) == (own[0].kind == "learned") == (expected == by_learned)
+    if said and by_sift:
+        assert f"place {by_sift} of 10 images" in said[0]
