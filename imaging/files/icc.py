@@ -18,11 +18,13 @@ import numpy.typing as npt
 from PIL import ImageCms
 
 from imaging.colour import srgb_decode, srgb_encode
+from imaging.errors import InputError
 from imaging.files import cicp
 from imaging.files.heif_webp import embedded_icc, heif_colour, is_heif, is_webp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
-from imaging.files.tiff.directory import TiffError, TiffReader
+from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integers, numbers
 from imaging.files.tiff.exif import is_adobe_rgb
+from imaging.files.tiff.image import INVERTED
 from imaging.files.tiff.pages import photograph
 
 Float = npt.NDArray[np.float32]
@@ -31,11 +33,14 @@ LARGEST = 1 << 22
 """Bytes of a profile beyond which it is damage."""
 SAME = 1.5 / 255
 """Code values by which a space may differ from sRGB and count as it."""
+SAME_POINT = 2e-3
+"""CIE xy by which white and primaries may differ from those of sRGB and count as them."""
 EXACT = 2e-3
 """Of linear light: by so much may primaries and curves miss a profile that they stand for."""
 
 _WHITE, _REC709 = [0.3127, 0.3290], [0.64, 0.33, 0.30, 0.60, 0.15, 0.06]
 _ICC_TAG, _APP2 = 34675, 0xE2
+_BITS, _PHOTOMETRIC, _TRANSFER, _WHITE_POINT, _PRIMARIES, _TRANSFER_RANGE = 258, 262, 301, 318, 319, 342
 _PNG_COLOUR = (b"IHDR", b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM")
 _NOTHING = (b"", "")
 _SRGB_GAMMA = 0.45455
@@ -195,10 +200,42 @@ def _embedded(data: bytes) -> tuple[bytes, str]:
             return embedded_icc(data), ""
         if is_heif(data):
             return _of_heif(data)
-        value = photograph(TiffReader(BytesIO(data)))[1].get(_ICC_TAG)
+        return _of_tiff(photograph(TiffReader(BytesIO(data)))[1])
     except (TiffError, zlib.error, struct.error, imagecodecs.CmsError, ValueError):
         return _NOTHING
-    return (value, "") if isinstance(value, bytes) else _NOTHING
+
+
+def _of_tiff(tags: Directory) -> tuple[bytes, str]:
+    """The profile of a photograph; else what TIFF 6.0, section 20, has of white, primaries and curve."""
+    value = tags.get(_ICC_TAG)
+    if isinstance(value, bytes):
+        return value, ""
+    points, curve = [*_WHITE, *_REC709], _curve_of(tags)
+    told = [*(numbers(tags, _WHITE_POINT) or _WHITE), *(numbers(tags, _PRIMARIES) or _REC709)]
+    if len(told) == len(points) and not np.abs(np.subtract(told, points)).max() < SAME_POINT:
+        return _made(told, curve), "the space of their tags PrimaryChromaticities and TransferFunction"
+    return _NOTHING if curve is None else (_made(points, curve), "the space of their tag TransferFunction")
+
+
+def _curve_of(tags: Directory) -> npt.NDArray[np.uint16] | None:
+    """TransferFunction as three rows of light, 0..65535, of codes from black to white; None: none.
+
+    InputError, without the name of the file, for one that is of other codes than those of the photograph.
+    """
+    told = integers(tags, _TRANSFER)
+    if not told:
+        return None
+    bits = next(iter(integers(tags, _BITS)), 8)
+    if integers(tags, _TRANSFER_RANGE) or len(told) not in (2**bits, 3 * 2**bits) or max(told) > _TOP:
+        raise InputError(
+            "has a TransferFunction of other codes than its own (TransferRange): convert it to sRGB"
+        )
+    table = np.broadcast_to(np.reshape(told, (-1, 2**bits)), (3, 2**bits))
+    if integers(tags, _PHOTOMETRIC)[:1] == (INVERTED,):
+        table = table[:, ::-1]
+    places = np.linspace(0, 2**bits - 1, min(2**bits, 4096))  # littleCMS takes no curve of 65536 places
+    rows = [np.interp(places, np.arange(2**bits), row) for row in table]
+    return np.rint(rows).astype(np.uint16)
 
 
 def _of_jpeg(data: bytes) -> tuple[bytes, str]:
@@ -236,7 +273,7 @@ def _of_png(data: bytes) -> tuple[bytes, str]:
     points = [*_WHITE, *_REC709]
     if b"cHRM" in chunks:
         points = [value / 100_000 for value in struct.unpack(">8I", chunks[b"cHRM"])]
-    near = np.abs(np.subtract(points, [*_WHITE, *_REC709])).max() < 2e-3
+    near = np.abs(np.subtract(points, [*_WHITE, *_REC709])).max() < SAME_POINT
     if gamma is None:
         return _NOTHING if near else (_made(points, None), "the space of their cHRM chunk")
     if not 0.2 < gamma <= 2 or (near and abs(gamma - _SRGB_GAMMA) < 1e-3):
@@ -244,7 +281,8 @@ def _of_png(data: bytes) -> tuple[bytes, str]:
     return _made(points, 1 / gamma), "the space of their gAMA and cHRM chunks"
 
 
-def _made(points: list[float], gamma: float | None) -> bytes:
-    """A profile of white, red, green and blue, CIE xy, and a power for a curve; None: the curve of sRGB."""
-    curve = {"transferfunction": _SRGB_CURVE} if gamma is None else {"gamma": gamma}
+def _made(points: list[float], gamma: float | npt.NDArray[np.uint16] | None) -> bytes:
+    """A profile of white, red, green and blue, CIE xy, and a power or a table; None: the curve of sRGB."""
+    table = _SRGB_CURVE if gamma is None else gamma
+    curve = {"gamma": table} if isinstance(table, float) else {"transferfunction": table}
     return bytes(imagecodecs.cms_profile("rgb", whitepoint=points[:2], primaries=points[2:], **curve))

@@ -144,3 +144,25 @@ def test_depth_is_found_among_layers_and_is_no_position(
             read_depth(path)
     else:
         assert np.all(read_depth(path)[0] == depth)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"whiteLuminance": 400.0},
+        {"adoptedNeutral": (0.3127, 0.329)},
+        {"envmap": OpenEXR.Envmap.ENVMAP_LATLONG},
+        {"screenWindowWidth": 2.5, "screenWindowCenter": (0.5, 0.5)},
+        {"compression": OpenEXR.PIZ_COMPRESSION},
+        {"compression": OpenEXR.NO_COMPRESSION},
+        {"compression": OpenEXR.RLE_COMPRESSION},
+        {"xDensity": 72.0, "owner": "nobody", "comments": "gamma 2.2", "utcOffset": 3600.0},
+        {"longitude": 1.0, "latitude": 2.0, "altitude": 3.0, "focus": 4.0},
+        {"wrapmodes": "periodic"},
+    ],
+    ids=lambda header: next(iter(header)),
+)
+def test_what_is_about_displays_and_places_changes_nothing(tmp_path: Path, header: dict[str, object]) -> None:
+    path = put(tmp_path / "a.exr", rgb(), **header)
+    assert np.array_equal(read_light(path), LIGHT)
+    assert read_picture(path).doubt == ""

@@ -3,10 +3,12 @@
 from io import BytesIO
 from pathlib import Path
 
+import colour
 import numpy as np
 import pytest
 import tifffile
 
+from imaging.colour import srgb_decode
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata, read_photo
 from tests.imaging.files.test_icc import profile
@@ -124,3 +126,89 @@ def test_a_profile_of_a_bigtiff_and_of_a_later_page_counts(tmp_path: Path) -> No
         tiff((SMALL, {"subfiletype": 1}), (RGB8, {"iccprofile": space})),
     ):
         assert np.array_equal(codes(tmp_path / "a.tif", data), expected)
+
+
+CURVES = {
+    "linear": lambda share: share,
+    "1.8": lambda share: share**1.8,
+    "log": lambda share: 500 ** (share - 1),
+}
+
+
+def table(bits: int, *names: str) -> tuple[int, int, int, list[int], bool]:
+    """A TransferFunction of one curve, or of three."""
+    share = np.linspace(0, 1, 2**bits)
+    values = np.rint(np.concatenate([65535 * CURVES[name](share) for name in names])).astype(int).tolist()
+    return (301, 3, len(values), values, True)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("names", [("linear",), ("1.8",), ("log",), ("1.8", "linear", "log")])
+def test_a_table_of_light_is_read_where_there_is_no_profile(
+    tmp_path: Path, bits: int, names: tuple[str, ...]
+) -> None:
+    pixels = RGB8 if bits == 8 else RGB8.astype(np.uint16) * 257
+    (tmp_path / "a.tif").write_bytes(tiff((pixels, {"extratags": [table(bits, *names)]})))
+    seen = read_photo(tmp_path / "a.tif")
+    assert seen.profile == "the space of their tag TransferFunction"
+    own = names if len(names) == 3 else names * 3
+    light = np.stack([CURVES[name](RGB8[..., c] / 255.0) for c, name in enumerate(own)], axis=-1)
+    np.testing.assert_allclose(srgb_decode(seen.pixels), light, atol=2e-3)
+    space = profile("Adobe RGB (1998)")
+    data = tiff((pixels, {"extratags": [table(bits, *names)], "iccprofile": space}))
+    assert np.array_equal(
+        codes(tmp_path / "a.tif", data), codes(tmp_path / "b.tif", tiff((pixels, {"iccprofile": space})))
+    )
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_table_of_grey_counts_from_the_code_that_is_stored(tmp_path: Path, inverted: bool) -> None:
+    values = np.rint(65535 * np.linspace(0, 1, 256) ** 1.8).astype(int)
+    values = values[::-1].tolist() if inverted else values.tolist()
+    grey = 255 - RGB8[..., 0] if inverted else RGB8[..., 0]
+    kind = "miniswhite" if inverted else "minisblack"
+    data = tiff((grey, {"photometric": kind, "extratags": [(301, 3, 256, values, True)]}))
+    (tmp_path / "a.tif").write_bytes(data)
+    seen = srgb_decode(read_photo(tmp_path / "a.tif").pixels)
+    np.testing.assert_allclose(seen, ((RGB8[..., :1] / 255.0) ** 1.8).repeat(3, 2), atol=2e-3)
+
+
+def test_primaries_and_white_are_read_where_there_is_no_profile(tmp_path: Path) -> None:
+    points = [6800, 3200, 2650, 6900, 1500, 600]
+    tags = [(319, 5, 6, [part for value in points for part in (value, 10000)], True)]
+    white = (318, 5, 2, [3127, 10000, 3290, 10000], True)
+    (tmp_path / "a.tif").write_bytes(tiff((RGB8, {"extratags": [white, *tags]})))
+    seen = read_photo(tmp_path / "a.tif")
+    light = colour.RGB_to_RGB(srgb_decode(RGB8 / 255.0), "Display P3", "sRGB", "Bradford").clip(0, 1)
+    np.testing.assert_allclose(srgb_decode(seen.pixels), light, atol=3e-3)
+    assert "PrimaryChromaticities" in seen.profile
+    (tmp_path / "a.tif").write_bytes(tiff((RGB8, {"extratags": [white, table(8, "1.8"), *tags]})))
+    both = read_photo(tmp_path / "a.tif").pixels
+    light = colour.RGB_to_RGB((RGB8 / 255.0) ** 1.8, "Display P3", "sRGB", "Bradford").clip(0, 1)
+    np.testing.assert_allclose(srgb_decode(both), light, atol=3e-3)
+    ours = [(319, 5, 6, [64, 100, 33, 100, 3, 10, 6, 10, 15, 100, 6, 100], True)]
+    assert np.array_equal(codes(tmp_path / "a.tif", tiff((RGB8, {"extratags": [white, *ours]}))), RGB8)
+
+
+@pytest.mark.parametrize(
+    "tags", [[(301, 3, 100, [9] * 100, True)], [table(8, "1.8"), (342, 3, 6, [9] * 6, True)]]
+)
+def test_a_table_of_other_codes_is_refused(tmp_path: Path, tags: list[object]) -> None:
+    (tmp_path / "a.tif").write_bytes(tiff((RGB8, {"extratags": tags})))
+    with pytest.raises(
+        InputError, match=r"a\.tif has a TransferFunction of other codes .*: convert it to sRGB\.$"
+    ):
+        read_photo(tmp_path / "a.tif")
+
+
+def test_what_is_about_printing_changes_nothing(tmp_path: Path) -> None:
+    tags = [
+        (280, 3, 3, [16] * 3, True),  # MinSampleValue
+        (281, 3, 3, [235] * 3, True),  # MaxSampleValue
+        (282, 5, 1, [300, 1], True),  # XResolution
+        (321, 3, 2, [10, 240], True),  # HalftoneHints
+        (336, 1, 6, b"\0\xff" * 3, True),  # DotRange
+        (263, 3, 1, 2, True),  # Threshholding
+    ]
+    for tag in tags:
+        assert np.array_equal(codes(tmp_path / "a.tif", tiff((RGB8, {"extratags": [tag]}))), RGB8)
