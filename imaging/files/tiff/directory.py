@@ -154,6 +154,18 @@ class TiffReader:
             directory[tag] = self._decoded(kind, data)
         return directory, self._unpack(place, table[-room:])[0]
 
+    def place(self, offset: int, tag: int) -> int:
+        """Offset of the value of a tag of the directory at `offset`; TiffError if it has no such tag."""
+        counted, entry, inner = ("Q", "HHQ8s", "Q") if self._big else ("H", "HHI4s", "I")
+        lead, step, room = (struct.calcsize(f"={form}") for form in (counted, entry, inner))
+        (count,) = self._unpack(counted, self.read(offset, lead))
+        for at in range(offset + lead, offset + lead + step * count, step):
+            found, kind, number, inline = self._unpack(entry, self.read(at, step))
+            if found == tag and kind in _SIZES:
+                short = _SIZES[kind] * number <= room
+                return at + step - room if short else int(self._unpack(inner, inline)[0])
+        raise TiffError("the tag is missing")
+
     def _decoded(self, kind: int, data: bytes) -> Value:
         if kind == ASCII:
             return data.split(b"\0")[0].decode("utf-8", "replace").strip()

@@ -9,7 +9,7 @@ from io import BytesIO
 from typing import Any
 
 from imaging.exposure import Exposure
-from imaging.files.tiff import exif_gps
+from imaging.files.tiff import exif_gps, maker_notes
 from imaging.files.tiff.directory import (
     ASCII,
     EXIF_IFD,
@@ -41,7 +41,7 @@ DIGITAL_ZOOM, LENS_MODEL = 41988, 42036
 COLOUR_SPACE, INTEROP_IFD = 40961, 40965
 PIXELS_ACROSS, PIXELS_DOWN = 40962, 40963
 FOCAL_PLANE_ACROSS, FOCAL_PLANE_DOWN, FOCAL_PLANE_UNIT = 41486, 41487, 41488
-WHITE_BALANCE, MAKER_NOTE = 41987, 37500
+WHITE_BALANCE = 41987
 CAMERA_SERIAL = 50735
 
 _NAMES = {
@@ -76,8 +76,6 @@ _NAMES = {
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Of a resolution in the focal plane; 4 and 5 are in no standard, and in use."""
 _SENSORS_MM = 1.0, 200.0
-_NIKON, _NIKON_BALANCE = b"Nikon\0\x02", 12
-"""How a maker's note begins that holds a TIFF from byte 10 on, and its tag of gains: red, blue, green."""
 
 _MOST_APEX = 30.0
 """Of a time or an aperture: 34 years, f/32768."""
@@ -158,9 +156,12 @@ def read_exif(reader: TiffReader) -> FrameMetadata:
     with suppress(TiffError):  # a thumbnail that is damaged costs nothing
         main |= photograph(reader)[1]
     exif: Directory = {}
+    balance = None
     for offset in integers(main, EXIF_IFD)[:1]:
         exif, _ = reader.directory(offset)
+        balance = maker_notes.balance(reader, offset, exif, text(main, MAKE))
     found = _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
+    found = replace(found, balance=balance)
     for offset in integers(main, exif_gps.GPS_IFD)[:1]:
         try:
             gps, _ = reader.directory(offset)
@@ -272,21 +273,6 @@ def _sensor(tags: Directory) -> float | None:
     return max(sides) if _SENSORS_MM[0] <= max(sides) <= _SENSORS_MM[1] else None
 
 
-def _balance(tags: Directory) -> tuple[float, float] | None:
-    """Gains of red and blue over green, where the maker says them in a way that is known."""
-    note = tags.get(MAKER_NOTE)
-    if not isinstance(note, bytes) or not note.startswith(_NIKON):
-        return None
-    try:
-        reader = TiffReader(BytesIO(note[10:]))
-        gains = numbers(reader.directory(reader.first)[0], _NIKON_BALANCE)
-    except TiffError:
-        return None
-    if len(gains) < 3 or min(gains[:3]) <= 0:
-        return None
-    return gains[0] / gains[2], gains[1] / gains[2]
-
-
 def _metadata(tags: Directory) -> FrameMetadata:
     turned = (*numbers(tags, ORIENTATION), 1.0)[0]
     return FrameMetadata(
@@ -302,5 +288,4 @@ def _metadata(tags: Directory) -> FrameMetadata:
         sensor_mm=_sensor(tags),
         orientation=int(turned) if 1 <= turned <= 8 else 1,
         manual_white_balance=numbers(tags, WHITE_BALANCE) == (1.0,),
-        balance=_balance(tags),
     )
