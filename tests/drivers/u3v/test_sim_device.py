@@ -2,23 +2,27 @@
 
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraRefused
 from drivers.genicam.settings import set_exposure
 from drivers.sim.genicam.description import Feature
 from drivers.sim.u3v import device
-from drivers.sim.u3v.device import STREAM_IN
-from drivers.sim.u3v.memory import _SIRM
-from drivers.u3v.registers import Sirm
+from drivers.sim.u3v.device import CONTROL_OUT, PACKET, STREAM_IN
+from drivers.sim.u3v.memory import _MANIFEST, _SBRM, _SIRM
+from drivers.u3v import gencp
+from drivers.u3v.gencp import Code, Packet
+from drivers.u3v.registers import Abrm, Sbrm, Sirm
 from drivers.u3v.session import U3vSession, open_session
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 
 from .conftest import Bench, MakeBench
+from .test_camera import shoot
 
 FAST = Exposure(time=1 / 1000)
 
@@ -150,3 +154,54 @@ def test_whatever_is_written_the_camera_goes_on(
     session.control.write_number(Feature.ACQUISITION_STOP, 4, 1)
     assert session.control.read(0x144, 64).rstrip(b"\0").decode() == bench.serial
     session.close()
+
+
+ANYWHERE = st.sampled_from(
+    (*Feature, *Abrm, *(_SBRM + one for one in Sbrm), *(_SIRM + one for one in Sirm), _MANIFEST, 0x100000)
+)
+COMMANDS = st.tuples(
+    st.sampled_from((Code.WRITE, Code.WRITE, Code.WRITE, Code.READ, 0x0804, 0xFFFF)),
+    ANYWHERE,
+    st.integers(-8, 8),
+    st.binary(max_size=24),
+    st.sampled_from(("as it is", "as it is", "cut off", "a bit wrong", "too long", "starts")),
+    st.integers(0, 2**16 - 1),
+)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, phases=[Phase.generate])
+@given(commands=st.lists(COMMANDS, max_size=40))
+def test_no_packet_ends_the_camera(
+    make_bench: MakeBench, commands: Sequence[tuple[int, int, int, bytes, str, int]]
+) -> None:
+    """Of any code and length, at and across the borders of registers, whole or damaged, read or not."""
+    bench = make_bench()
+    session = opened(bench)
+    before = bytes(session.control.read(Abrm.MANUFACTURER, 64))
+    for number, (code, register, off, data, how, dice) in enumerate(commands):
+        place = max(register + off, 0)
+        payload = gencp.read_payload(place, dice) if code == Code.READ else gencp.write_payload(place, data)
+        packet = bytearray(Packet(gencp.ACKNOWLEDGE, code, 1 + number, payload).pack())
+        if how == "cut off":
+            del packet[dice % len(packet) :]
+        elif how == "a bit wrong":
+            packet[dice % len(packet)] ^= 1 << dice % 8
+        elif how == "too long":
+            packet += bytes(2 * PACKET - len(packet))
+        with bench.clock.lock:
+            for start in range(0, max(len(packet), 1), PACKET):
+                bench.device.on_bulk_out(CONTROL_OUT, bytes(packet[start : start + PACKET]))
+        bench.clock.sleep(0.001)
+        if how == "starts":
+            session.control._pipe.clear_halt(session.control._in)
+            with suppress(CameraError):
+                session.control.write_number(Feature.ACQUISITION_START, 4, 1)
+    session.control._pipe.clear_halt(session.control._in)
+    session.control.write_number(Feature.ACQUISITION_STOP, 4, 1)
+    assert session.control.read(Abrm.MANUFACTURER, 64) == before  # what is for reading only
+    session.control.write_number(_SIRM + Sirm.CONTROL, 4, 0)
+    session.close()
+    camera = bench.camera()
+    bench.bus.unplug(bench.serial)
+    bench.bus.plug(bench.device)
+    assert shoot(camera).pixels.shape == (48, 64)
