@@ -6,6 +6,7 @@ DNG files whose photosites lie otherwise than Bayer's, most of which LibRaw take
 """
 
 import logging
+import struct
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -16,6 +17,7 @@ import exifread
 import numpy as np
 import numpy.typing as npt
 import rawpy
+from exifread.core.exceptions import ExifError
 
 from imaging.arguments import checked
 from imaging.cfa import Cfa, as_tile
@@ -36,6 +38,19 @@ _MAKERS = (
 TABLE = 12
 """Rows and columns of photosites that a table is read from: twice what X-Trans repeats after."""
 SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
+
+_EXIFREAD_ERRORS = (
+    ExifError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
 
 # without a handler, Python would print the library's complaints about damaged files
 logging.getLogger("exifread").addHandler(logging.NullHandler())
@@ -294,9 +309,9 @@ def _spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
     """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): ExifRead's, else LibRaw's."""
     try:
         tags = exifread.process_file(file, details=False)
-        found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
-    except Exception:  # the parser raises whatever unknown bytes make it trip over
-        found = FrameMetadata()
+    except _EXIFREAD_ERRORS:  # of bytes that are damaged
+        tags = {}
+    found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
     other = raw.other
     told = None
     if other.shutter_speed > 0:

@@ -3,7 +3,6 @@
 import functools
 import hmac
 import http
-import http.cookies
 import logging
 import re
 import secrets
@@ -50,6 +49,12 @@ class Access:
         A program has no origin; a page of somebody else's site has its own, and any browser would let it
         connect. Pages of this machine may, as may those that came from the address that they connect to.
         """
+        try:
+            return self._refusal(request)
+        except (LookupError, ValueError):  # headers given twice, addresses that are none
+            return _response(http.HTTPStatus.BAD_REQUEST, b"This request makes no sense.\n")
+
+    def _refusal(self, request: Request) -> Response | None:
         origin, host = request.headers.get("Origin"), request.headers.get("Host", "")
         if origin is not None and not _LOCAL_PAGE.fullmatch(origin) and urlsplit(origin).netloc != host:
             return _response(http.HTTPStatus.FORBIDDEN, b"Pages of other sites are refused.\n")
@@ -69,15 +74,16 @@ class Access:
     def _shown(self, request: Request) -> bool:
         if self._in_address(request):
             return True
-        found = http.cookies.SimpleCookie(request.headers.get("Cookie", "")).get(_cookie_name(request))
-        return found is not None and self._is(found.value)
+        # Not by `http.cookies`: it gives up at cookies that other servers of this machine set their own way.
+        own = rf"(?:^|;)\s*{re.escape(_cookie_name(request))}=\"?([^;\"\s]*)"
+        return any(map(self._is, re.findall(own, "; ".join(request.headers.get_all("Cookie")))))
 
     def _in_address(self, request: Request) -> bool:
         return any(map(self._is, parse_qs(urlsplit(request.path).query).get(PARAMETER, [])))
 
     def _is(self, text: str) -> bool:
         assert self.token is not None
-        return hmac.compare_digest(text.encode(), self.token.encode())
+        return hmac.compare_digest(text.encode(errors="surrogateescape"), self.token.encode())
 
 
 _UNHEARD = logging.getLogger(f"{__name__}.connections")

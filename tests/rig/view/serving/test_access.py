@@ -1,5 +1,6 @@
 """Who may connect, over loopback: by a client that we did not write."""
 
+import socket
 from collections.abc import Iterator
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
@@ -87,3 +88,50 @@ def test_a_page_that_others_reach_wants_its_token(open_to_all: Viewer) -> None:
 def test_an_address_of_others_is_told(host: str) -> None:
     with pytest.raises(InputError, match=f"{host} is no address of this machine"):
         Viewer("toy", 0, host=host)
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        'theirs="a;b',
+        "of/theirs=1",
+        "[theirs]={1, 2}",
+        "=",
+        "; ;;",
+        "theirs",
+        "\xe9=\xff",
+        "rig_view_=x",
+        "rig_view_1=" + "y" * 32,
+    ],
+)
+def test_cookies_of_others_are_no_obstacle(open_to_all: Viewer, beside: str) -> None:
+    own = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
+    for cookies in (f"{beside}; {own}", f"{own}; {beside}"):
+        assert got(open_to_all, "/", Cookie=cookies)[0] == 200
+    assert got(open_to_all, "/", Cookie=beside)[0] == 403
+    name, token = own.split("=")
+    assert got(open_to_all, "/", Cookie=f'{name}="{token}"')[0] == 200
+    assert got(open_to_all, "/", Cookie=f"{name}=\xff; {own}")[0] == 200
+    assert got(open_to_all, "/", Cookie=f"no_{own}")[0] == 403
+
+
+@pytest.mark.parametrize(
+    ("line", "headers", "status"),
+    [
+        ("/", ["Cookie: a=1", "Cookie: {own}"], 200),
+        ("/", ["Cookie: {own}", "Host: example.org"], 400),
+        ("//[", ["Cookie: {own}"], 400),
+        ("/", ["Cookie: {own}", "Origin: http://["], 400),
+        ("/?token=\xff", ["A: b"], 403),
+    ],
+)
+def test_a_request_that_makes_no_sense_is_answered(
+    open_to_all: Viewer, line: str, headers: list[str], status: int
+) -> None:
+    own = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
+    port = open_to_all.server.get_port()
+    text = "\r\n".join([f"GET {line} HTTP/1.1", f"Host: 127.0.0.1:{port}", *headers, "", ""])
+    with socket.create_connection(("127.0.0.1", port)) as link:
+        link.settimeout(5.0)
+        link.sendall(text.format(own=own).encode("latin-1"))
+        assert link.recv(12).decode() == f"HTTP/1.1 {status}"
