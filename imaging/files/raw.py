@@ -5,31 +5,27 @@ because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfi
 DNG files whose photosites lie otherwise than Bayer's, most of which LibRaw takes for Bayer.
 """
 
-import logging
-import struct
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
-import exifread
 import numpy as np
 import numpy.typing as npt
 import rawpy
-from exifread.core.exceptions import ExifError
 
 from imaging.arguments import checked
 from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.files.raw_exif import spoken
 from imaging.files.raw_rows import row_stops
 from imaging.files.silence import quiet
 from imaging.files.tiff import dng_colour, dng_tags, dng_unread
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader
 from imaging.files.tiff.dng_pixels import is_foreign, read_pixels
-from imaging.files.tiff.exif import from_names, read_exif
+from imaging.files.tiff.exif import read_exif
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 
 _MAKERS = (
@@ -38,22 +34,6 @@ _MAKERS = (
 TABLE = 12
 """Rows and columns of photosites that a table is read from: twice what X-Trans repeats after."""
 SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
-
-_EXIFREAD_ERRORS = (
-    ExifError,
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    LookupError,
-    OSError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
-
-# without a handler, Python would print the library's complaints about damaged files
-logging.getLogger("exifread").addHandler(logging.NullHandler())
 
 
 def is_raw(path: Path) -> bool:
@@ -87,7 +67,7 @@ def read_raw(path: str | Path) -> RawMosaic:
                 mosaic = decoded if tags is None else _with_tags(decoded, tags, corner)
                 if metadata is None:
                     with path.open("rb") as file:
-                        metadata = _spoken(file, raw)
+                        metadata = spoken(file, raw)
     except InputError:
         raise
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
@@ -128,7 +108,7 @@ def read_raw_header(data: bytes, suffix: str) -> RawHeader:
         else:
             with quiet(), rawpy.imread(BytesIO(data)) as raw:
                 height, width, white = raw.sizes.height, raw.sizes.width, int(raw.white_level)
-                metadata = metadata or _spoken(BytesIO(data), raw)
+                metadata = metadata or spoken(BytesIO(data), raw)
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
         raise _undecodable(path, tags) from error
     return RawHeader(width, height, white, metadata or FrameMetadata())
@@ -141,7 +121,7 @@ def read_raw_metadata(path: Path) -> FrameMetadata:
         return metadata
     try:
         with quiet(), rawpy.imread(str(path)) as raw, path.open("rb") as file:
-            return _spoken(file, raw)
+            return spoken(file, raw)
     except Exception as error:
         raise _undecodable(path, tags) from error
 
@@ -303,25 +283,3 @@ def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
             "record them: convert it to an ordinary DNG first, Magic Lantern's with cr2hdr."
         )
     return mosaic
-
-
-def _spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
-    """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): ExifRead's, else LibRaw's."""
-    try:
-        tags = exifread.process_file(file, details=False)
-    except _EXIFREAD_ERRORS:  # of bytes that are damaged
-        tags = {}
-    found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
-    other = raw.other
-    told = None
-    if other.shutter_speed > 0:
-        told = Exposure(
-            time=other.shutter_speed,
-            f_number=other.aperture if other.aperture > 0 else None,
-            iso=other.iso_speed if other.iso_speed > 0 else None,
-        )
-    return replace(
-        found,
-        exposure=found.exposure or told,
-        focal_length_mm=found.focal_length_mm or other.focal_length or None,
-    )

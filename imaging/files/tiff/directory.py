@@ -4,7 +4,7 @@ Written is the classic 32-bit layout (TIFF 6.0); read is BigTIFF as well, in bot
 defensive: the bytes may be damaged, so every offset and count is checked and only `TiffError` is raised.
 
 Every tag that is used for light is read here. Two libraries read what this does not: tifffile decodes the
-pixels of TIFF images (`image`), and ExifRead finds EXIF in RAW files that are no TIFF (`raw`). Neither
+pixels of TIFF images (`image`), and ExifRead finds EXIF in RAW files that are no TIFF (`raw_exif`). Neither
 takes its place: on damaged bytes they log, and raise whatever they trip over.
 """
 

@@ -1,4 +1,4 @@
-"""Metadata of RAW files that are no TIFF: ExifRead's, else LibRaw's, whatever the bytes are."""
+"""Metadata of RAW files that are no TIFF: their EXIF, else what LibRaw says, whatever the bytes are."""
 
 import random
 import struct
@@ -11,7 +11,7 @@ import pytest
 
 from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
-from imaging.files.raw import _spoken
+from imaging.files.raw_exif import spoken
 from imaging.mosaic import FrameMetadata
 
 SAID = FrameMetadata(make="Acme", model="Z1", exposure=Exposure(time=0.01, f_number=2.0, iso=100.0))
@@ -28,9 +28,9 @@ def raf() -> bytes:
 
 
 def test_exif_counts_before_what_libraw_says() -> None:
-    found = _spoken(BytesIO(raf()), LIBRAW)
+    found = spoken(BytesIO(raf()), LIBRAW)
     assert (found.make, found.exposure, found.focal_length_mm) == ("Acme", SAID.exposure, 35.0)
-    plain = _spoken(BytesIO(bytes(300)), LIBRAW)
+    plain = spoken(BytesIO(bytes(300)), LIBRAW)
     assert (plain.make, plain.exposure) == ("", Exposure(time=0.5, f_number=4.0, iso=200.0))
 
 
@@ -41,16 +41,16 @@ def test_damaged_bytes_leave_it_to_libraw() -> None:
         damaged = bytearray(whole)
         for _ in range(rng.randint(1, 6)):
             damaged[rng.randrange(84, 500)] = rng.choice([0, 1, 255, rng.randrange(256)])
-        found = _spoken(
-            BytesIO(bytes(damaged[: rng.choice([len(whole), rng.randrange(len(whole))])])), LIBRAW
-        )
+        found = spoken(BytesIO(bytes(damaged[: rng.choice([len(whole), rng.randrange(len(whole))])])), LIBRAW)
         assert found.exposure is not None
 
 
 def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imaging.files.raw.from_names", lambda values: values["missing"])
-    with pytest.raises(KeyError):
-        _spoken(BytesIO(raf()), LIBRAW)
-    monkeypatch.setattr(exifread, "process_file", lambda file, details: [][1])
-    with pytest.raises(KeyError):
-        _spoken(BytesIO(raf()), LIBRAW)
+    def trip(*_: object, **__: object) -> None:
+        raise IndexError("as of damaged bytes")
+
+    monkeypatch.setattr(exifread, "process_file", trip)
+    assert spoken(BytesIO(b"IIRO"), LIBRAW).exposure == Exposure(time=0.5, f_number=4.0, iso=200.0)
+    monkeypatch.setattr("imaging.files.raw_exif.from_names", trip)
+    with pytest.raises(IndexError):
+        spoken(BytesIO(b"IIRO"), LIBRAW)

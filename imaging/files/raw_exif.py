@@ -1,0 +1,69 @@
+"""What RAW files say about camera and exposure that are no TIFF: CR3, RAF, ORF, RW2."""
+
+import logging
+import struct
+from dataclasses import replace
+from io import BytesIO
+from typing import BinaryIO
+
+import exifread
+import rawpy
+from exifread.core.exceptions import ExifError
+
+from imaging.exposure import Exposure
+from imaging.files.jpeg_png import jpeg_shell
+from imaging.files.tiff.exif import decode_exif, from_names
+from imaging.mosaic import FrameMetadata
+
+_EXIFREAD_ERRORS = (
+    ExifError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+_LARGEST_HEAD = 1 << 18
+"""Bytes of a photograph that its EXIF, of at most 65,535, stands in."""
+
+# without a handler, Python would print the library's complaints about damaged files
+logging.getLogger("exifread").addHandler(logging.NullHandler())
+
+
+def spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
+    """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): their EXIF, else LibRaw's."""
+    found = _exif_of_raf(file)
+    if found is None:
+        try:
+            tags = exifread.process_file(file, details=False)
+        except _EXIFREAD_ERRORS:  # of bytes that are damaged
+            tags = {}
+        found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
+    other = raw.other
+    told = None
+    if other.shutter_speed > 0:
+        told = Exposure(
+            time=other.shutter_speed,
+            f_number=other.aperture if other.aperture > 0 else None,
+            iso=other.iso_speed if other.iso_speed > 0 else None,
+        )
+    return replace(
+        found,
+        exposure=found.exposure or told,
+        focal_length_mm=found.focal_length_mm or other.focal_length or None,
+    )
+
+
+def _exif_of_raf(file: BinaryIO) -> FrameMetadata | None:
+    """EXIF of a file of Fuji's, in the photograph that its head leads to; None: it is no such file."""
+    head = file.read(92)
+    file.seek(0)
+    if not head.startswith(b"FUJIFILMCCD-RAW") or len(head) < 92:
+        return None
+    start, length = struct.unpack(">II", head[84:])
+    file.seek(start)
+    return decode_exif(jpeg_shell(BytesIO(file.read(min(length, _LARGEST_HEAD)))).exif)
