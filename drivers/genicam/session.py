@@ -58,6 +58,14 @@ class Frame:
     problem: str | None
 
 
+def fewer_rows(rows: int, height: int) -> str:
+    """What is the matter with a frame of a camera that may end frames early."""
+    return (
+        f"the camera ended it after {rows} of {height} rows, as one of variable height does: have it send "
+        "all rows by its maker's program"
+    )
+
+
 class FrameStream(Protocol):
     """Frames, one after the other."""
 

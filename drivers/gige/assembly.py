@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.errors import CameraProtocol
-from drivers.genicam.session import Frame
+from drivers.genicam.session import Frame, fewer_rows
 from drivers.gige import gvsp
 from drivers.gige.gvcp import Resend, Status
 from drivers.gige.gvsp import Kind, Leader, PacketHeader
@@ -42,6 +42,8 @@ class _Building:
     leader: Leader | None = None
     last: int | None = None
     """The number of the trailer, once that has come."""
+    rows: int = 0
+    """How many rows its trailer says that it has; 0 where that does not."""
     filled: int = 0
     gone: int = 0
     refused: str | None = None
@@ -123,7 +125,7 @@ class Assembler:
         if header.kind == Kind.LEADER:
             building.leader = Leader.parse(building.block, carried.tobytes())
         elif header.kind == Kind.TRAILER:
-            building.last = header.number
+            building.last, building.rows = header.number, gvsp.rows(carried.tobytes())
             # Packets beyond the trailer were only expected.
             building.missing = {one: when for one, when in building.missing.items() if one < header.number}
         elif header.kind == Kind.PAYLOAD:
@@ -138,10 +140,22 @@ class Assembler:
 
     def _without(self, building: _Building, number: int, status: int) -> Frame | None:
         """The device says that a packet will not come; what it has not yet is asked for later."""
-        if status not in _GONE or (number <= building.newest and number not in building.missing):
+        if number <= building.newest and number not in building.missing:
+            return None
+        if number == self._trailer[building.extended] and self._whole(building):
+            # Some cameras do not send a trailer again, and nothing but it is missing.
+            building.last = number
+            building.missing.clear()
+            return self._finished(building)
+        if status not in _GONE:
             return None
         building.gone += 1
         return self._finished(building)
+
+    def _whole(self, building: _Building) -> bool:
+        """Whether all of a frame of full size has come but its trailer."""
+        others = building.missing.keys() - {self._trailer[building.extended]}
+        return building.leader is not None and building.filled == self._payload and not others
 
     def _finished(self, building: _Building) -> Frame:
         del self._building[building.block]
@@ -155,6 +169,8 @@ class Assembler:
         elif not building.complete:
             lost = len(building.missing) + (building.leader is None and 0 not in building.missing)
             problem = f"packets were lost, {max(lost, 1)} at least, and did not come when asked for again"
+        elif building.filled < self._payload and 0 < building.rows < leader.height:
+            problem = fewer_rows(building.rows, leader.height)
         payload = np.frombuffer(building.payload, np.uint8)[: building.filled]
         return Frame(leader, payload, problem)
 

@@ -100,5 +100,9 @@ def _control(session: Session) -> ControlChannel:
 
 
 def find_cameras(network: Network, clock: Clock) -> list[GigeCamera]:
-    """The cameras that answer, by address; none is opened."""
-    return [GigeCamera(about.serial, network, clock, about.address) for about in network.discover()]
+    """The cameras that answer, by address, one with several interfaces once; none is opened."""
+    found: dict[tuple[str, str, str], GigeCamera] = {}
+    for about in network.discover():
+        camera = GigeCamera(about.serial, network, clock, about.address)
+        found.setdefault((about.make, about.model, about.serial), camera)
+    return list(found.values())

@@ -117,6 +117,14 @@ class Leader:
         return cls(block, kind, timestamp, *image)
 
 
+def rows(data: bytes) -> int:
+    """How many rows of an image came, as its trailer says; 0 where it does not."""
+    if len(data) < _TRAILER.size:
+        return 0
+    _, kind, height = _TRAILER.unpack_from(data)
+    return int(height) if kind & ~CHUNKS == IMAGE else 0
+
+
 def trailer(payload_type: int, height: int, payload: int) -> bytes:
     """What the last packet of a frame of that many bytes carries; more where chunks come with the image."""
     if payload_type in (CHUNKS_ALONE, EXTENDED_CHUNKS):

@@ -41,9 +41,17 @@ def open_session(serial: str, network: Network, clock: Clock, patience: float = 
     """Open the device with that serial number; it may take `patience` s to appear. CameraNotFound."""
     deadline = clock.now() + patience
     while True:
-        about = next((about for about in network.discover() if about.serial == serial), None)
-        if about is not None:
-            return GigeSession(about, clock)
+        refused: CameraError | None = None
+        # One with several interfaces answers at each, and is controlled at one of them alone.
+        for about in network.discover():
+            if about.serial != serial:
+                continue
+            try:
+                return GigeSession(about, clock)
+            except CameraError as error:
+                refused = refused or error
+        if refused is not None:
+            raise refused
         if clock.now() >= deadline:
             raise CameraNotFound(
                 f"camera {serial} does not answer on the network: check its cable, its power and its address."

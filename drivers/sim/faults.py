@@ -55,6 +55,8 @@ class Kind(Enum):
     """The stream's trailer is never sent."""
     DROPPED_PAYLOAD = "dropped payload"
     """`count` bytes of the payload are missing."""
+    FEWER_ROWS = "fewer rows"
+    """A frame of variable height ends after `count` rows, as its trailer says."""
     CORRUPT_LENGTH = "corrupt length"
     """The length that the answer claims is off by `count`."""
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from drivers.clock import Clock
 from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
-from drivers.genicam.session import Frame
+from drivers.genicam.session import Frame, fewer_rows
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.registers import Sirm
 from drivers.usb import EndpointStalled, UsbPipe
@@ -232,6 +232,8 @@ class StreamChannel:
             problem = f"the camera says that it lost parts (status {trailer.status:#06x})"
         elif len(payload) < trailer.valid:
             problem = f"{trailer.valid - len(payload)} bytes of its payload are missing"
+        elif trailer.valid < self._payload and 0 < trailer.height < leader.height:
+            problem = fewer_rows(trailer.height, leader.height)
         return Frame(leader, payload[: trailer.valid], problem)
 
     def _read(self, size: int, timeout: float) -> npt.NDArray[np.uint8]:

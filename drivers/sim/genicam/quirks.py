@@ -33,6 +33,9 @@ class Quirk(Enum):
     DOUBLED = "every packet twice"
     PADDED = "a last packet of full size"
     NO_STAMP = "frames without a time stamp"
+    MISNUMBERED = "packets sent again that bring others under numbers that have come (issue 311 of Aravis)"
+    NO_TRAILER_AGAIN = "a trailer that is lost and, asked for again, refused (issue 813 of Aravis)"
+    FEWER_ROWS = "frames of variable height, which end after half of the rows that their leader announces"
 
 
 def altered(description: str, quirks: Container[Quirk], registers: Mapping[str, int]) -> str:

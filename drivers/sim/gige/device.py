@@ -51,9 +51,14 @@ class GigeDevice:
         skew: float = 0.0,
         extended_ids: bool = False,
         broadcast: str | None = None,
+        beside: str | None = None,
         quirks: frozenset[Quirk] = frozenset(),
     ) -> None:
-        """A camera of kind "raw". broadcast: a second address that commands are taken at. OSError."""
+        """A camera of kind "raw". OSError.
+
+        broadcast: a second address that commands are taken at. beside: the address of a second interface, at
+        which it is discovered and not controlled.
+        """
         self._quirks, self._ptp, self._half = quirks, "Disabled", b""
         self.address, self.skew, self.loss = address, skew, 0.0
         self.opened: list[float] = []
@@ -73,6 +78,9 @@ class GigeDevice:
         self._sockets = [_bound(address, gvcp.PORT)]
         if broadcast is not None:
             self._sockets.append(_bound(broadcast, gvcp.PORT))
+        self._beside = None if beside is None else _bound(beside, gvcp.PORT)
+        if self._beside is not None:
+            self._sockets.append(self._beside)
         self.sender = Sender(
             _bound(address, 0), generator(camera.body.seed, "frames", self.serial), extended_ids, quirks
         )
@@ -115,7 +123,20 @@ class GigeDevice:
                 for link in ready:
                     with suppress(OSError, CameraProtocol):  # what is no command is nobody's
                         data, host = link.recvfrom(2048)
-                        self._receive(Command.parse(data), host)
+                        command = Command.parse(data)
+                        if link is self._beside:
+                            link.sendto(self._elsewhere(command), host)
+                        else:
+                            self._receive(command, host)
+
+    def _elsewhere(self, command: Command) -> bytes:
+        """The answer at an interface that is not the one which it is controlled by."""
+        if command.code == Code.DISCOVERY:
+            return Answer(0, Code.DISCOVERY_ACK, command.request_id, self._do(command, ("", 0))).pack()
+        refusal = gvcp.refusal_payload(command.code)
+        return Answer(
+            int(Status.ACCESS_DENIED), command.code + 1 & 0xFFFF, command.request_id, refusal
+        ).pack()
 
     def _receive(self, command: Command, host: Host) -> None:
         if self._is_lost():

@@ -44,14 +44,16 @@ class Sender:
         if Quirk.NO_STAMP in self.quirks:
             stamp = 0
         leader = Leader(block, kind, stamp, image.code, image.width, image.height, image.left, image.top)
-        room = gvsp.room(packet_size, self.extended)
-        parts = [image.payload[start : start + room] for start in range(0, len(image.payload), room)]
+        room, payload, height = gvsp.room(packet_size, self.extended), image.payload, image.height
+        if Quirk.FEWER_ROWS in self.quirks:
+            payload, height = payload[: len(payload) // 2], height // 2
+        parts = [payload[start : start + room] for start in range(0, len(payload), room)]
         if parts and Quirk.PADDED in self.quirks:
             parts[-1] = parts[-1].ljust(room, b"\0")
         carried = [
             (Kind.LEADER, leader.pack()),
             *((Kind.PAYLOAD, part) for part in parts),
-            (Kind.TRAILER, gvsp.trailer(kind, image.height, len(image.payload))),
+            (Kind.TRAILER, gvsp.trailer(kind, height, len(payload))),
         ]
         packets = [
             PacketHeader(0, block, which, number, self.extended).pack() + data
@@ -60,7 +62,7 @@ class Sender:
         self._kept[block] = packets
         while len(self._kept) > _KEPT:
             self._kept.popitem(last=False)
-        for packet in reversed(packets) if Quirk.REVERSED in self.quirks else packets:
+        for packet in self._sent_at_first(packets):
             for _ in range(2 if Quirk.DOUBLED in self.quirks else 1):
                 self._send(packet, destination)
 
@@ -71,8 +73,30 @@ class Sender:
             head = PacketHeader(Status.UNAVAILABLE, wanted.block, Kind.PAYLOAD, wanted.first, self.extended)
             self._send(head.pack(), destination)
             return
+        size = gvsp.header_size(self.extended)
+        if Quirk.NO_TRAILER_AGAIN in self.quirks and wanted.last >= len(packets) - 1:
+            head = PacketHeader(Status.UNAVAILABLE, wanted.block, Kind.PAYLOAD, wanted.last, self.extended)
+            self._send(head.pack(), destination)
+            packets = packets[:-1]
         for packet in packets[wanted.first : wanted.last + 1]:
+            if Quirk.MISNUMBERED in self.quirks and wanted.first > 1:
+                self._send(packets[wanted.first - 1][:size] + packet[size:], destination)
             self._send(Status.RESENT.to_bytes(2, "big") + packet[2:], destination)
+
+    def _sent_at_first(self, packets: list[bytes]) -> list[bytes]:
+        """What is sent of a frame before anything is asked for again."""
+        if Quirk.REVERSED in self.quirks:
+            return packets[::-1]
+        if Quirk.NO_TRAILER_AGAIN in self.quirks:
+            return packets[:-1]
+        if Quirk.MISNUMBERED in self.quirks:
+            size = gvsp.header_size(self.extended)
+            # Every fifth packet comes under the number of the one before, and its own is missing.
+            return [
+                packets[at - 1][:size] + packet[size:] if at % 5 == 3 else packet
+                for at, packet in enumerate(packets)
+            ]
+        return packets
 
     def test(self, packet_size: int, destination: tuple[str, int]) -> None:
         """A packet of that size, to find out whether it arrives."""

@@ -57,7 +57,12 @@ _OF_CONTROL = frozenset(
         Kind.UNPLUG,
     }
 )
-_OF_FRAMES = frozenset({Kind.STALL, Kind.TIMEOUT, Kind.NO_TRAILER, Kind.DROPPED_PAYLOAD, Kind.UNPLUG})
+_OF_FRAMES = frozenset(
+    {
+        *(Kind.STALL, Kind.TIMEOUT, Kind.NO_TRAILER, Kind.DROPPED_PAYLOAD, Kind.UNPLUG),
+        Kind.FEWER_ROWS,
+    }
+)
 
 
 class U3vDevice:
@@ -253,12 +258,15 @@ class U3vDevice:
         if unplug := faults.get(Kind.UNPLUG):
             port.unplug_at(max(unplug.count, 1), unplug.seconds)
         port.send(STREAM_IN, leader.pack())
+        height = leader.height
+        if fewer := faults.get(Kind.FEWER_ROWS):
+            payload, height = payload[: len(payload) * fewer.count // height], fewer.count
         whole = len(payload)
         if dropped := faults.get(Kind.DROPPED_PAYLOAD):
             payload = payload[: max(whole - dropped.count, 0)]
         self._send_payload(port, payload)
         if Kind.NO_TRAILER not in faults:
-            port.send(STREAM_IN, Trailer(self._block, 0, whole, leader.height).pack())
+            port.send(STREAM_IN, Trailer(self._block, 0, whole, height).pack())
 
     def _send_payload(self, port: Port, payload: bytes) -> None:
         memory = self._memory

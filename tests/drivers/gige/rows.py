@@ -49,6 +49,7 @@ def rows() -> Iterator[MakeRow]:
             extended_ids: bool = False,
             synchronised: bool = True,
             quirks: frozenset[Quirk] = frozenset(),
+            beside: str | None = None,
         ) -> Row:
             rig = simulate("toy", cameras=max(count, 2), bit_depth=bits, seed=5)
             views = [np.asarray(rig.radiance(index, 0)) for index in range(count)]
@@ -69,11 +70,13 @@ def rows() -> Iterator[MakeRow]:
                         skew=skews[index] if skews else 0.0,
                         extended_ids=extended_ids,
                         quirks=quirks,
+                        beside=beside if index == 0 else None,
                     )
                 )
                 for index in range(count)
             ]
-            cameras = find_cameras(only_at(*places), SystemClock())
+            asked = only_at(*places) if beside is None else only_at(beside, *places)
+            cameras = find_cameras(asked, SystemClock())
             for one in cameras:
                 stack.callback(one.close)
             return Row(devices, cameras, [camera(index) for index in range(count)])

@@ -9,20 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import CameraRefused
+from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.chunks import ChunksRefused
 from drivers.gige.control import ControlChannel
 from drivers.gige.registers import URL_SIZE, Bootstrap
 from drivers.sim.genicam.quirks import Quirk
 from imaging.exposure import Exposure
 
+from .fakes import own_address
 from .rows import MakeRow, Row
 from .test_actions import join, together
 from .test_sim_device import LABEL, shoot
 
 MEANT = Exposure(time=2.0**-8, iso=200)
 """What the camera applies for the label."""
-UNTOLD = {Quirk.NO_UNITS, Quirk.GAMMA_LOCKED}
+UNTOLD = {Quirk.NO_UNITS, Quirk.GAMMA_LOCKED, Quirk.FEWER_ROWS}
 """Those of which something cannot be known or done."""
 
 
@@ -58,6 +59,34 @@ def test_gain_and_black_without_a_unit_are_called_unknown(make_row: MakeRow) -> 
     assert re.search(r"black level without a unit: its files say 0; measure it by dark frames", unknown)
     with pytest.raises(CameraRefused, match="gain has no unit, and may be in dB or a factor: name no ISO"):
         camera.set_exposure(LABEL)
+
+
+def test_a_frame_of_fewer_rows_is_told(make_row: MakeRow) -> None:
+    (camera,) = quirky(make_row, Quirk.FEWER_ROWS).cameras
+    with pytest.raises(
+        CameraProtocol, match=r"ended it after 24 of 48 rows, .* variable height .*send all rows"
+    ):
+        shoot(camera)
+
+
+@pytest.mark.parametrize("beside", [40, 60], ids=["asked first", "asked last"])
+def test_a_camera_with_two_interfaces_is_one_and_controlled_where_it_can_be(
+    make_row: MakeRow, beside: int
+) -> None:
+    """It answers at both, and takes control at one alone."""
+    row = make_row(addresses=(own_address(50),), beside=own_address(beside))
+    (camera,) = row.cameras
+    assert np.array_equal(shoot(camera).pixels, shoot(row.twins[0]).pixels)
+    camera.close()
+    row.devices[0].close()
+
+
+def test_packets_under_wrong_numbers_do_not_replace_those_that_came(make_row: MakeRow) -> None:
+    """Of a fifth of all packets, and of those that are asked for again, with losses beside."""
+    row = quirky(make_row, Quirk.MISNUMBERED)
+    row.devices[0].sender.loss = 0.1
+    for _ in range(5):
+        assert np.array_equal(shoot(row.cameras[0]).pixels, shoot(row.twins[0]).pixels)
 
 
 def test_a_camera_whose_gamma_stays_on_is_refused(make_row: MakeRow) -> None:
