@@ -168,16 +168,17 @@ def fill_database(
     pairs = {}
     every = pairs_to_match({view: own.descriptors for view, own in features.items()}, tied)
 
+    def key_of(a: ViewId, b: ViewId) -> str:
+        """The name under which matches of a pair are kept."""
+        return f"learned {a} {b}" if features[a].learned else f"{a} {b}"
+
     def geometry_of(number: int) -> tuple[npt.NDArray[np.uint32], Any]:
         """Matches of a pair and the geometry that they fit; None where they are too few."""
         a, b = every[number]
         one, other = features[a], features[b]
-        key = f"learned {a} {b}" if one.learned else f"{a} {b}"
-        matches = kept.small(key)
+        matches = kept.small(key_of(a, b))
         if matches is None:
-            sides = cameras[a.camera], cameras[b.camera]
-            matches = _matched(one, other, sides)
-            kept.keep(key, matches)
+            matches = _matched(one, other, (cameras[a.camera], cameras[b.camera]))
         if len(matches) < FEWEST_MATCHES:
             return matches, None
         return matches, pycolmap.estimate_two_view_geometry(
@@ -188,6 +189,7 @@ def fill_database(
         for done, (matches, geometry) in enumerate(in_turn(len(every), geometry_of)):
             progress("matching", done, len(every))
             a, b = every[done]
+            kept.keep(key_of(a, b), matches)
             if geometry is None:
                 continue
             database.write_matches(images[a], images[b], matches)
