@@ -112,10 +112,7 @@ def by_rig(name: str, work: Path) -> dict[str, Any]:
         "lens": [camera.lens.model for camera in record.cameras if camera.lens is not None],
         "focal": [camera.lens.fx for camera in record.cameras if camera.lens is not None],
         "taken": [PARTS[rung.name] for rung in record.rungs if rung.taken and rung.name in PARTS],
-        "said": [
-            *record.doubts,
-            *(r.reason for r in record.rungs if r.taken and r.name == "lens_focal_untold"),
-        ],
+        "said": list(record.doubts),
     }
     sources = {
         (shot.frame, shot.camera): Path(shot.source or shot.file).name
