@@ -14,11 +14,11 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
-from recon.data.dataset import View
+from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
 from recon.decide.budget import Budget
-from recon.decide.countdown import Countdown
+from recon.decide.countdown import Countdown, TooShort
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
 from recon.decide.forecast import fitting
 from recon.decide.memory_need import free
@@ -73,13 +73,14 @@ def reconstruct(
     or what `countdown` says, whose time began before or ends later. The whole schedule is made shorter if the
     preset's iterations do not fit at the speed measured at the start, and again on the way if that was
     misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
-    fit it ends with an InputError that says how long would do. overrides: what is not to be as the preset and
-    the method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
-    quality stands still. name: None names method, quality and budget (`default_name`). on_message: is given
-    lines on what is predicted of a training with a budget, and on what is left out. With early_stop or a
-    budget in dB some of the held-out views are for that alone (`Dataset.with_validation`). on_log: is given
-    each line of train.jsonl (iteration, loss, gaussians, seconds, held_out_db where it was measured), those
-    from before a training was stopped too.
+    fit, the scene gets the width and the number of Gaussians of a smaller preset, unless both were set, and
+    where they do not fit at the smallest it ends with an InputError that says how long would do. overrides:
+    what is not to be as the preset and the method have it. early_stop: train no longer than was worth it for
+    other scenes, and end when held-out quality stands still. name: None names method, quality and budget
+    (`default_name`). on_message: is given lines on what is predicted of a training with a budget, and on what
+    is left out. With early_stop or a budget in dB some of the held-out views are for that alone
+    (`Dataset.with_validation`). on_log: is given each line of train.jsonl (iteration, loss, gaussians,
+    seconds, held_out_db where it was measured), those from before a training was stopped too.
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -101,7 +102,6 @@ def reconstruct(
     if budget is not None and budget.unit == "s" and countdown is None:
         countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
     with joined() as ranks:
-        width = overrides.width or QUALITIES[quality].width
         store.require_writable(session / shelf)
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
@@ -116,8 +116,11 @@ def reconstruct(
                 on_message(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
             return stored
 
-        loaded = load(session, max_width=width, progress=on_progress, examine=examine)
-        dataset = overrides.subset(loaded)
+        def read(width: int) -> Dataset:
+            loaded = load(session, max_width=width, progress=on_progress, examine=examine)
+            return overrides.subset(loaded)
+
+        dataset = read(overrides.width or QUALITIES[quality].width)
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
                 f"{session} has too few views to hold one out and judge a budget in dB by it: give a time."
@@ -138,13 +141,30 @@ def reconstruct(
             early_stop=early_stop,
             processes=ranks.count,
         )
-        if asked.watches:
-            dataset = dataset.with_validation()
         folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
-        run = Run(dataset, asked, device, ranks, countdown, on_progress, on_message, clock)
-        _reconstruct(place, run, checkpoint, (*reasons, *rungs(dataset, chosen)), on_log)
+        sizes = (asked,) if countdown is None else asked.downwards(len(dataset.train))
+        if checkpoint is not None:  # it goes on at the size that it began with
+            began = Settings.model_validate(checkpoint.facts["settings"]).max_width
+            sizes = (asked if began == asked.max_width else asked.no_larger(began),)
+        found = (*reasons, *rungs(dataset, chosen))
+        for size, smaller in zip(sizes, (*sizes[1:], None), strict=True):
+            # A mosaic that is not twice as wide stays as it is.
+            if any(view.lens.width > size.max_width for view in dataset.views) and size is not asked:
+                dataset = read(size.max_width)
+            used = dataset.with_validation() if asked.watches else dataset
+            run = Run(used, size, device, ranks, countdown, on_progress, on_message, clock, smaller=smaller)
+            try:
+                _reconstruct(place, run, asked, checkpoint, found, on_log)
+                break
+            except TooShort:
+                if smaller is None:
+                    raise
+                line = f"{budget} have no room for {size.size}: trained {smaller.size} instead"
+                if ranks.first:
+                    on_message(f"{line}.")
+                found = (*found, Rung(name="size of the preset", taken=False, reason=line))
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
@@ -153,11 +173,15 @@ def reconstruct(
 def _reconstruct(
     folder: Path,
     run: Run,
+    asked: Settings,
     checkpoint: Checkpoint | None,
     method_rungs: tuple[Rung, ...],
     on_log: Callable[[dict[str, Any]], None],
 ) -> None:
-    """`reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write."""
+    """`reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write.
+
+    asked: what the checkpoint tells this training by, whatever size the time had room for.
+    """
     training, decided = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
     run = dataclasses.replace(run, dataset=run.dataset.with_depths(decided.settings.depth_scale))
     schedule = training.schedule
@@ -169,7 +193,7 @@ def _reconstruct(
         folder,
         run.dataset,
         training,
-        run.asked,
+        asked,
         decided.settings,
         method_rungs,
         decided.rungs,

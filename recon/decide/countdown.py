@@ -1,7 +1,8 @@
 """A budget of time, from Enter to the end, and what of a reconstruction it has room for.
 
 What does not fit is left out in this order, with a message as soon as that is clear: the page with its
-evaluation, depths of some of the views, trials of what the scene needs, iterations.
+evaluation, depths of some of the views, trials of what the scene needs, iterations, and last the width and
+the number of Gaussians, which become those of a smaller preset.
 """
 
 import math
@@ -17,6 +18,10 @@ views; and that evaluation and page take for each held-out view, over those of t
 both together take 14 s. Other work on the machine slows that look down as it will them."""
 MOST_OF_PAGE, MOST_OF_START = 0.3, 0.4
 """Share of the time that is left which the page, and the depths of the views, may take."""
+
+
+class TooShort(InputError):
+    """A time has no room for a training of this size; it says which would do."""
 
 
 @dataclass
@@ -53,13 +58,16 @@ class Countdown:
         end = self.clock() + MOST_OF_START * max(self.left(), 0.0)
         return lambda: self.clock() >= end
 
-    def require(self, training: float, fewest: int) -> None:
-        """InputError, with the time that would do, where the `training` seconds of the fewest do not fit."""
-        available = self.left()
+    def require(self, training: float, fewest: int, available: float | None = None) -> None:
+        """TooShort, with the time that would do, where the `training` seconds of the fewest do not fit.
+
+        available: seconds until training has to be over, where several processes have to agree on them.
+        """
+        available = self.left() if available is None else available
         if training <= available:
             return
         needed = math.ceil((self.seconds - available + training) / 5) * 5
-        raise InputError(
+        raise TooShort(
             f"{self.seconds:g} s are too short for this scene on this machine, busy as it is: start, saving "
             f"and the fewest iterations, {fewest}, take {needed} s at least: give --budget {needed}s or more."
         )

@@ -6,7 +6,7 @@ its own choice, and the rung it leaves, added. `ORDER` is the page to read.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -19,18 +19,18 @@ from recon.data.dataset import Dataset
 from recon.data.light import Images, Light, light_of, radiance_images
 from recon.data.measured_depth import DepthFit
 from recon.decide.corrections import refinement_for
-from recon.decide.countdown import Countdown
+from recon.decide.countdown import MOST_OF_START, Countdown
 from recon.decide.far_field import environment_for
 from recon.decide.measured_depth import depth_fit, depth_for
 from recon.decide.prediction import Prediction, enough, predicted
-from recon.decide.probe import FEWEST, has_time_for_trials, probe
+from recon.decide.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.trials import reason_against_trials
 from recon.observe.refinement import Refinement
 from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
-from recon.start.initialisation import Start, gaussians_at, points_of_poses, start_points
+from recon.start.initialisation import Start, gaussians_at, points_of_poses, scattered, start_points
 from recon.train.ranks import Ranks
 from recon.train.training import Training
 
@@ -42,7 +42,8 @@ class Run:
     """A reconstruction under way: what it is of, and what it runs on.
 
     asked: the settings asked for, the method among them. countdown: of a budget of time. say: is given lines
-    on what has no room, and on what is predicted.
+    on what has no room, and on what is predicted. smaller: what is trained where the time has no room for
+    this; None: nothing.
     """
 
     dataset: Dataset
@@ -53,6 +54,7 @@ class Run:
     progress: Progress
     say: Callable[[str], None]
     clock: Callable[[], float]
+    smaller: Settings | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -143,11 +145,11 @@ def longest(case: Case, decided: Decisions) -> Decisions:
 def report(case: Case, decided: Decisions) -> Decisions:
     """Looks at how long the views took; chooses whether the budget of time has room for the report.
 
-    InputError where it has no room for a training.
+    TooShort where it has no room for a training.
     """
     if case.countdown is not None:
         case.countdown.plan(case.look, len(case.dataset.train), len(case.dataset.held_out))
-        case.countdown.require(case.look, FEWEST)
+        case.countdown.require(case.look, FEWEST, case.seconds_left())
     return decided
 
 
@@ -163,6 +165,22 @@ def degree(case: Case, decided: Decisions) -> Decisions:
 def most_gaussians(case: Case, decided: Decisions) -> Decisions:
     """Looks at preset, budget and samples of the views; chooses how many Gaussians there are at most."""
     return decided.setting(max_gaussians=most_for(case.dataset, case.asked, decided.settings.degree or 0))
+
+
+def room(case: Case, decided: Decisions) -> Decisions:
+    """Looks at the speed of a few iterations; TooShort where the time has no room for the fewest, be it only
+    after a start, where a smaller size is there that would begin with one.
+    """
+    seconds = case.seconds_left()
+    if case.countdown is not None and seconds is not None:
+        asked = case.asked
+        points = scattered(case.dataset, int(asked.start_share * decided.settings.max_gaussians), asked.seed)
+        begin = partial(replace(decided, points=points).training, case)
+        pace = pace_at_once(begin, case.dataset, decided.settings.plan(), case.ranks, case.clock)
+        started = 1.0 if case.smaller is None else 1 - MOST_OF_START
+        least = Probe(0, pace * GROWTH, None).seconds_for(min(FEWEST, decided.settings.iterations))
+        case.countdown.require(least / started, FEWEST, case.seconds_left())
+    return decided
 
 
 def start(case: Case, decided: Decisions) -> Decisions:
@@ -248,7 +266,7 @@ def gaussians(case: Case, decided: Decisions) -> Decisions:
 def iterations(case: Case, decided: Decisions) -> Decisions:
     """Looks at a training in miniature, where there is a budget; chooses how many iterations fit into it.
 
-    Leaves a prediction of the quality. InputError where too few iterations fit.
+    Leaves a prediction of the quality. TooShort where too few iterations fit.
     """
     if case.asked.budget is None:
         return decided
@@ -261,7 +279,7 @@ def iterations(case: Case, decided: Decisions) -> Decisions:
         available = case.ranks.broadcast(countdown.left())
         fitting = miniature.iterations_within(available)
         if fitting < min(FEWEST, most):
-            countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST)
+            countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST, available)
         decided = decided.setting(iterations=min(most, fitting))
     if miniature.db is None:
         return decided
@@ -278,6 +296,7 @@ ORDER: tuple[Callable[[Case, Decisions], Decisions], ...] = (
     report,
     degree,
     most_gaussians,
+    room,
     start,
     trials,
     environment,

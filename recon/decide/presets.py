@@ -47,5 +47,12 @@ QUALITIES: dict[str, Quality] = {
     "best": Quality(4000, 80_000, 1280, looks=100, each=1500),
 }
 
+
+def downwards(quality: QualityName) -> tuple[QualityName, ...]:
+    """A preset and those that are smaller, the smallest last: what a time may fall back on."""
+    names = tuple(QUALITIES)
+    return tuple(reversed(names[: names.index(quality) + 1]))  # type: ignore[return-value]
+
+
 START_SHARE = 0.5
 """Share of the largest number of Gaussians that training starts with; the rest grows where it is wrong."""

@@ -74,7 +74,7 @@ def probe(
     progress("probing the scene", 0, 1)
     count = max(SHORTEST, int(SHARE * plan.iterations))
     if seconds is not None:
-        pace = _pace_at_once(begin, dataset, plan, ranks, clock)
+        pace = pace_at_once(begin, dataset, plan, ranks, clock)
         count = int(min(SHARE * seconds / pace, count))
         if count < SHORTEST:
             return Probe(TRIAL, pace * GROWTH, None)
@@ -100,11 +100,11 @@ def has_time_for_trials(
 
     The same on all ranks; the result depends on the machine. Arguments as those of `probe`.
     """
-    pace = _pace_at_once(begin, dataset, plan, ranks, clock)
+    pace = pace_at_once(begin, dataset, plan, ranks, clock)
     return WITH_TRIALS * GROWTH * pace * plan.iterations <= RESERVE * seconds
 
 
-def _pace_at_once(
+def pace_at_once(
     begin: Callable[[], Training], dataset: Dataset, plan: Plan, ranks: Ranks, clock: Callable[[], float]
 ) -> float:
     """Seconds an iteration with as many Gaussians as a training starts with, by a few; on all ranks."""

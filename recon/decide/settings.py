@@ -9,7 +9,7 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.budget import Budget, Unit
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, START_SHARE, QualityName
+from recon.decide.presets import QUALITIES, START_SHARE, QualityName, downwards
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
@@ -55,6 +55,29 @@ class Settings(Record):
     def start_share(self) -> float:
         """Share of the Gaussians that training begins with; the rest it grows."""
         return START_SHARE if self.overrides.growth is None else 1 - self.overrides.growth
+
+    def no_larger(self, width: int, gaussians: int | None = None) -> "Settings":
+        """The same of pictures no wider, px, and no more Gaussians, where these were not set by hand."""
+        update = {}
+        if self.overrides.width is None:
+            update["max_width"] = min(self.max_width, width)
+        if gaussians is not None and self.overrides.gaussians is None:
+            update["max_gaussians"] = min(self.max_gaussians, gaussians)
+        return self.model_copy(update=update)
+
+    def downwards(self, views: int) -> tuple["Settings", ...]:
+        """These and what a time without room for them may fall back on, largest first, for training views."""
+        found = [self]
+        for preset in (QUALITIES[name] for name in downwards(self.quality)[1:]):
+            smaller = found[-1].no_larger(preset.width, preset.gaussians_of(views))
+            if smaller != found[-1]:
+                found.append(smaller)
+        return tuple(found)
+
+    @property
+    def size(self) -> str:
+        """How wide and how many, in words."""
+        return f"{self.max_width} px and {self.max_gaussians:,} Gaussians"
 
     def words(self) -> dict[str, str]:
         """What a person asked for, by name."""

@@ -101,6 +101,23 @@ def _dimmest(dataset: Dataset, images: Images) -> float:
     return DARK * light.normaliser * (light.reference or 0.0)
 
 
+def scattered(dataset: Dataset, count: int, seed: int) -> Start:
+    """About `count` points anywhere in the pictures of the training views, as deep as the scene is wide.
+
+    A training from these is as slow as one from a start, and nothing has to be found for it.
+    """
+    rng = np.random.Generator(np.random.PCG64([seed, 0x5CA7]))
+    each = max(count // len(dataset.train), FEWEST_POINTS)
+    depths = np.full(each, dataset.extent)
+    xyz = np.concatenate(
+        [
+            lift(view.lens, rng.random((each, 2)) * (view.lens.width, view.lens.height), depths)
+            for view in dataset.train
+        ]
+    )
+    return Start(xyz, np.ones((len(xyz), dataset.train[0].channels)), len(xyz))
+
+
 def points_of_poses(dataset: Dataset, images: Images, progress: Progress = unreported) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]

@@ -29,12 +29,12 @@ def test_the_package_tells_the_order_of_the_decisions():
     told = re.findall(r"^(\d+)\. (.+?)[:,]", package.__doc__, re.M)
     assert [int(number) for number, _ in told] == list(range(1, len(ORDER) + 2))
     assert [name for _, name in told[1:]] == [
-        "iterations at most", "report", "degree of the harmonics", "most Gaussians", "starting points",
-        "trials", "environment", "measured depth", "corrections of the calibration", "number of Gaussians",
-        "iterations",
+        "iterations at most", "report", "degree of the harmonics", "most Gaussians", "room",
+        "starting points", "trials", "environment", "measured depth", "corrections of the calibration",
+        "number of Gaussians", "iterations",
     ]  # fmt: skip
     assert [decision.__name__ for decision in ORDER] == [
-        "longest", "report", "degree", "most_gaussians", "start", "trials", "environment", "depth",
+        "longest", "report", "degree", "most_gaussians", "room", "start", "trials", "environment", "depth",
         "corrections", "gaussians", "iterations",
     ]  # fmt: skip
 
