@@ -20,6 +20,7 @@ from recon.data.load import load
 from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown, TooShort
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
+from recon.decide.duration import how_long
 from recon.decide.forecast import fitting
 from recon.decide.memory_need import free
 from recon.decide.method_choice import method_for, rungs, uncoloured
@@ -27,6 +28,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction
 from recon.decide.presets import QUALITIES, START_SHARE, MethodName, Quality, QualityName
 from recon.decide.settings import Settings, asked_for
+from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
@@ -103,6 +105,9 @@ def reconstruct(
         countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
     with joined() as ranks:
         store.require_writable(session / shelf)
+        names = (name,) if name else (default_name(one, quality, budget) for one in METHODS)
+        there = any((session / shelf / one / MODEL).is_file() for one in names)
+        begins = [True] if replace or not there else []
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
             room = free()
@@ -112,6 +117,14 @@ def reconstruct(
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
                 on_message(needed.told())
+            if ranks.first and begins:
+                begins.clear()
+                line = how_long(
+                    session, firsts, counts, quality=quality, budget=budget, overrides=overrides,
+                    early_stop=early_stop,
+                )  # fmt: skip
+                if line is not None:
+                    on_message(line)
             if ranks.first and stored:
                 on_message(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
             return stored
@@ -161,7 +174,9 @@ def reconstruct(
             except TooShort:
                 if smaller is None:
                     raise
-                line = f"{budget} have no room for {size.size}: trained {smaller.size} instead"
+                assert countdown is not None
+                instead = f"trained with {smaller.size} instead"
+                line = f"{countdown.seconds:g} s leave no room for {size.size}: {instead}"
                 if ranks.first:
                     on_message(f"{line}.")
                 found = (*found, Rung(name="size of the preset", taken=False, reason=line))

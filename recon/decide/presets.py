@@ -4,11 +4,12 @@ Nothing heavy is imported, so that the help of a command can show it.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 """auto: by what the session holds (`recon.decide.method_choice`)."""
 QualityName = Literal["draft", "standard", "best"]
+"""The smallest first."""
 OVERRIDES = (
     "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures", "refine",
     "environment",
@@ -50,8 +51,8 @@ QUALITIES: dict[str, Quality] = {
 
 def downwards(quality: QualityName) -> tuple[QualityName, ...]:
     """A preset and those that are smaller, the smallest last: what a time may fall back on."""
-    names = tuple(QUALITIES)
-    return tuple(reversed(names[: names.index(quality) + 1]))  # type: ignore[return-value]
+    names = get_args(QualityName)
+    return tuple(reversed(names[: names.index(quality) + 1]))
 
 
 START_SHARE = 0.5

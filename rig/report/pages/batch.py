@@ -1,6 +1,7 @@
 """PLAN.batch.html: what came of every scene of a plan, with links to their reports."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -40,7 +41,7 @@ def batch_report(result: BatchResult) -> Path:
     tiles = [Tile(str(len(result.rows) - failed), "", "scenes"), Tile(str(failed), "", "failed")]
     if held_out := sorted(row.db for row in result.rows if row.db is not None):
         ends = dict.fromkeys(f"{db:.1f}" for db in (held_out[0], held_out[-1]))
-        tiles.append(Tile(" – ".join(ends), "dB", "held out"))
+        tiles.append(Tile(" – ".join(ends), "dB", f"held out{_at(result.rows)}"))
     page = Page(
         kind="Batch report",
         title=result.plan.stem,
@@ -52,6 +53,14 @@ def batch_report(result: BatchResult) -> Path:
     )
     write_page(path, page)
     return path
+
+
+def _at(rows: Sequence[BatchRow]) -> str:
+    """`, at 640 px`: where the figures of scenes hold, which can be compared at one width only."""
+    widths = sorted({row.width for row in rows if row.db is not None and row.width})
+    if len(widths) < 2:
+        return f", at {widths[0]} px" if widths else ""
+    return f", at {widths[0]} to {widths[-1]} px: not to be compared"
 
 
 def _in_words(row: BatchRow, beside: Path) -> SceneRow:

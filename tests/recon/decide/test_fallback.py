@@ -13,7 +13,7 @@ from recon.decide.probe import Probe
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 
-FELL_BACK = "600s have no room for 64 px and 400 Gaussians: trained 32 px and 200 Gaussians instead"
+FELL_BACK = "600 s leave no room for 64 px and 400 Gaussians: trained with 32 px and 200 Gaussians instead"
 
 
 @pytest.fixture

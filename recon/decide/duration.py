@@ -1,0 +1,174 @@
+"""How long a reconstruction takes in all, said when one view of each camera is read.
+
+What it does is counted, and each count has its time on a processor. Those were measured on two cores (the
+trainings of bench/results/presets.md, and fox as a draft), and hold for others within `SURE`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from imaging.compute.threads import thread_count
+from imaging.session.session import Session
+from recon.data.dataset import View
+from recon.data.resident import pixels_of
+from recon.decide import corrections, size
+from recon.decide.budget import Budget
+from recon.decide.overrides import Overrides
+from recon.decide.presets import QUALITIES, QualityName
+from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
+from recon.train.device import training_device
+
+BEGIN = 10.0
+"""Processor seconds of imports, of kernels that were compiled before, and of files that are written."""
+READ = 0.05
+"""Of a megapixel of a file."""
+SWEEP = 1.5
+"""Of the depths of a megapixel of a training view."""
+STEP, DRAWN, PLANE, GAUSSIAN = 0.005, 0.12, 0.04, 0.5e-6
+"""Of an iteration: itself; of its render and of each plane of its shots, by the megapixel; of a Gaussian."""
+MEASURED = 8.0
+"""Of a megapixel of a held-out view, in evaluation and report."""
+REPORT = 4.0
+ON_ALL_CORES = 0.65
+"""Share of the time which all cores do (bench/results/budget.md: 37 s of the clock for 55 of a processor)."""
+MOST_TRIALS = 1.1
+"""Of the training, what trials take at most (`recon.decide.probe.WITH_TRIALS`)."""
+SURE = 0.7, 1.6
+"""Of what is counted, what a reconstruction may take."""
+WORTH_SAYING = 30.0
+"""Seconds; what is sooner done needs no word."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Counts of what a reconstruction does.
+
+    files: megapixels of all files that are read. view: megapixels of a view as it is trained; planes: of its
+    shots. trials, small_trials: iterations at most, at the width of the training and at that of trials, which
+    have `small` megapixels a view.
+    """
+
+    train: int
+    held_out: int
+    files: float
+    view: float
+    planes: float
+    iterations: int
+    gaussians: int
+    trials: int
+    small_trials: int
+    small: float
+    width: int
+
+    @classmethod
+    def of(
+        cls,
+        firsts: Sequence[View],
+        counts: Mapping[str, tuple[int, int]],
+        files: float,
+        iterations: int,
+        gaussians: int,
+        *,
+        tried: bool,
+    ) -> Self:
+        """firsts: a view of each camera; counts: of its views, and to train on. tried: whether trials may
+        be made."""
+        views = sum(count for count, _ in counts.values())
+        train = sum(count for _, count in counts.values())
+        view = sum(counts[one.camera][0] * pixels_of(one) for one in firsts) / views / 1e6
+        planes = sum(
+            counts[one.camera][0] * sum(1 if shot.pixels.ndim == 2 else 3 for shot in one.shots)
+            for one in firsts
+        )
+        width = max(one.lens.width for one in firsts)
+        judged = -(-train // HELD_OUT)
+        made = tried and judged >= FEWEST_VIEWS
+        looks = corrections.TRIAL_LOOKS * (train - judged)
+        corrected = (1 + len(corrections.TRIED)) * max(looks, round(corrections.TRIAL_SHARE * iterations))
+        return cls(
+            train=train,
+            held_out=views - train,
+            files=files,
+            view=view,
+            planes=planes / views,
+            iterations=iterations,
+            gaussians=gaussians,
+            trials=(1 + size.MOST_HALVINGS) * round(size.TRIAL_SHARE * iterations) if made else 0,
+            small_trials=corrected + 2 * looks if made else 0,
+            small=view * min(1.0, corrections.TRIAL_WIDTH / width) ** 2,
+            width=width,
+        )
+
+    def _step(self, view: float, gaussians: float) -> float:
+        return STEP + view * (DRAWN + PLANE * self.planes) + GAUSSIAN * gaussians
+
+    def processor_seconds(self) -> tuple[float, float]:
+        """Without any trial, and with as many as may be made; no more sure than `SURE` says."""
+        pace = self._step(self.view, 0.75 * self.gaussians)
+        plain = (
+            BEGIN
+            + READ * self.files
+            + SWEEP * self.view * self.train
+            + pace * self.iterations
+            + MEASURED * self.view * self.held_out
+            + REPORT
+        )
+        small = self._step(self.small, corrections.TRIAL_GAUSSIANS)
+        trials = pace * self.trials + small * self.small_trials
+        return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
+
+    def told(self, cores: int, at_most: bool = False) -> str | None:
+        """How long it takes in all on so many cores; None: not worth a word.
+
+        at_most: whether the training may end before its last iteration.
+        """
+        clock = 1 - ON_ALL_CORES + ON_ALL_CORES / cores
+        low, high = (clock * sure * s for sure, s in zip(SURE, self.processor_seconds(), strict=True))
+        if high < WORTH_SAYING:
+            return None
+        takes = f"at most {words(high)}" if at_most else f"{words(low)} to {words(high)}"
+        where = f"{cores} {'core' if cores == 1 else 'cores'}"
+        return (
+            f"{self.train} training views, {self.width} px wide, {self.iterations:,} iterations on {where}: "
+            f"this takes {takes} in all, with its report, if nothing else runs here."
+        )
+
+
+def how_long(
+    session: Path,
+    firsts: Sequence[View],
+    counts: Mapping[str, tuple[int, int]],
+    *,
+    quality: QualityName,
+    budget: Budget | None,
+    overrides: Overrides,
+    early_stop: bool,
+) -> str | None:
+    """What a reconstruction takes that begins now, in words; None: it is short, or a time was given.
+
+    On GPUs, and where light is that of bands, nothing was measured and nothing is said. Arguments as
+    `recon.data.load.load` and `recon.reconstruct.reconstruct` have them.
+    """
+    opened = Session.open(session)
+    if (budget is not None and budget.unit == "s") or opened.record.bands or training_device().type != "cpu":
+        return None
+    preset, train = QUALITIES[quality], sum(count for _, count in counts.values())
+    work = Work.of(
+        firsts,
+        counts,
+        sum(shot.width * shot.height for shot in opened.shots("scene")) / 1e6,
+        overrides.iterations or preset.iterations_of(train),
+        (budget and budget.gaussians) or overrides.gaussians or preset.gaussians_of(train),
+        tried=quality != "draft" and overrides == Overrides(),
+    )
+    return work.told(thread_count(), at_most=early_stop or (budget is not None and budget.unit == "dB"))
+
+
+def words(seconds: float) -> str:
+    """A time of about so many seconds: `40 s`, `5 min`, `2 h 10 min`."""
+    if seconds < 90:
+        return f"{max(round(seconds / 5) * 5, 5)} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
