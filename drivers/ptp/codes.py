@@ -110,6 +110,8 @@ class ResponseCode(IntEnum):
     INVALID_PARAMETER = 0x201D
     SESSION_ALREADY_OPENED = 0x201E
     TRANSACTION_CANCELLED = 0x201F
+    BULB_RELEASE_BUSY = 0xA200
+    """Nikon's: the shutter is open for as long as somebody leaves it so."""
 
 
 class EventCode(IntEnum):

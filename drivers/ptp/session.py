@@ -225,7 +225,15 @@ class PtpSession:
         return bytes(file.data)
 
     def pieces(self, file: Download, fetch: Callable[[int, int], bytes]) -> None:
-        """Fill a Download by `fetch(offset, count)`, which may return less; CameraProtocol if it is empty."""
+        """Fill a Download by `fetch(offset, count)`, which may return less.
+
+        CameraProtocol if it is empty, or the file ends beyond 4 GiB, where offsets of 32 bits do not reach.
+        """
+        if file.info.size >= 1 << 32:
+            raise CameraProtocol(
+                f"{self.where} says that {file.info.filename} has {file.info.size >> 20} MiB, which is no "
+                "picture: shoot it again, and switch off movies in its menu."
+            )
         while len(file.data) < file.info.size:
             count = min(PIECE, file.info.size - len(file.data))
             piece = fetch(len(file.data), count)
@@ -306,12 +314,15 @@ class PtpSession:
             code = reply.response.code
             if code == ResponseCode.OK:
                 return reply
-            if code != ResponseCode.DEVICE_BUSY:
+            if code not in (ResponseCode.DEVICE_BUSY, ResponseCode.BULB_RELEASE_BUSY):
                 if accept:
                     return reply
                 raise RefusedWith(self.where, operation, code)
             end = self.clock.now() + patience if end is None else end  # time-outs before do not count
             if self.clock.now() >= end:
-                raise CameraBusy(f"{self.where} stays busy: let it finish writing, or switch it off and on.")
+                fix = "let it finish writing, or switch it off and on"
+                if code == ResponseCode.BULB_RELEASE_BUSY:
+                    fix = "its shutter is open in bulb, so let go of the release, and turn its dial to M"
+                raise CameraBusy(f"{self.where} stays busy: {fix}.")
             self.clock.sleep(pause)
             pause = min(1.5 * pause, _LONGEST_PAUSE)

@@ -21,6 +21,8 @@ class Kind(Enum):
 
     BUSY = "busy"
     """Answers that it is busy for `seconds`, or `count` times if that is given."""
+    BULB = "bulb release busy"
+    """A Nikon's shutter is open for `seconds`, as somebody left it: DeviceReady says so."""
     LOST_EVENT = "lost event"
     """The first `count` events of the operation (at least one) are never sent."""
     LATE_EVENT = "late event"

@@ -72,6 +72,8 @@ class CanonBody(StandardBody):
         """Remote mode, event mode, all properties, the host as the destination."""
         self._properties: dict[int, DevicePropDesc] = {}
         self._added: list[Download] = []
+        self._untaken: dict[int, Download] = {}
+        """What it told of and was not yet told to forget, by handle."""
         self._files: int | None = None
         """Of a shot, as the image format has it; None: it has not been told."""
         listed = tuple(reader for reader in _READERS if self.session.supports(reader))
@@ -124,7 +126,10 @@ class CanonBody(StandardBody):
         super().wait_ready()
 
     def recount(self) -> None:
-        """Nothing: `wait_ready` gets rid of what failed shots left."""
+        """Get rid of what failed shots left in its memory: it would stay busy for ever."""
+        for file in tuple(self._untaken.values()):
+            self.discard(file)
+        self._added.clear()
 
     def release(self, patience: float = PATIENCE) -> None:
         """Half and full press, and up again; one command on old bodies."""
@@ -207,6 +212,7 @@ class CanonBody(StandardBody):
 
     def discard(self, file: Download) -> None:
         """TransferComplete, else the next shot finds the camera busy."""
+        self._untaken.pop(file.handle, None)
         with suppress(CameraRefused):
             self.session.run(CanonOperation.TRANSFER_COMPLETE, file.handle, repeatable=True)
 
@@ -236,7 +242,9 @@ class CanonBody(StandardBody):
 
     def _take(self, kind: int, payload: bytes) -> None:
         if kind in OBJECTS:
-            self._added.append(unpack_object(kind, payload))
+            file = unpack_object(kind, payload)
+            self._added.append(file)
+            self._untaken[file.handle] = file
         elif kind == CanonEvent.PROP_VALUE_CHANGED and payload[:4] == _IMAGE_FORMAT and len(payload) >= 8:
             self._files = int.from_bytes(payload[4:8], "little")
         elif kind == CanonEvent.PROP_VALUE_CHANGED and 4 < len(payload) <= 8:

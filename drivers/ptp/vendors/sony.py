@@ -105,7 +105,14 @@ class SonyBody(StandardBody):
         """
         for phase in (1, 2):
             self.session.get(SonyOperation.SDIO_CONNECT, phase, 0, 0)
-        self.session.get(SonyOperation.GET_EXT_DEVICE_INFO, VERSION, 1)
+        try:
+            self.session.get(SonyOperation.GET_EXT_DEVICE_INFO, VERSION, 1)
+        except RefusedWith as error:
+            raise CameraRefused(
+                f"{self.session.where} does not speak version {VERSION / 100:g} of Sony's protocol, the one "
+                "that rig's own driver knows: set USB Connection to PC Remote, or install libgphoto2 "
+                "(pip install -e '.[gphoto2]'), which knows more of them."
+            ) from error
         self.session.get(SonyOperation.SDIO_CONNECT, 3, 0, 0)
         listed = self._after_start_up()
         quality = listed.get(PropertyCode.COMPRESSION_SETTING)

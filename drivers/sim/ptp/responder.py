@@ -7,7 +7,7 @@
 from collections.abc import Callable
 
 from drivers.ptp.codec import Event, pack_array, pack_value
-from drivers.ptp.codes import DataType, EventCode, Operation, ResponseCode
+from drivers.ptp.codes import DataType, EventCode, NikonOperation, Operation, ResponseCode
 from drivers.ptp.datasets import DeviceInfo
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import CAPTURE_FAULTS, Fault, FaultPlan, Kind
@@ -57,7 +57,7 @@ class Responder:
         self.properties = SimulatedProperties(self.shooting)
         self._manner = _MANNERS[profile.style](self.shooting, self.properties, self._tell)
         self._in_session = False
-        self._busy_until, self._busy_times = 0.0, 0
+        self._busy_until, self._busy_times, self._bulb_until = 0.0, 0, 0.0
         self._handlers: dict[int, Handler] = {**self._standard(), **self._manner.operations()}
 
     def takes_data(self, operation: int) -> bool:
@@ -74,6 +74,8 @@ class Responder:
         able = carrier if handler.phase is Phase.TO_HOST else carrier - _OF_DATA
         if operation not in _NEVER_BUSY:
             able |= {Kind.BUSY}
+        if operation == NikonOperation.DEVICE_READY:
+            able |= {Kind.BULB}
         if handler.shoots(request):
             able |= CAPTURE_FAULTS - ({Kind.LOST_EVENT} if self._manner.polled else set())
         return self.plan.strike(self.serial, operation_name(operation, self.profile.style), able)
@@ -94,12 +96,16 @@ class Responder:
         if not self._in_session and request.operation not in _WITHOUT_SESSION:
             return Reply(ResponseCode.SESSION_NOT_OPEN)
         for fault in request.faults:
+            if fault.kind is Kind.BULB:
+                self._bulb_until = self.timeline.now() + fault.seconds
             if fault.kind is Kind.BUSY:
                 self._busy_until = self.timeline.now() + fault.seconds
                 self._busy_times = fault.count
         if request.operation not in _NEVER_BUSY and self._is_busy():
             self._busy_times = max(0, self._busy_times - 1)
             return Reply(ResponseCode.DEVICE_BUSY)
+        if request.operation == NikonOperation.DEVICE_READY and self.timeline.now() < self._bulb_until:
+            return Reply(ResponseCode.BULB_RELEASE_BUSY)
         return handler.act(request)
 
     def _is_busy(self) -> bool:
