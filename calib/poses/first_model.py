@@ -11,10 +11,13 @@ from calib.adjustment.place_priors import StatedPlace
 from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import cameras_apart, unjoined
+from calib.poses.brightness_steps import Pairs
+from calib.poses.contradictions import placed_views
 from calib.poses.known_rig import KnownRig
 from calib.poses.mapping import map_views
 from calib.poses.refusals import require_depth
 from calib.poses.resolution import Matches, ResolvedModel, resolve_contradictions
+from calib.poses.rig_twins import twins
 from calib.sensor.focal_length import FocalLength
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
@@ -150,7 +153,30 @@ class _Placing:
             Matches(database, pairs, scene.brightness, max_error, mapped, scene.exact, scene.steady),
             keep_doubtful=scene.keep_doubtful,
         )
+        settled = self._without_twins(settled, pairs)
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
+
+    def _without_twins(self, settled: ResolvedModel, pairs: Pairs) -> ResolvedModel:
+        """The model without views that stand at a look-alike of their place, as the mounting of the cameras
+        tells."""
+        rigs = self.scene.rigs
+        if not any(len(rig) > 1 for rig in rigs) or self.scene.keep_doubtful:
+            return settled
+        poses = {view: pose for view, (_, pose) in placed_views(settled.reconstruction).items()}
+        wrong, frames = twins(poses, pairs, rigs)
+        if not wrong:
+            return settled
+        model = type(settled.reconstruction)(settled.reconstruction)
+        for view in wrong:
+            model.deregister_frame(model.find_image_with_name(view.image_name).frame_id)
+        reason = (
+            f"{', '.join(sorted(map(str, wrong)))} stood where the mounting of the cameras contradicts, "
+            f"which is the same in {frames} frames"
+        )
+        rung = Rung(name="rig_twins", taken=True, reason=reason)
+        return replace(
+            settled, reconstruction=model, left_out=settled.left_out | wrong, rungs=(*settled.rungs, rung)
+        )
 
     def _of(self, names: Collection[str]) -> tuple[dict[tuple[ViewId, ViewId], MatchedPair], list[ViewId]]:
         """The pairs between views of these cameras, and all their views."""
