@@ -49,6 +49,21 @@ def test_check_writes_every_shot_with_its_three_exposures(rig, toy: Path) -> Non
     assert abs(look["off"]) < 0.03
 
 
+def test_the_bound_of_a_skew_that_is_unknown_is_told(rig, toy: Path) -> None:
+    """Of two cameras that stamp no frames, b had opened its shutter at the latest after 0.31 s."""
+    path = toy / "shots.jsonl"
+    shots = [json.loads(line) for line in path.read_text().splitlines()]
+    for shot in shots:
+        late = 0.31 if shot["camera"] == "cam1" else 0.12
+        shot |= {"skew": None, "told": 0.0, "skew_bound": late}
+    path.write_text("".join(json.dumps(shot) + "\n" for shot in shots))
+    code, out, _ = rig("check", str(toy))
+    assert code == 0
+    assert "skew unknown, at most 310 ms: cam0, cam1 do not say when their shutters open" in out
+    page = Page.read(toy / "check" / "report.html")
+    assert "unknown of cam0, cam1, at most 310 ms" in page.text
+
+
 def test_checking_again_changes_nothing_that_others_read(rig, toy: Path) -> None:
     before = {path: path.read_bytes() for path in toy.rglob("*") if path.is_file()}
     told(rig, "check", str(toy))
