@@ -7,7 +7,7 @@ import viser
 
 from rig.view.pages.note import Note
 from rig.view.pictures.layers import LAYERS, legend_of
-from rig.view.pictures.look import STOPS, TONE_MAPS, Look, legend
+from rig.view.pictures.look import TONE_MAPS, Look, band_legend, legend
 from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
 
 FREE = "free"
@@ -65,8 +65,9 @@ class Controls:
         with gui.add_folder("Keys", expand_by_default=False):
             gui.add_markdown(KEYS)
         gui.add_html(FULL_SCREEN)
+        self.state = gui.add_html("")
         self._hotkeys(gui)
-        self._say_legend()
+        self.say_legend()
         self.exposure.on_update(lambda _: changed())
         self.tones.on_update(lambda _: self._retone(changed))
         self.show.on_update(lambda _: self._retone(changed))
@@ -112,20 +113,22 @@ class Controls:
         cameras.on_trigger(lambda _: assign(self.frusta, not self.frusta.value))
 
     def _retone(self, changed: Callable[[], None]) -> None:
-        self._say_legend()
+        self.say_legend()
         changed()
 
-    def _say_legend(self) -> None:
+    def say_legend(self) -> None:
         """What the colours mean, if there are any."""
         show = str(self.show.value)
-        label = ""
+        label, picture = "", legend()
         if show in LAYERS:
             label = legend_of(show, self._painter.scene)
         elif show in (DIFFERENCE, OVER):
             ours = "B" if show == OVER else "render"
             label = f"{ours} over {compared_with(show)}: -{DIFFERENCE_STOPS:g} to +{DIFFERENCE_STOPS:g} stops"
         elif self.tones.value == "false colour":
-            label = f"-{STOPS:g} to +{STOPS:g} stops above middle grey"
+            label = "stops above middle grey, a colour each"
+            picture = band_legend()
+        self.legend.image = picture
         self.legend.visible = bool(label)
         self.legend.label = label or None
 

@@ -19,7 +19,8 @@ from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
 from rig.view.pictures.tones import Picture
 from rig.view.serving.frame import Frame, marked
-from rig.view.serving.start import Start, stand, start_at, up_of
+from rig.view.serving.start import Start, point, stand, start_at, up_of
+from rig.view.serving.state import State
 
 COARSE_SECONDS = 0.028
 """That a picture may take while the camera moves: it has as few pixels as that needs."""
@@ -27,6 +28,8 @@ STILL_SECONDS = 0.15
 """After which a camera that did not move is shown at full size."""
 ARRIVAL_SECONDS = 0.5
 """In which a browser says where it stands after it was sent to a view: upright, as that may not be."""
+LOADING_SECONDS = 5.0
+"""The same, of one that has just been opened by the address of a view."""
 MOST_WIDTH, LEAST_WIDTH = 1280, 160
 _SAME = 1e-4
 """In units of the scene: a camera that is moved by less is where it was."""
@@ -45,7 +48,7 @@ class ScenePage:
         self._spot: tuple[float, float] | None = None
         self._measured: tuple[Drawing | None, object] = None, None
         self._wake, self._closed = threading.Event(), threading.Event()
-        self._moved = self._arrived = 0.0
+        self._moved = self._arrived = self._settled = 0.0
         self._stood = np.zeros(7)
         self._pixels_a_second = 2e6
         self._frusta = Frusta(client, painter, lambda name: assign(self.controls.view, name))
@@ -78,6 +81,28 @@ class ScenePage:
         """Draw again: the painter has another scene, or more is known of it."""
         self._drawn = None
         self._wake.set()
+
+    def restore(self, state: State) -> None:
+        """Stand where an address says, or at the view that it names, and show what it names."""
+        view = state.view if state.view in self.controls.view.options else FREE
+        self._settled = time.monotonic() + LOADING_SECONDS
+        if view != FREE:
+            assign(self.controls.view, view)
+            self.controls.offer(view)
+        elif state.start is not None:
+            self._stand(state.start)
+        if state.show in self.controls.show.options:
+            assign(self.controls.show, state.show)
+        self._wake.set()
+
+    def _state(self) -> State:
+        """As an address has it."""
+        camera, view = self.client.camera, self.controls.view.value
+        start = None
+        if view == FREE:
+            eye, ahead, up = point(camera.position), point(camera.look_at), point(camera.up_direction)
+            start = Start(eye, ahead, up, camera.fov)
+        return State(self.look, "" if view == FREE else view, self.controls.show.value, start)
 
     def close(self) -> None:
         """The browser is gone, or has another page."""
@@ -114,7 +139,7 @@ class ScenePage:
         self._moved = time.monotonic()
         if self.controls.view.value != FREE:
             here = np.concatenate([self.client.camera.wxyz, self.client.camera.position])
-            if self._moved - self._arrived < ARRIVAL_SECONDS:
+            if self._moved - self._arrived < ARRIVAL_SECONDS or self._moved < self._settled:
                 self._stood = here
             elif np.abs(here - self._stood).max() > _SAME:
                 assign(self.controls.view, FREE)
@@ -167,6 +192,8 @@ class ScenePage:
             self._measure(self._drawing, self.frame.pixel(*spot), wanted.show, coarse)
             if not coarse:
                 self._measured = self._drawing, spot
+        if not coarse:
+            self.controls.state.content = self._state().element
         self.client.flush()
         rate = shown.shape[0] * shown.shape[1] / max(time.perf_counter() - began, 1e-4)
         if coarse:

@@ -9,14 +9,15 @@ import viser
 
 from imaging.errors import InputError
 from imaging.session.view_id import ViewId
+from rig.view.pages.controls import assign
 from rig.view.pages.note import Note
 from rig.view.pages.rig_model import RigModel
 from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look
-from rig.view.pictures.photographs import Photograph, Photographs, sheet
-from rig.view.pictures.tones import Light
+from rig.view.pictures.photographs import Photograph, Photographs, in_words, labelled, sheet
 from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer
 from rig.view.serving.start import height_angle, pose_of, stand
+from rig.view.serving.state import State
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
 SHEET = 1000
@@ -51,6 +52,7 @@ class SessionPage:
             self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
         with gui.add_folder("Session", expand_by_default=not narrow):
             self.words = gui.add_markdown("")
+        self._state = gui.add_html("")
         for control in (self.exposure, self.tones, self.show):
             control.on_update(lambda _: self._wake.set())
         client.camera.on_update(lambda _: self._reshaped())
@@ -71,6 +73,12 @@ class SessionPage:
     def look(self) -> Look:
         """As chosen."""
         return Look(float(self.exposure.value), self.tones.value)
+
+    def restore(self, state: State) -> None:
+        """Show what an address names."""
+        if state.show in self.show.options:
+            assign(self.show, state.show)
+        self._wake.set()
 
     def tell(self, text: str) -> None:
         """Say how a training goes."""
@@ -115,16 +123,20 @@ class SessionPage:
             self._show_rig()
         else:
             self._hide_rig()
-            self._show_sheet(lights)
+            self._show_sheet([one for one in self.seen.values() if one.light is not None])
+        self._state.content = State(self.look, show=self.show.value).element
         self.client.flush()
 
-    def _show_sheet(self, lights: list[Light]) -> None:
+    def _show_sheet(self, photographs: list[Photograph]) -> None:
         aspect = self.client.camera.aspect
+        lights = [one.light for one in photographs if one.light is not None]
         shape = lights[0].shape
         columns = max(1, round(np.sqrt(aspect * len(self.photographs) * shape[0] / shape[1])))
-        light = sheet(lights, min(columns, len(self.photographs)))
+        columns = min(columns, len(self.photographs))
+        light = sheet(lights, columns)
         self.frame = Frame(light, aspect)
-        shown = self.frame.in_window(self.look.shown(light, self._scale))
+        names = [str(one.view) for one in photographs]
+        shown = self.frame.in_window(labelled(self.look.shown(light, self._scale), names, columns))
         larger = max(1, SHEET // shown.shape[1])  # or JPEG would blur the colours of small ones
         shown = shown.repeat(larger, axis=0).repeat(larger, axis=1)
         self.client.scene.set_background_image(shown, format="jpeg", jpeg_quality=92)
@@ -168,8 +180,7 @@ class SessionPage:
     def _list(self) -> str:
         count = len(self.photographs)
         state = "not calibrated" if self.photographs.calibration is None else "calibrated"
-        lines = [f"{count} views, {state}", *(one.told for one in self.seen.values())]
-        return "  \n".join(lines)
+        return "  \n".join([f"{count} views, {state}", *in_words(self.seen.values())])
 
 
 def show_session(viewer: Viewer, folder: Path) -> None:

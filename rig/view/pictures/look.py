@@ -44,7 +44,7 @@ class Look:
 
     def _mapped(self, light: Light, factor: float) -> Picture:
         if self.tones == "false colour":
-            return coloured(stops(light, factor))
+            return bands(stops(light, factor))
         shown = light * np.float32(factor)
         return _clipped(shown) if self.tones == "clipping" else _CURVES[self.tones](shown)
 
@@ -61,6 +61,12 @@ def coloured(values: Light, most: float = STOPS) -> Picture:
     return ramp(np.nan_to_num(values / (2 * most)) + 0.5, np.isfinite(values))
 
 
+def bands(values: Light) -> Picture:
+    """Colours [H, W, 3] of stops [H, W], one for each whole stop; black: no light at all."""
+    with np.errstate(invalid="ignore"):
+        return coloured(np.round(values))
+
+
 def ramp(place: Light, there: npt.NDArray[np.bool_]) -> Picture:
     """Colours [H, W, 3] of places 0..1 [H, W] from dark blue to dark red; black where nothing is `there`."""
     code = np.uint8(np.round(255 * np.clip(np.nan_to_num(place), 0, 1)))
@@ -70,6 +76,22 @@ def ramp(place: Light, there: npt.NDArray[np.bool_]) -> Picture:
 def legend(most: float = STOPS) -> Picture:
     """The colours of `coloured` from left to right, uint8 [12, 256, 3]."""
     return coloured(np.tile(np.linspace(-most, most, 256, dtype=np.float32), (12, 1)), most)
+
+
+def band_legend() -> Picture:
+    """The colours of `bands` from left to right with numbers below, uint8 [26, 272, 3]."""
+    whole = np.arange(-STOPS, STOPS + 1, dtype=np.float32)
+    picture = np.zeros((26, 16 * len(whole), 3), np.uint8)
+    picture[:12] = bands(np.tile(whole.repeat(16), (12, 1)))
+    for place, value in enumerate(whole):
+        if value % 4 == 0:
+            text = f"{value:+.0f}" if value else "0"
+            (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.35, 1)
+            left = min(max(0, 16 * place + 8 - wide // 2), picture.shape[1] - wide)
+            cv2.putText(
+                picture, text, (left, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (220, 220, 220), 1, cv2.LINE_AA
+            )
+    return picture
 
 
 def _clipped(light: Light) -> Picture:

@@ -1,6 +1,6 @@
 """The photographs of a session as small pictures of light, before anything is reconstructed from them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from imaging.session.calibration import CalibrationRecord, CameraCalibration, Re
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-from rig.view.pictures.tones import Light
+from rig.view.pictures.tones import Light, Picture
 
 WIDTH = 320
 """px of each."""
@@ -28,7 +28,7 @@ _LEAST = 1e-12
 class Photograph:
     """A view: its light [h, w, 3], linear Rec.709 as far as colours are known, and what was shot, in words.
 
-    light is None where no file of it can be read; told says why then.
+    light is None where no file of it can be read; told says why then, and begins with the view.
     """
 
     view: ViewId
@@ -127,3 +127,40 @@ def sheet(pictures: Sequence[Light], columns: int) -> Light:
         top, left = place // columns * high, place % columns * wide
         found[top : top + one.shape[0], left : left + one.shape[1]] = one
     return found
+
+
+def labelled(picture: Picture, names: Sequence[str], columns: int) -> Picture:
+    """A sheet of that many columns with a name in the upper left of each picture, white on black."""
+    shown = picture.copy()
+    rows = -(-len(names) // columns)
+    high, wide = shown.shape[0] // rows, shown.shape[1] // columns
+    for place, name in enumerate(names):
+        top, left = place // columns * high, place % columns * wide
+        size = 0.4
+        (across, up), below = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        if across + 4 > wide or up + below + 4 > high:
+            continue
+        shown[top : top + up + below + 2, left : left + across + 4] = 0
+        spot = (left + 2, top + up + 1)
+        cv2.putText(shown, name, spot, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
+    return shown
+
+
+def in_words(photographs: Iterable[Photograph]) -> list[str]:
+    """A line for each kind of shot, with the views that have it; one for all of them where all are alike."""
+    views: dict[str, list[str]] = {}
+    count = 0
+    for one in photographs:
+        count += 1
+        views.setdefault(one.told.removeprefix(str(one.view)).removeprefix(": "), []).append(str(one.view))
+    if len(views) == 1 and count > 1:
+        said = next(iter(views))
+        return [f"all: {said}"] if said else []
+    return [
+        ": ".join(
+            part
+            for part in (", ".join(own[:3]) + (f" and {len(own) - 3} more" if len(own) > 3 else ""), said)
+            if part
+        )
+        for said, own in views.items()
+    ]

@@ -16,7 +16,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from rig.view.serving.window import css_width, width_of, with_script
+from rig.view.serving.state import said_state
+from rig.view.serving.window import css_width, state_of, width_of, with_script
 
 LOCAL = "127.0.0.1"
 PARAMETER = "token"
@@ -108,6 +109,7 @@ def guarded(access: Access) -> Iterator[None]:
             response = process_request(connection, request)
             if response is None:
                 css_width.set(width_of(request))
+                said_state.set(state_of(request))
                 return None
             response = with_script(response)
             access.remembered(request, response)

@@ -16,6 +16,7 @@ from rig.view.serving.access import LOCAL, Access, guarded
 from rig.view.serving.first import FirstPicture
 from rig.view.serving.frame import Frame
 from rig.view.serving.start import NARROW, Start, stand
+from rig.view.serving.state import State, said_state
 from rig.view.serving.window import css_width
 
 _ANY = ("0.0.0.0", "::")
@@ -35,6 +36,10 @@ class Page(Protocol):
 
     def refresh(self) -> None:
         """Draw again: there is something new to see."""
+        ...
+
+    def restore(self, state: State) -> None:
+        """Show what the address of the browser says; what of it there is not is passed over."""
         ...
 
     def close(self) -> None:
@@ -66,6 +71,7 @@ class Viewer:
         self.pages: dict[int, Page] = {}
         self._clients: dict[int, viser.ClientHandle] = {}
         self._narrow: set[int] = set()
+        self._states: dict[int, State] = {}
         self._make: MakePage | None = None
         self._told = ""
         self._changing = threading.Lock()
@@ -144,7 +150,8 @@ class Viewer:
     def _show(self, client: viser.ClientHandle, start: Start | None) -> None:
         """Make a page for a browser that waits for it, or has another one."""
         assert self._make is not None
-        look = Look()
+        state = self._states.pop(client.client_id, None)
+        look = Look() if state is None else state.look
         if (waiting := self._waiting.pop(client.client_id, None)) is not None:
             waiting.remove()
         if (before := self.pages.pop(client.client_id, None)) is not None:
@@ -156,13 +163,17 @@ class Viewer:
             stand(client, start)
         page = self.pages[client.client_id] = self._make(client, look, client.client_id in self._narrow)
         page.tell(self._told)
+        if state is not None:
+            page.restore(state)
 
     async def _look_at_window(self, client: viser.ClientHandle) -> None:
-        """Remember whether a window is narrow; in the task of its connection, which alone knows."""
+        """Remember whether a window is narrow, and its address, in the task of its connection."""
         # A camera's image is in pixels of the screen, of which a telephone has several for one of CSS.
         width = css_width.get()
         if (client.camera.image_width if width is None else width) < NARROW:
             self._narrow.add(client.client_id)
+        if said_state.get():
+            self._states[client.client_id] = State.of(said_state.get())
 
     def _open(self, client: viser.ClientHandle) -> None:
         with self._changing:
@@ -182,6 +193,7 @@ class Viewer:
             self._waiting.pop(client.client_id, None)
             self._clients.pop(client.client_id, None)
             self._narrow.discard(client.client_id)
+            self._states.pop(client.client_id, None)
             page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()

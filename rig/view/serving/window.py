@@ -1,21 +1,38 @@
-"""A browser's window: its width in CSS pixels, and a script that lets viser's page be tapped."""
+"""A browser's window: its width in CSS pixels, its address, and a script that lets viser's page be tapped."""
 
 import functools
 import gzip
 import re
 from contextvars import ContextVar
+from urllib.parse import unquote
 
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-_COOKIE = "rig_view_width"
+from rig.view.serving.state import ELEMENT
+
+_COOKIE, _STATE = "rig_view_width", "rig_view_state"
 _SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
 # viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
-# themselves for what they touch, so that no tap would ever measure.
+# themselves for what they touch, so that no tap would ever measure. It connects to the address of the page,
+# which must have nothing behind its # then: that comes back with the first picture.
 _SCRIPT = f"""<script>
 const say = () => {{ document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`; }};
 say();
 addEventListener("resize", say);
+const keep = () => {{
+  const state = encodeURIComponent(location.hash.slice(1));
+  document.cookie = `{_STATE}_${{location.port}}=${{state}}; Path=/; SameSite=Strict`;
+}};
+keep();
+history.replaceState(null, "", location.pathname + location.search);
+addEventListener("hashchange", () => {{ keep(); location.reload(); }});
+new MutationObserver(() => {{
+  const said = document.getElementById("{ELEMENT}")?.title;
+  if (said === undefined || "#" + said === location.hash) return;
+  history.replaceState(null, "", location.pathname + location.search + "#" + said);
+  keep();
+}}).observe(document, {{ subtree: true, childList: true, attributeFilter: ["title"] }});
 addEventListener("pointerdown", (event) => {{
   const {{ target, pointerId }} = event;
   if (target instanceof HTMLCanvasElement && target.hasPointerCapture(pointerId))
@@ -33,6 +50,15 @@ def width_of(request: Request) -> int | None:
     # Not by `http.cookies`: it gives up at cookies that other servers of this machine set in their own way.
     found = _SAID.search("; ".join(request.headers.get_all("Cookie")))
     return int(found[1]) if found else None
+
+
+def state_of(request: Request) -> str:
+    """Read what the address of the window has behind its #, that a request is from; "": nothing."""
+    found = re.search(r":([0-9]+)$", request.headers.get("Host", ""))
+    port = found[1] if found else ""
+    own = rf"(?:^|;)\s*{_STATE}_{port}=([^;\s]{{0,2000}})\s*(?:;|$)"
+    found = re.search(own, "; ".join(request.headers.get_all("Cookie")))
+    return unquote(found[1]) if found else ""
 
 
 def with_script(response: Response) -> Response:

@@ -9,6 +9,7 @@ import numpy as np
 from rig.view.pages.page import ScenePage
 from rig.view.pictures.layers import picture_of
 from rig.view.pictures.look import LUMINANCE, Look
+from rig.view.serving.state import State
 
 
 def test_the_page_shows_the_scene_at_any_exposure_and_in_any_tones(window) -> None:
@@ -73,6 +74,54 @@ def test_a_reading_follows_the_camera_and_what_is_shown(window) -> None:
 
 
 PHONE = {"has_touch": True, "device_scale_factor": 2}
+
+
+def reloaded(window, viewer) -> ScenePage:
+    """The page of the same window, opened anew by its own address."""
+    known = set(viewer.pages)
+    window.tab.reload()
+    window.until(lambda: bool(set(viewer.pages) - known))
+    window.page = viewer.pages[max(viewer.pages)]
+    window.until(lambda: window.page.frame is not None)
+    return window.page
+
+
+def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
+    window.tab.locator("input[inputmode=decimal]").fill("1.5")
+    window.tab.keyboard.press("Enter")
+    window.choose("linear", "AgX")
+    name = window.page.painter.scene.views[0].name
+    window.choose("free", name)
+    window.until(lambda: "depth" in window.page.controls.show.options)
+    window.choose("render", "depth")
+    window.until(lambda: "show=depth" in window.tab.evaluate("location.hash"))
+    page = reloaded(window, viewer)
+    assert page.look == Look(1.5, "AgX")
+    window.until(lambda: (page.controls.view.value, page.controls.show.value) == (name, "depth"))
+    lens = page.painter.scene.views[0].lens
+    window.until(lambda: page.frame.light.shape[:2] == (lens.height, lens.width))
+
+
+def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
+    def told() -> np.ndarray | None:
+        """Where the camera stands by the address; None while that is not where it stands."""
+        start = State.of(window.tab.evaluate("location.hash.slice(1)")).start
+        stands = np.array(window.page.client.camera.position)
+        return None if start is None or np.abs(stands - start.position).max() > 1e-3 else stands
+
+    window.until(lambda: told() is not None)
+    beginning = told()
+    mouse = window.tab.mouse
+    mouse.move(300, 300)
+    mouse.down()
+    mouse.move(380, 320, steps=5)
+    mouse.up()
+    window.until(lambda: told() is not None and np.abs(told() - beginning).max() > 1e-2)
+    link, stood = window.tab.evaluate("location.hash"), told()
+    page = reloaded(window, viewer)
+    window.until(lambda: np.abs(np.array(page.client.camera.position) - stood).max() < 1e-2)
+    window.until(lambda: window.tab.evaluate("location.hash") != "")
+    assert np.abs(np.array(State.of(link[1:]).start.position) - stood).max() < 1e-3
 
 
 def test_a_tap_measures_and_a_finger_that_moves_turns(open_window, viewer) -> None:

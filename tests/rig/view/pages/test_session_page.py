@@ -10,10 +10,11 @@ import pytest
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
 from imaging.session.paths import without_scene
+from imaging.session.view_id import ViewId
 from rig.view.pages.rig_model import RigModel
 from rig.view.pages.session_page import show_session
 from rig.view.pictures.look import Look
-from rig.view.pictures.photographs import Photographs, sheet
+from rig.view.pictures.photographs import Photograph, Photographs, in_words, labelled, sheet
 from rig.view.serving.server import Viewer
 
 
@@ -57,6 +58,25 @@ def test_damaged_files_are_told_of(session: Path, tmp_path: Path) -> None:
     assert found.light is None
     assert str(view) in found.told
     assert Path(shots[0].file).name in found.told
+
+
+def test_photographs_are_named_and_said_once_where_they_are_alike() -> None:
+    views = [ViewId(frame, f"cam{camera}") for frame in range(2) for camera in range(3)]
+    alike = [Photograph(view, None, f"{view}: 1/1000 s to 1/4 s") for view in views]
+    assert in_words(alike) == ["all: 1/1000 s to 1/4 s"]
+    other = [*alike[:5], Photograph(views[5], None, f"{views[5]}: damaged")]
+    assert in_words(other) == [
+        "0000/cam0, 0000/cam1, 0000/cam2 and 2 more: 1/1000 s to 1/4 s",
+        "0001/cam2: damaged",
+    ]
+    assert in_words([Photograph(views[0], None, str(views[0]))]) == ["0000/cam0"]
+    sheet = np.full((80, 300, 3), 128, np.uint8)
+    named = labelled(sheet, [str(view) for view in views], 3)
+    for row in (0, 40):
+        for column in (0, 100, 200):
+            assert named[row : row + 14, column : column + 60].max() > 200
+            assert (named[row + 20 : row + 40, column : column + 100] == 128).all()
+    assert np.array_equal(labelled(sheet[:8], ["0000/cam0"], 1), sheet[:8])
 
 
 def test_an_empty_session_is_told(session: Path, tmp_path: Path) -> None:

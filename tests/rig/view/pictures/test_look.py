@@ -6,7 +6,7 @@ import pytest
 from imaging.colour import srgb_decode, srgb_encode
 from recon.result import display
 from rig.view.pictures import look, tones
-from rig.view.pictures.look import STOPS, TONE_MAPS, Look, coloured, legend, stops
+from rig.view.pictures.look import STOPS, TONE_MAPS, Look, band_legend, bands, coloured, legend, stops
 
 
 def flat(*colours: tuple[float, float, float]) -> np.ndarray:
@@ -18,7 +18,8 @@ def test_middle_grey_is_where_the_maps_have_it() -> None:
     grey = flat((0.18,) * 3)
     assert Look().shown(grey, 1.0).tolist() == [[[118] * 3]]
     assert Look(tones="ACES 2.0").shown(grey, 1.0).tolist() == [[[89] * 3]]
-    np.testing.assert_array_equal(Look(tones="false colour").shown(grey, 1.0)[0, 0], legend()[0, 128])
+    middle = band_legend()[0, 8 * 16 + 8]
+    np.testing.assert_array_equal(Look(tones="false colour").shown(grey, 1.0)[0, 0], middle)
 
 
 @pytest.mark.parametrize("tones", TONE_MAPS)
@@ -57,6 +58,22 @@ def test_stops_are_those_of_luminance() -> None:
     np.testing.assert_array_equal(ends, legend()[0, [0, -1]])
     assert ends[0, 2] > ends[0, 0]
     assert ends[1, 0] > ends[1, 2]
+
+
+def test_false_colour_has_a_colour_for_each_stop_and_its_legend_says_which() -> None:
+    values = np.array([[-9.0, -8.0, -0.4, 0.0, 0.4, 0.6, 1.4, 8.0, 30.0, -np.inf]], np.float32)
+    shown = bands(values)[0]
+    picture = band_legend()
+    assert picture.shape == (26, 272, 3)
+    for value, colour in zip([-8, -8, 0, 0, 0, 1, 1, 8, 8], shown, strict=False):
+        np.testing.assert_array_equal(colour, picture[5, 16 * (value + 8) + 8])
+    assert not shown[-1].any()
+    assert len({tuple(colour) for colour in picture[5]}) == 17
+    # numbers stand below every fourth
+    written = picture[14:].max(axis=(0, 2)) > 60
+    centres = [16 * (value + 8) + 8 for value in (-8, -4, 0, 4, 8)]
+    assert all(written[max(0, place - 9) : place + 9].any() for place in centres)
+    assert not any(written[place - 4 : place + 4].any() for place in (40, 104, 168, 232))
 
 
 def test_clipping_is_told_by_channel() -> None:

@@ -1,0 +1,74 @@
+"""What a page shows, as text behind the # of its address: a link leads to the same spot, a reload back to it.
+
+The page's script (`window`) keeps the address and a cookie, by which the server learns of it when a browser
+connects.
+"""
+
+import html
+import math
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from urllib.parse import parse_qsl, urlencode
+
+from rig.view.pictures.look import TONE_MAPS, Look
+from rig.view.serving.start import Start
+
+ELEMENT = "rig-state"
+"""Of the page, whose title is the state."""
+MOST_STOPS = 16.0
+_FAR = 1e6
+
+said_state: ContextVar[str] = ContextVar("said_state", default="")
+"""What the address of the connection at hand has behind its #."""
+
+
+@dataclass(frozen=True)
+class State:
+    """look: exposure and tones. view, show: as the choices of the page name them, "" for none. start: where
+    the camera stands; None: where the page has it.
+    """
+
+    look: Look = field(default_factory=Look)
+    view: str = ""
+    show: str = ""
+    start: Start | None = None
+
+    @property
+    def text(self) -> str:
+        """For an address."""
+        parts = {"stops": f"{self.look.exposure:g}", "tones": str(self.look.tones)}
+        parts |= {"view": self.view, "show": self.show}
+        if self.start is not None:
+            for name in ("position", "look_at", "up"):
+                parts[name] = " ".join(f"{value:.5g}" for value in getattr(self.start, name))
+            parts["fov"] = f"{self.start.fov:.5g}"
+        return urlencode({name: value for name, value in parts.items() if value})
+
+    @property
+    def element(self) -> str:
+        """HTML that shows nothing, and that the page's script reads."""
+        return f'<span id="{ELEMENT}" title="{html.escape(self.text)}" hidden></span>'
+
+    @classmethod
+    def of(cls, text: str) -> "State":
+        """Of the text in an address, which anybody may have written: what makes no sense is left out."""
+        parts = dict(parse_qsl(text))
+        stops = _numbers(parts.get("stops", ""), 1, MOST_STOPS)
+        tones = next((tones for tones in TONE_MAPS if tones == parts.get("tones")), Look().tones)
+        points = [_numbers(parts.get(name, ""), 3, _FAR) for name in ("position", "look_at", "up")]
+        fov = _numbers(parts.get("fov", ""), 1, math.pi)
+        start = None
+        if all(points) and fov and fov[0] > 0 and points[0] != points[1] and any(points[2]):
+            position, look_at, up = ((x, y, z) for x, y, z in points)
+            start = Start(position, look_at, up, fov[0])
+        look = Look(stops[0] if stops else 0.0, tones)
+        return cls(look, parts.get("view", ""), parts.get("show", ""), start)
+
+
+def _numbers(text: str, count: int, most: float) -> list[float]:
+    """So many numbers of a text; none where one is missing or too large."""
+    try:
+        found = [float(part) for part in text.split()]
+    except ValueError:
+        return []
+    return found if len(found) == count and all(abs(value) <= most for value in found) else []
