@@ -13,7 +13,7 @@ from recon.data.dataset import Dataset, View
 from recon.data.geometry import inside, project
 from recon.data.light import Images
 from recon.data.load import again
-from recon.decide.held_out_evidence import robust_score_db
+from recon.decide.held_out_evidence import STEPS, robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.stray_light import glare_of
 from recon.decide.trials import Trials, room
@@ -96,14 +96,17 @@ def tried(
     def ended(chosen: Sequence[Refined], message: str) -> Training:
         return trials.trained(iterations, most, message, refine=chosen)
 
+    fits = {name: 2 * STEPS if name in ("poses", "exposures") else 0 for name in names}
+    trials.steps.total = (1 + len(names)) * iterations + sum(fits.values()) * len(judged)
     plain = ended((), "a trial without corrections")
     rungs: dict[Refined, Rung] = {}
     for name in names:
         freed = ended((name,), f"a trial with corrected {name}")
-        gains = [
-            robust_score_db(freed, view, [name], extent) - robust_score_db(plain, view, [name], extent)
-            for view in judged
-        ]
+        gains = []
+        for view in judged:
+            scores = (robust_score_db(training, view, [name], extent) for training in (freed, plain))
+            gains.append(next(scores) - next(scores))
+            trials.fitted(fits[name], f"judging corrected {name}")
         rungs[name] = Rung.judged(
             f"refine {name}",
             float(np.mean(gains)),

@@ -101,6 +101,7 @@ def tried(dataset: Dataset, settings: Settings, seen: str, progress: Progress) -
     most = min(TRIAL_GAUSSIANS, room(dataset))
     trials = Trials.from_new_points(dataset, settings, most // 2, progress)
     iterations, extent = TRIAL_LOOKS * len(trials.part.train), trials.part.extent
+    trials.steps.total = 2 * iterations
     plain, far = (
         trials.trained(iterations, most, f"a trial {how} a far field", environment=there)
         for how, there in (("without", False), ("with", True))

@@ -99,6 +99,8 @@ def tried(
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
     iterations = max(TRIAL_LOOKS * len(trials.part.train), looks)
 
+    trials.steps.total = (1 + len(weights)) * iterations
+
     def scores(weight: float) -> np.ndarray:
         told = f"a trial with measured depth of weight {weight:g}"
         training = trials.trained(iterations, most, told, depth=weight)

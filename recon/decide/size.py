@@ -15,7 +15,7 @@ from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Images
-from recon.decide.held_out_evidence import fitted_view
+from recon.decide.held_out_evidence import STEPS, fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
 from recon.decide.trials import SAMPLES, Trials, room
@@ -217,7 +217,11 @@ class Ladder:
     def db(self, count: int) -> Array:
         """Quality of every view that judges, [views], of a training with so many Gaussians."""
         if count not in self.measured:
-            trials = self.trials
+            trials, fitted = self.trials, bool({*self.refined.parameters} & {"poses", "exposures"})
+            if not self.measured:
+                halvings = sum(self.most >> step >= FEWEST for step in range(1, MOST_HALVINGS + 1))
+                fits = len(trials.judged) * STEPS if fitted else 0
+                trials.steps.total = (1 + halvings) * (self.iterations + fits)
             training = trials.trained(
                 self.iterations,
                 count,
@@ -228,7 +232,11 @@ class Ladder:
                 device=self.device,
             )
             unsure, extent = tuple(self.refined.parameters), trials.part.extent
-            views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
+            views = []
+            for view in trials.judged:
+                views.append(fitted_view(training, view, unsure, extent))
+                if fitted:
+                    trials.fitted(STEPS, f"judging {count:,} Gaussians")
             figures = [training.held_out_psnr((view,), 1.0, _ALONE) for view in views]
             self.measured[count] = np.array(figures)
         return self.measured[count]

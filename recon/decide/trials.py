@@ -4,7 +4,7 @@ The session's own held-out views are never looked at.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -72,6 +72,18 @@ def _parted(dataset: Dataset) -> Dataset:
     return replace(dataset, train=trained, held_out=judged)
 
 
+@dataclass
+class Steps:
+    """How far a series of trainings is, and the fits of views that judge them: one length for all, so that
+    the time left falls from the first to the last.
+
+    total: iterations and steps of fits, at most, where they are known.
+    """
+
+    total: int = 0
+    done: int = 0
+
+
 @dataclass(frozen=True)
 class Trials:
     """What trials of one session have in common.
@@ -86,6 +98,7 @@ class Trials:
     points: Start
     settings: Settings
     progress: Progress
+    steps: Steps = field(default_factory=Steps)
 
     @classmethod
     def of(cls, dataset: Dataset, settings: Settings, points: Start, progress: Progress) -> "Trials":
@@ -140,11 +153,19 @@ class Trials:
         rules, factor = DensityRules(gaussians), rate_factor(iterations)
         plan = Plan(iterations, rules, self.settings.seed, rate_factor=factor)
 
+        before = self.steps.done
+
         def reported(_: str, done: int, total: int) -> None:
-            self.progress(message, done, total)
+            self.progress(message, before + done, max(before + total, self.steps.total))
 
         train(training, self.part, plan, log=lambda line: None, save=lambda: None, progress=reported)
+        self.steps.done = before + iterations
         return training
+
+    def fitted(self, steps: int, message: str) -> None:
+        """Count so many steps of fits of views."""
+        self.steps.done += steps
+        self.progress(message, self.steps.done, max(self.steps.done, self.steps.total))
 
     @property
     def judged(self) -> tuple[View, ...]:
