@@ -75,6 +75,14 @@ class Session:
         unique = {shot.identity: shot for shot in shots}
         return [shot for shot in unique.values() if kind is None or shot.kind == kind]
 
+    def photograph_names(self) -> dict[ViewId, str]:
+        """The views that were imported, by the names that users gave their first photographs."""
+        names: dict[ViewId, str] = {}
+        for shot in self.shots("scene"):
+            if shot.source is not None:
+                names.setdefault(ViewId(shot.frame, shot.camera), Path(shot.source).name)
+        return names
+
     def split(self) -> SplitRecord | None:
         """What the data set trains and tests on; None: it does not say."""
         path = self.folder / SPLIT

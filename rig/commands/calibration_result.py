@@ -141,22 +141,11 @@ def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
     }
 
 
-def _photograph_names(session: Path) -> "dict[ViewId, str]":
-    """The views of a session, and the photographs they were imported from, by the names that users gave
-    these."""
-    from imaging.session.session import Session
-    from imaging.session.view_id import ViewId
-
-    names: dict[ViewId, str] = {}
-    for shot in Session.open(session).shots("scene"):
-        if shot.source is not None:
-            names.setdefault(ViewId(shot.frame, shot.camera), Path(shot.source).name)
-    return names
-
-
 def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
     """The images without a pose, by cause, with what to do about it."""
-    names = _photograph_names(session)
+    from imaging.session.session import Session
+
+    names = Session.open(session).photograph_names()
     alone = [names.get(view, str(view)) for view in record.unregistered if view not in record.contradicted]
     if alone:
         yield (

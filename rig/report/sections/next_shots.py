@@ -1,6 +1,6 @@
 """What to shoot next: sentences that follow from what a calibration could not measure, or not well."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ MOST_NAMES = 6
 
 def next_shots(session: Session, record: CalibrationRecord) -> Iterable[str]:
     """What is missing first, then what is weak; nothing where all is well."""
-    yield from _poses(record)
+    yield from _poses(record, session.photograph_names())
     yield from _sensors(session, record)
     yield from _responses(session, record)
     yield from _board(session, record)
@@ -30,12 +30,17 @@ def _how(session: Session, option: str) -> str:
     return "" if session.record.origin == "import" else f" and run rig capture {option}"
 
 
-def _named(names: Sequence[str | ViewId]) -> str:
+def _named(names: Sequence[str]) -> str:
     more = len(names) - MOST_NAMES
-    return ", ".join(map(str, names[:MOST_NAMES])) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-def _poses(record: CalibrationRecord) -> Iterable[str]:
+def _poses(record: CalibrationRecord, photographs: Mapping[ViewId, str]) -> Iterable[str]:
+    """Sentences on views without a pose or with a weak one; photographs: their names, of an import."""
+
+    def named(views: Sequence[ViewId]) -> str:
+        return _named([photographs.get(view, str(view)) for view in views])
+
     posed = {view.camera for view in record.views}
     lost = {view.camera for view in record.unregistered} - posed
     untied = [rung.reason for rung in record.rungs if rung.name == MOTION and not rung.taken]
@@ -47,7 +52,7 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
         )
     stray = [view for view in record.unregistered if view.camera not in lost]
     if record.views and stray:
-        yield f"{_named(stray)} got no pose: take more pictures between these and their neighbours."
+        yield f"{named(stray)} got no pose: take more pictures between these and their neighbours."
     if not record.views and record.unregistered:
         yield (
             "No image has a pose: walk around a textured scene and take 20 views or more, each showing two "
@@ -58,19 +63,19 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
     refuted = [view for view in by_rig if view in record.contradicted]
     if refuted:
         yield (
-            f"{_named(refuted)} contradicts other views about where it stands, as where parts of a scene "
+            f"{named(refuted)} contradicts other views about where it stands, as where parts of a scene "
             "look alike: its pose is the rig's, and no reconstruction looks at it."
         )
     guessed = [view for view in by_rig if view not in record.contradicted]
     if guessed:
         yield (
-            f"Nothing in {_named(guessed)} was recognised: its pose is the rig's, and no reconstruction "
+            f"Nothing in {named(guessed)} was recognised: its pose is the rig's, and no reconstruction "
             "looks at it; see whether it is black, blurred or bare, and take the frame again."
         )
     weak = [view.id for view in record.views if view.points < FEW_POINTS and not view.by_rig]
     if weak:
         yield (
-            f"{_named(weak)} sees fewer than {FEW_POINTS} scene points: take pictures nearby that show more "
+            f"{named(weak)} sees fewer than {FEW_POINTS} scene points: take pictures nearby that show more "
             "texture."
         )
 

@@ -80,6 +80,15 @@ def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
     assert "rig capture" not in "\n".join(next_shots(Session.open(toy), record))
     lost = changed(record, views=record.views[1:], unregistered=(ViewId(0, "cam0"),))
     assert "0000/cam0 got no pose" in "\n".join(next_shots(session, lost))
+    # Of photographs that were imported, the names that users know.
+    lines = [shot.model_dump_json() for shot in session.shots()]
+    lines += [
+        shot.model_copy(update={"source": "photos/DSC_0434.JPG"}).model_dump_json()
+        for shot in session.shots("scene")
+        if (shot.frame, shot.camera) == (0, "cam0")
+    ]
+    (toy / "shots.jsonl").write_text("\n".join(lines) + "\n")
+    assert "DSC_0434.JPG got no pose" in "\n".join(next_shots(session, lost))
     blind = changed(
         record,
         views=tuple(view for view in record.views if view.camera == "cam0"),
