@@ -6,7 +6,8 @@ own.
 Sets under RIG_DATA, at full size. pycolmap looks for features at its own size, matches all pairs and maps
 them, with one camera. Camera centres are compared with those that are published (fox), after the similarity
 that fits best; heights and tilts with GPS and gimbal (brighton). EXIF's focal length is that of its
-35 mm equivalent or of the sensor's size, px. What is invented: exposure, white balance or
+35 mm equivalent or of the sensor's size, px. One set is made, of path-traced metal and glass, whose poses are
+known: brackets for rig, the middle exposures for pycolmap. What is invented: exposure, white balance or
 falloff that calibration takes. Rows are kept in FOLDER. --quick: sceaux.
 """
 
@@ -25,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import PIL.Image
 
+from bench.real.made_sets import METAL, MIDDLE, TIMES, judged, metal_and_glass
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -46,8 +48,9 @@ SETS: Mapping[str, str] = {
     "sceaux": "sceaux/*.[jJ][pP][gG]",
     "monstree": "monstree/*.jpg",
     "lund": "lund/*.jpg",
+    METAL: "",
 }
-"""Photographs of each set."""
+"""Photographs of each set; those of the last are made."""
 WRONG = 2.0
 """Per cent of the extent, by which a camera centre misses the published one that stands wrongly."""
 PARTS = {
@@ -59,6 +62,8 @@ PARTS = {
 
 def photographs(name: str) -> list[Path]:
     """Files of a set."""
+    if name == METAL:
+        return metal_and_glass(WORK / "metal_and_glass")[0]
     return sorted(Path(os.environ["RIG_DATA"]).glob(SETS[name]))
 
 
@@ -121,6 +126,9 @@ def by_rig(name: str, work: Path) -> dict[str, Any]:
     if (published := published_centres(name)) is not None:
         centres = {sources[view.frame, view.camera]: _centre(view) for view in record.views}
         row |= centre_errors(centres, published)
+    if name == METAL:
+        poses = {view.frame: view.cam_from_world.matrix() for view in record.views}
+        row |= judged(poses, metal_and_glass(WORK / "metal_and_glass")[1])
     if record.coordinates is not None and record.unit == "m":
         row |= _heights(session, record)
     return row
@@ -150,7 +158,8 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
     folder = work / f"judges-{name}-pycolmap"
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "images").mkdir(parents=True)
-    for path in photographs(name):
+    every = photographs(name)
+    for path in every[MIDDLE :: len(TIMES[0])] if name == METAL else every:
         shutil.copy(path, folder / "images" / path.name)
     began = processor_seconds()
     database = folder / "database.db"
@@ -166,6 +175,14 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
         "seconds": seconds,
         "focal": [camera.mean_focal_length() for camera in best.cameras.values()],
     }
+    if name == METAL:
+        names = sorted(path.name for path in every[MIDDLE :: len(TIMES[0])])
+        images = [best.image(index) for index in best.reg_image_ids()]
+        poses = {
+            names.index(image.name): np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
+            for image in images
+        }
+        row |= judged(poses, metal_and_glass(WORK / "metal_and_glass")[1])
     if (published := published_centres(name)) is not None:
         centres = {
             best.image(index).name: best.image(index).projection_center() for index in best.reg_image_ids()
@@ -236,9 +253,10 @@ def _numbers(values: list[float] | None) -> str:
 def _facts(rig: Mapping[str, Any], peer: Mapping[str, Any]) -> str:
     """What is known of a set otherwise, beside what was measured."""
     said = []
+    if "wrong" in rig:
+        said.append(f"{rig['wrong']} wrong, {peer['wrong']} by pycolmap")
     if "centre_median" in rig:
         said.append(
-            f"{rig['wrong']} wrong, {peer['wrong']} by pycolmap; "
             f"centres off by {rig['centre_median']:.3f} % of the extent in the median and "
             f"{rig['centre_worst']:.2f} at most, by pycolmap {peer['centre_median']:.3f} and "
             f"{peer['centre_worst']:.2f}"
