@@ -29,7 +29,7 @@ ROOM = 0.5
 def summaries(
     evidence: Evidence, kept: Unfinished, progress: Progress, *, learned: bool = False
 ) -> dict[ViewId, ViewSummary]:
-    """What calibration keeps of the images of every view; what an earlier run kept is not found again.
+    """Return what calibration keeps of the images of every view; what an earlier run kept is not found again.
 
     learned: with learned features, not SIFT's.
     """
@@ -85,7 +85,7 @@ def shown(
 
 
 def processes(views: Sequence[View]) -> int:
-    """How many processes are to look at views at a time; 1: this one."""
+    """Return how many processes are to look at views at a time; 1: this one."""
     samples = [
         sum(shot.width * shot.height * (1 if view.camera.kind == "raw" else 3) for shot in view.shots)
         for view in views

@@ -76,7 +76,7 @@ class Placement:
 
 
 def assemble(evidence: Evidence, placement: Placement | None = None) -> CalibrationRecord:
-    """What is written; without a placement no poses, and lenses only as far as a board gave them."""
+    """Return what is written; without a placement no poses, and lenses only as far as a board gave them."""
     session, board = evidence.session, evidence.board
     model = None if placement is None else placement.model
     poses = {} if model is None else model.poses

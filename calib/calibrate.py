@@ -193,7 +193,7 @@ def _target(session: Session, onto: str | Path | None, survey: str | Path | None
 
 
 def _missing_coordinates(record: CalibrationRecord, control: Control | None, target: Target | None) -> str:
-    """Why the scene is not where it was to be placed; empty if it is, or if nothing was asked for."""
+    """Return why the scene is not where it was to be placed; empty if it is, or if nothing was asked for."""
     asked = placing.NAME if control is not None else onto_session.NAME if target is not None else ""
     if not asked or not record.views or any(rung.name == asked and rung.taken for rung in record.rungs):
         return ""
@@ -201,7 +201,7 @@ def _missing_coordinates(record: CalibrationRecord, control: Control | None, tar
 
 
 def _missing_luminance(record: CalibrationRecord, readings: Sequence[LuminanceReading] | None) -> str:
-    """Why readings that were given gave no scale; empty if they did, or if none were given."""
+    """Return why readings that were given gave no scale; empty if they did, or if none were given."""
     if not readings or record.luminance is not None:
         return ""
     return next(rung.reason for rung in record.rungs if rung.name == RUNG)
@@ -226,7 +226,7 @@ def _earlier(session: Session) -> CalibrationRecord | None:
 def _evidence(
     session: Session, measures: _Measures, earlier: CalibrationRecord | None, progress: Progress
 ) -> Evidence:
-    """What is known before any view is placed: measured, or taken from an earlier calibration."""
+    """Return what is known before any view is placed: measured, or taken from an earlier calibration."""
     # Darks and flats alone tell of the sensor, a board alone of lenses and rig.
     needless = measures.scene == "never" or (
         measures.scene == "without a board" and bool(session.shots("board"))

@@ -228,7 +228,7 @@ def _solved(
 
 
 def _measured_without_poses(evidence: Evidence) -> str:
-    """What there is without any pose, as the beginning of a sentence; empty if there is nothing."""
+    """Return what there is without any pose, as the beginning of a sentence; empty if there is nothing."""
     parts = {
         "exposures and response": evidence.light.measured,
         "the board's lenses": evidence.board is not None,

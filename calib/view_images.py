@@ -66,7 +66,7 @@ class ViewSummary:
 
     @classmethod
     def of(cls, arrays: Arrays) -> "ViewSummary":
-        """What `arrays` made."""
+        """Return what `arrays` made."""
         width, height = (int(side) for side in arrays["size"])
         features = Features(arrays["points"], arrays["descriptors"])
         blank = str(arrays["blank"]) or None
@@ -186,7 +186,7 @@ def _unmasked(session: Session, view: View, found: Features, width: int, height:
 
 
 def _blank(merged: Merged) -> str | None:
-    """Why a view shows nothing, of its pixels that hold a number and that no mask hides."""
+    """Return why a view shows nothing, of its pixels that hold a number and that no mask hides."""
     seen = np.isfinite(merged.radiance)
     fewest = BLANK_SHARE * seen.sum()
     if merged.clipped.sum() > fewest:

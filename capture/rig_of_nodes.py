@@ -50,7 +50,7 @@ class OperatorOfNodes:
 
 
 def assignments_of(rig: RigFile, compression: Compression = "none") -> dict[str, Assignment]:
-    """What each node of a rig file has to do."""
+    """Return what each node of a rig file has to do."""
     tables = rig.tables
     return {
         node: Assignment(

@@ -73,7 +73,7 @@ class Camera(Protocol):
         ...
 
     def verified(self) -> str:
-        """What the driver has been tried against for cameras of this make."""
+        """Return what the driver has been tried against for cameras of this make."""
         ...
 
     def identify(self) -> CameraIdentity:
@@ -81,7 +81,7 @@ class Camera(Protocol):
         ...
 
     def capabilities(self) -> Capabilities:
-        """What it can be set to."""
+        """Return what it can be set to."""
         ...
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
@@ -139,7 +139,7 @@ class StoresShots(Protocol):
     """A camera that may keep a shot until the next one exposes, so that neither waits for the other."""
 
     def keeps(self) -> bool:
-        """Whether this one does: `keep` may then be called instead of collect()."""
+        """Return whether this one does: `keep` may then be called instead of collect()."""
         ...
 
     def keep(self) -> Any:

@@ -71,7 +71,7 @@ def chosen(own: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:
 
 
 def _obstacle(camera: Camera) -> str | None:
-    """Why it cannot shoot for rig, empty where it can; None where it cannot be asked."""
+    """Return why it cannot shoot for rig, empty where it can; None where it cannot be asked."""
     try:
         return camera.capabilities().obstacle
     except CameraRefused as error:
@@ -81,5 +81,5 @@ def _obstacle(camera: Camera) -> str | None:
 
 
 def _port_of(where: str) -> str:
-    """What libgphoto2 calls the device that `drivers.usb.UsbDevice.where` names."""
+    """Return what libgphoto2 calls the device that `drivers.usb.UsbDevice.where` names."""
     return f"usb:{where.removeprefix('USB ')[:7].replace(':', ',')}"

@@ -81,7 +81,7 @@ class Subject:
         return found
 
     def shoot(self) -> tuple[float, RawMosaic | CameraFile]:
-        """When the shutter opened, and the frame."""
+        """Return when the shutter opened, and the frame."""
         self.camera.arm()
         opened = self.camera.trigger()
         return opened, self.camera.collect()

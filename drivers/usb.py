@@ -142,7 +142,7 @@ class UsbPipe:
         )
 
     def read(self, endpoint: Any, size: int, timeout: float) -> bytes:
-        """What arrives in one transfer, at most `size` bytes, rounded up to whole packets."""
+        """Return what arrives in one transfer, at most `size` bytes, rounded up to whole packets."""
         packet = endpoint.wMaxPacketSize or 1
         with errors_translated(self.where):
             return bytes(endpoint.read(-(-size // packet) * packet, milliseconds(timeout)))

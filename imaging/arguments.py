@@ -47,7 +47,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def fits(value: object, kind: Any) -> bool:
-    """Whether a value is of a type of an annotation, as far as that can be told."""
+    """Return whether a value is of a type of an annotation, as far as that can be told."""
     origin = typing.get_origin(kind)
     if origin in (types.UnionType, typing.Union):
         return any(fits(value, one) for one in typing.get_args(kind))

@@ -29,7 +29,7 @@ F_NUMBERS = {name: 2.0 ** (index / 6) for index, name in enumerate(_WIDE + _NARR
 
 
 def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
-    """What each exposure stands for, round names of times and f-numbers taken for their powers of two.
+    """Return what each exposure stands for, round names of times and f-numbers taken for their powers of two.
 
     Times are taken so only if all of them are names of the standard series, and so are f-numbers: a
     camera that states others, as a phone or an industrial camera does, means them as they are. ISO stays

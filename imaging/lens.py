@@ -134,7 +134,7 @@ def undistort(bent: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
 
 
 def covers(lens: Lens, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which pixels [..., 2] a ray ends at: not those beyond the fold of the lens."""
+    """Return which pixels [..., 2] a ray ends at: not those beyond the fold of the lens."""
     bent = (np.asarray(pixels, np.float64) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     terms, fisheye = lens.terms[4:], lens.fisheye
     again = distort(undistort(bent, terms, fisheye=fisheye), terms, fisheye=fisheye)
@@ -229,7 +229,7 @@ def fisheye_fold(terms: Sequence[float]) -> float:
 
 
 def _first_root(*terms: float) -> float:
-    """Where 1 + a x^2 + b x^4 + ... first becomes 0 for positive x; inf if nowhere."""
+    """Return where 1 + a x^2 + b x^4 + ... first becomes 0 for positive x; inf if nowhere."""
     inverse = np.roots([1.0, *terms])  # of 1 / x^2: no term is too small to divide by
     real = inverse.real[(np.abs(inverse.imag) <= 1e-12 * np.abs(inverse)) & (inverse.real > 0)]
     return float(1 / np.sqrt(real.max())) if len(real) else math.inf

@@ -81,7 +81,7 @@ class SensorCalibration(Record):
         )
 
     def levels(self) -> "Levels":
-        """What reading a file needs of this."""
+        """Return what reading a file needs of this."""
         black = None
         if self.black is not None:
             black = tuple(tuple(level.value for level in row) for row in self.black)

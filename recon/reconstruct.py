@@ -289,7 +289,7 @@ def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, Decisions]:
 
 
 def _steers(run: Run, training: Training, settings: Settings, *, resumed: bool) -> list[Steer]:
-    """What may make the training shorter on the way."""
+    """Return what may make the training shorter on the way."""
     asked = run.asked
     steers: list[Steer] = [EarlyStop()] if asked.early_stop else []
     if asked.budget is not None and asked.budget_unit == "dB":

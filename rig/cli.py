@@ -115,7 +115,7 @@ for name, command in COMMANDS.items():
 
 
 def run(words: Sequence[str], name: str) -> CommandResult | int | None:
-    """What the command in `words`, called `name`, returns; the user's file says what is not given.
+    """Return what the command in `words`, called `name`, returns; the user's file says what is not given.
 
     The file is not read where help is asked for, and by `rig doctor`, which says what is wrong with it.
     """

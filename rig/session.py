@@ -20,7 +20,7 @@ class Session(session.Session):
     """
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what the session holds, and a shot of some of its views."""
+        """Return what a notebook shows: what the session holds, and a shot of some of its views."""
         from capture.pictures.read import examine
 
         views = list(brackets(self.shots("scene")).items())

@@ -114,7 +114,7 @@ def errors(model: SceneModel, truth: dict[ViewId, Array]) -> dict[str, Any]:
 
 
 def walked(poses: dict[ViewId, Array]) -> float:
-    """How far the front camera is from the middle of its way, root mean square."""
+    """Return how far the front camera is from the middle of its way, root mean square."""
     eyes = np.array([-pose[:3, :3].T @ pose[:3, 3] for view, pose in poses.items() if view.camera == "front"])
     return float(np.sqrt(((eyes - eyes.mean(0)) ** 2).sum(1).mean()))
 

@@ -93,7 +93,7 @@ def search(merged: Merged) -> Found | Missed:
 
 
 def right(chart: Found | Missed, camera: Array) -> bool:
-    """Whether the chart that was found measures what was painted."""
+    """Return whether the chart that was found measures what was painted."""
     if isinstance(chart, Missed):
         return False
     used = chart.patches.usable
@@ -123,7 +123,7 @@ def detection(turns: int) -> list[dict[str, Any]]:
 
 
 def mosaics(count: int) -> int:
-    """How many of so many walls of coloured squares are taken for a chart."""
+    """Return how many of so many walls of coloured squares are taken for a chart."""
     false = 0
     for seed in range(count):
         random = np.random.default_rng(seed)

@@ -102,7 +102,7 @@ def posed(
     labels: Sequence[float] | None = None,
     hot: float = 0.0,
 ) -> str:
-    """What becomes of a session, in half a sentence."""
+    """Return what becomes of a session, in half a sentence."""
     _, light, poses = studio()
     views, true = views or light, true or poses
     with TemporaryDirectory() as work:

@@ -48,7 +48,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def one_scene(name: str, folder: Path) -> dict[str, Any]:
-    """What became of the views of a scene."""
+    """Return what became of the views of a scene."""
     scene = SCENES[name]()
     if not (folder / "session").exists():
         session(folder / "session", scene.light(), developed=name in DEVELOPED)
@@ -127,7 +127,7 @@ def _judged(placed: dict[int, Any], true: Any) -> dict[str, int]:
 
 
 def silent(row: dict[str, Any]) -> bool:
-    """Whether views stand wrongly and nothing says so."""
+    """Return whether views stand wrongly and nothing says so."""
     return row["after"]["wrong"] > 0 and not row["doubts"]
 
 
@@ -139,7 +139,7 @@ TOLD = {
 
 
 def told(row: dict[str, Any]) -> str:
-    """What the user is told of poses that are not to be trusted."""
+    """Return what the user is told of poses that are not to be trusted."""
     if row["refused"]:
         return "refused"
     said = [f"warned: {TOLD[name]}" for name in row["doubts"]]

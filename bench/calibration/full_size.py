@@ -106,7 +106,7 @@ def by_peer(work: Path, count: int) -> dict[str, Any]:
 
 
 def by_tuned_peer(work: Path, count: int) -> dict[str, Any]:
-    """What pycolmap made, adjusted once more with the axis of the lens free, as its users can."""
+    """Return what pycolmap made, adjusted once more with the axis of the lens free, as its users can."""
     folder, clock = walk.photographs(work, count), Clock()
     model = pycolmap.Reconstruction(work / f"walk-{count}-peer")
     options = pycolmap.BundleAdjustmentOptions()

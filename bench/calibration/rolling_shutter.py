@@ -47,7 +47,7 @@ def arc(number: int) -> Array:
 
 
 def read(pose: Array, world: Array, shift: Array, turn: Array, readout: float) -> Array:
-    """Where the camera sees the points, px [N, 2]; nan behind it.
+    """Return where the camera sees the points, px [N, 2]; nan behind it.
 
     shift: m/s, and turn: rad/s, of the camera in its own axes. readout: s.
     """

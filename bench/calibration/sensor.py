@@ -75,12 +75,12 @@ def light(scene: bool, rng: np.random.Generator) -> Array:
 
 
 def nominal(model: SensorModel) -> emva.Nominal:
-    """What the files say: a round black, and white at the end of the bits."""
+    """Return what the files say: a round black, and white at the end of the bits."""
     return emva.Nominal(np.full(4, float(np.rint(np.mean(model.black)))), float(model.white))
 
 
 def end(model: SensorModel) -> float:
-    """Where photosites end, DN: by the converter, or by the well of the site with the least black."""
+    """Return where photosites end, DN: by the converter, or by the well of the site with the least black."""
     full = float(np.min(model.black)) + model.gain * model.full_well
     return min(float(model.white if model.ceiling is None else model.ceiling), full)
 

@@ -106,7 +106,7 @@ def session_of(name: str, work: Path) -> tuple[Path, dict[ViewId, Array] | None]
 
 
 def question(session: Path) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """What a calibration asks `sfm.solve`."""
+    """Return what a calibration asks `sfm.solve`."""
     asked: list[Any] = []
 
     def noted(*given: Any, **more: Any) -> None:

@@ -28,7 +28,7 @@ TINTS = {"cam0": (1.06, 1.0, 0.95), "cam1": (0.96, 1.0, 1.04), "cam3": (0.97, 1.
 
 
 def balance(frames: int) -> dict[str, Any]:
-    """How far off white a rig's cameras are from each other, before and after, in per cent."""
+    """Return how far off white a rig's cameras are from each other, before and after, in per cent."""
     described = metadata.describe
 
     def tinted(*what: Any) -> metadata.CameraSensor:

@@ -176,7 +176,7 @@ def simulated(seeds: int, cameras: int, frames: int) -> list[dict[str, Any]]:
 
 
 def real(name: str) -> list[dict[str, Any]]:
-    """What `rig check` says of a real bracket; empty without RIG_DATA."""
+    """Return what `rig check` says of a real bracket; empty without RIG_DATA."""
     data = os.environ.get("RIG_DATA")
     if not data:
         return []

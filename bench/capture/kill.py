@@ -32,7 +32,7 @@ from bench.capture.kill_trouble import RIG, RIG_SEED, SHOTS
 
 
 def machine(folder: Path) -> dict[str, str]:
-    """What the trials ran on."""
+    """Return what the trials ran on."""
     mounts = [line.split()[1:3] for line in Path("/proc/mounts").read_text().splitlines()]
     home = max((m for m in mounts if folder.is_relative_to(m[0])), key=lambda mount: len(mount[0]))
     cpu = next(

@@ -63,7 +63,7 @@ class Capture:
                 count -= 1
 
     def running(self, seconds: float) -> bool:
-        """Whether it still runs after so many seconds."""
+        """Return whether it still runs after so many seconds."""
         self._process.join(seconds)
         return self._process.exitcode is None
 
@@ -128,7 +128,7 @@ def unlock(folder: Path) -> None:
 
 
 def remount(folder: Path, *options: str) -> bool:
-    """Whether the file system took the options."""
+    """Return whether the file system took the options."""
     return _does(["mount", "-o", ",".join(("remount", *options)), str(folder)])
 
 

@@ -181,7 +181,7 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
 
 
 def steady(view: Values, frame: int) -> Values:
-    """What a camera sees of a scene that is the same in every frame."""
+    """Return what a camera sees of a scene that is the same in every frame."""
     return view
 
 

@@ -49,7 +49,7 @@ SENSORS = {
 
 
 def noise_of(sensor: SensorModel) -> RawNoise:
-    """What the file of a camera with that sensor tells the planner."""
+    """Return what the file of a camera with that sensor tells the planner."""
     noise = SensorNoise(gain=sensor.gain, read_noise=sensor.read_noise)
     return RawNoise(noise, sensor.white - sensor.black[0][0])
 

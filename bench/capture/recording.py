@@ -103,7 +103,7 @@ class Replaying:
 
 
 def replayed() -> np.ndarray:
-    """What all cameras see, uint16 [H, W]: noise, which no disk can pack."""
+    """Return what all cameras see, uint16 [H, W]: noise, which no disk can pack."""
     return np.random.default_rng(0).integers(500, 16384, (HEIGHT, WIDTH), dtype=np.uint16)
 
 

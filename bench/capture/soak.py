@@ -31,7 +31,7 @@ def resident_kb() -> int:
 
 
 def soak(cycles: int) -> dict[str, Any]:
-    """What a thousand cycles add, after ten that fill what is filled once."""
+    """Return what a thousand cycles add, after ten that fill what is filled once."""
     bus = BusRig(simulate("toy"))
     other = simulate("toy", seed=1, cameras=3)
     bus.backend.plug(U3vDevice(other.devices[2], bus.clock))

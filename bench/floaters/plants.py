@@ -131,7 +131,7 @@ def plant(training: Training, dataset: Dataset, seed: int) -> Tensor:
 
 
 def in_the_air(session: Path, training: Training, dataset: Dataset) -> Tensor | None:
-    """Which Gaussians are farther than `CLEAR` from every surface; None: nobody knows."""
+    """Return which Gaussians are farther than `CLEAR` from every surface; None: nobody knows."""
     origin = Session.open(session).record.origin
     if not origin.startswith("sim:"):
         return None

@@ -80,7 +80,7 @@ def _derivative(prediction: Tensor, weights: Tensor, logits: Tensor) -> Tensor:
 
 
 def _shown(training: Training, gaussians: Gaussians, view: View, done: float) -> tuple[Tensor, Tensor]:
-    """What a view shows and what its photographs do, as the loss compares them."""
+    """Return what a view shows and what its photographs do, as the loss compares them."""
     method, refinement = training.method, training.refinement
     delta = refinement.motion(view, done) if refinement else None
     factors = refinement.factors(view, done) if refinement else None

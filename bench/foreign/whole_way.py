@@ -90,7 +90,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def one_case(case: Case, folder: Path, quality: str, quick: bool) -> dict[str, Any]:
-    """What became of one set of photographs."""
+    """Return what became of one set of photographs."""
     scene = case.scene(views=28, width=160, samples=9, traced=64) if quick else case.scene()
     light = scene.light()
     if folder.exists():

@@ -68,7 +68,7 @@ def photographs(name: str) -> list[Path]:
 
 
 def stated_focal(name: str) -> float | None:
-    """What the first photograph of a set says of its focal length, px; None where it says nothing."""
+    """Return what the first photograph of a set says of its focal length, px; None where it says nothing."""
     first = photographs(name)[0]
     with PIL.Image.open(first) as picture:
         told = focal_length(read_metadata(first), *picture.size)
@@ -102,7 +102,7 @@ def centre_errors(centres: Mapping[str, Array], published: Mapping[str, Array]) 
 
 
 def by_rig(name: str, work: Path) -> dict[str, Any]:
-    """What `rig import` and `rig calibrate` make of a set."""
+    """Return what `rig import` and `rig calibrate` make of a set."""
     session = work / f"judges-{name}"
     shutil.rmtree(session, ignore_errors=True)
     import_photos(photographs(name)[0].parent, session)
@@ -154,7 +154,7 @@ def _heights(session: Path, record: CalibrationRecord) -> dict[str, float]:
 
 
 def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
-    """What pycolmap makes of a set by its defaults, with one camera."""
+    """Return what pycolmap makes of a set by its defaults, with one camera."""
     folder = work / f"judges-{name}-pycolmap"
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "images").mkdir(parents=True)
@@ -251,7 +251,7 @@ def _numbers(values: list[float] | None) -> str:
 
 
 def _facts(rig: Mapping[str, Any], peer: Mapping[str, Any]) -> str:
-    """What is known of a set otherwise, beside what was measured."""
+    """Return what is known of a set otherwise, beside what was measured."""
     said = []
     if "wrong" in rig:
         said.append(f"{rig['wrong']} wrong, {peer['wrong']} by pycolmap")

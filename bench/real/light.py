@@ -93,7 +93,7 @@ _estimate = each_photograph.estimate
 
 
 def _all_rules(kept: dict[str, Development], sights: Any, views: Any, *told: Any) -> Development:
-    """What calibration takes; kept: what each rule would, of its last estimate."""
+    """Return what calibration takes; kept: what each rule would, of its last estimate."""
     with patch.object(each_photograph, "LEFT_OVER", np.inf):
         kept["points"] = _estimate(sights, views, NOTHING)
     kept["off"] = Development({}, {})
@@ -139,7 +139,7 @@ def trained(options: argparse.Namespace, name: str, rule: str, seed: int) -> dic
 
 
 def evidence(session: Path) -> dict[str, Any]:
-    """What was placed, what points and the calibration say of each part, and its falloff."""
+    """Return what was placed, what points and the calibration say of each part, and its falloff."""
     kept = store.read_json(session.parent / "developments.json")
     record = read_calibration(session)
     falloff = next((rung for rung in record.rungs if rung.name == "vignetting"), None)

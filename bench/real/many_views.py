@@ -66,7 +66,7 @@ def session_of(work: Path, views: int) -> Path:
 
 
 def decoded(work: Path, views: int) -> Path:
-    """What a session of so many views has decoded."""
+    """Return what a session of so many views has decoded."""
     return work / f"full-size-{views}" / "decoded"
 
 

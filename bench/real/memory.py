@@ -120,7 +120,7 @@ print(json.dumps(dict(
 
 
 def last(script: str, *options: object) -> dict[str, Any]:
-    """What a script prints last."""
+    """Return what a script prints last."""
     command = [sys.executable, "-c", script, *map(str, options)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -138,7 +138,7 @@ def large_session(work: Path, views: int) -> Path:
 
 
 def measured(session: Path, width: int, gaussians: int, seed: int) -> dict[str, Any]:
-    """What a training said of its memory, and its peak in bytes."""
+    """Return what a training said of its memory, and its peak in bytes."""
     return last(_RUN, session, width, gaussians, seed)
 
 

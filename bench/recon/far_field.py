@@ -91,7 +91,7 @@ def photographed(made: Scene, folder: Path) -> tuple[Path, np.ndarray]:
 
 
 def far_pixels(made: Scene, frame: int) -> np.ndarray:
-    """Where nothing but the probe is seen, bool [H, W]: rays that miss ground, crate and ball."""
+    """Return where nothing but the probe is seen, bool [H, W]: rays that miss ground, crate and ball."""
     turn, shift = made.poses[frame][:3, :3], made.poses[frame][:3, 3]
     centre = -turn.T @ shift
     y, x = np.mgrid[: made.height, : made.width] + 0.5

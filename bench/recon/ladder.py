@@ -48,7 +48,7 @@ QUICK = "one exposure enough 0"
 
 
 def chosen(record: CalibrationRecord, rungs: Sequence[Rung], exposures: int) -> dict[str, bool]:
-    """Which rungs were taken: those of the calibration, then those of the model of other names.
+    """Return which rungs were taken: those of the calibration, then those of the model of other names.
 
     response_curve: whether a curve is used, whatever rung it stands on; exposures: whether there are several.
     """
@@ -67,7 +67,7 @@ def wrong(needs: Mapping[str, bool], taken: Mapping[str, bool]) -> list[str]:
 
 
 def row(scene: Scene, work: Path) -> dict[str, Any]:
-    """What was chosen, and how it fares against everything on."""
+    """Return what was chosen, and how it fares against everything on."""
     folder = session(scene, work)
     photographs = scene.kind.rig.endswith("ldr")
     most = QUALITIES["standard"].gaussians
@@ -143,7 +143,7 @@ def of_kind(kind: Kind, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | N
 
 
 def verdict(kinds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Whether what is required holds, over all kinds, and what does not, in words."""
+    """Return whether what is required holds, over all kinds, and what does not, in words."""
     judged = sum(one["judged"] for one in kinds)
     faults = sum(sum(one["wrong"].values()) for one in kinds)
     right = 1 - faults / judged if judged else None

@@ -68,7 +68,7 @@ def mean_depth(scene: Scene, camera: SplatCamera) -> Array:
 
 
 def true_trust(scene: Scene, view: SceneView, xyz: Array, depths: dict[str, Array]) -> Array:
-    """How many training views see places [H, W, 3] and measure the light drawn there."""
+    """Return how many training views see places [H, W, 3] and measure the light drawn there."""
     light = scene.render(view)
     counts = np.zeros(xyz.shape[:2])
     for other in scene.views:

@@ -133,7 +133,7 @@ def as_trained(preset: Quality) -> dict[str, int]:
 
 
 def verdict(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """How the presets fare on the worst of the scenes, and what is wrong with them, in sentences."""
+    """Return how the presets fare on the worst of the scenes, and what is wrong with them, in sentences."""
     whole = [one["presets"] for one in rows if set(one["presets"]) == set(QUALITIES)]
     found: dict[str, Any] = {
         "scenes": len(whole),

@@ -89,7 +89,7 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
 
 
 def trial(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, Any]:
-    """What a trial says."""
+    """Return what a trial says."""
     settings = Settings(
         method="nh-3dgs", quality="standard", seed=seed, iterations=options.iterations,
         max_gaussians=GAUSSIANS, max_width=options.width,

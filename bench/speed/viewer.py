@@ -115,7 +115,7 @@ class Browser:
         self.socket.send(msgspec.msgpack.encode(message))
 
     def pictures(self, seconds: float) -> Iterator[tuple[float, int]]:
-        """When each came that comes within so many seconds, and how wide it is, px."""
+        """Yield when each came that comes within so many seconds, and how wide it is, px."""
         end = time.perf_counter() + seconds
         while (left := end - time.perf_counter()) > 0:
             try:

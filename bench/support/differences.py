@@ -63,7 +63,7 @@ def paired(
 
 
 def units(scenes: int, seeds: int) -> str:
-    """What a standard error is over, in words."""
+    """Return what a standard error is over, in words."""
     rigs = f"{seeds} rig{'s' if seeds > 1 else ''}{' each' if scenes > 1 else ''}"
     return f"{scenes} scene{'s' if scenes > 1 else ''} of {rigs}"
 

@@ -43,7 +43,7 @@ def deliver(
 
 
 def machine() -> dict[str, Any]:
-    """What runs, and how busy it is."""
+    """Return what runs, and how busy it is."""
     return {
         "processor": _processor(),
         "threads": threads.thread_count(),

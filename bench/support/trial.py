@@ -150,7 +150,7 @@ class Cache:
         return dict(self._rows)
 
     def has(self, key: str) -> bool:
-        """Whether the row of that name is there."""
+        """Return whether the row of that name is there."""
         return key in self._rows
 
     def get(self, key: str, make: Callable[[], Any]) -> Any:

@@ -127,7 +127,7 @@ def set_model(camera: Any, model: LensModel) -> None:
 
 
 def is_fisheye(camera: Any) -> bool:
-    """Whether a pycolmap camera's terms are those of the angle from the axis."""
+    """Return whether a pycolmap camera's terms are those of the angle from the axis."""
     return camera.model_name in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
 
 

@@ -14,7 +14,7 @@ _BEFORE_FOLD = 0.9
 
 
 def may_be_fisheye(lens: Lens) -> bool:
-    """Whether an image reaches far enough from the axis for the terms of a fisheye to be tried."""
+    """Return whether an image reaches far enough from the axis for the terms of a fisheye to be tried."""
     wide, high = max(lens.cx, lens.width - lens.cx) / lens.fx, max(lens.cy, lens.height - lens.cy) / lens.fy
     return math.hypot(wide, high) > LEAST_RADIUS
 

@@ -98,13 +98,13 @@ def _sparse(blocks: list[tuple[int, Array]], width: int) -> Any:
 
 
 def is_reference(reconstruction: Any, image: Any) -> bool:
-    """Whether an image's camera is the one that its rig's place is told by."""
+    """Return whether an image's camera is the one that its rig's place is told by."""
     sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
     return bool(reconstruction.rigs[image.frame.rig_id].is_ref_sensor(sensor))
 
 
 def _motion(points: Array) -> Array:
-    """How points move with a rotation vector and a shift, [N, 3, 6]."""
+    """Return how points move with a rotation vector and a shift, [N, 3, 6]."""
     x, y, z = points.T
     none, one = np.zeros_like(x), np.ones_like(x)
     rows = [

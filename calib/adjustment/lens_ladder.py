@@ -107,7 +107,7 @@ def climb(
 
 
 def sees_wide(reconstruction: Any) -> bool:
-    """Whether a fisheye is worth a trial: it is told from radial terms by what lies far from the axis.
+    """Return whether a fisheye is worth a trial: it is told from radial terms by what lies far from the axis.
 
     That is what an adjustment with radial terms drops, so that it is to be judged by a model that is uncut.
     """
@@ -115,7 +115,7 @@ def sees_wide(reconstruction: Any) -> bool:
 
 
 def _folds(sample: Any, free: Free, scale: float, threads: int) -> bool:
-    """Whether the terms of a fisheye turn back towards the axis before the corner of an image."""
+    """Return whether the terms of a fisheye turn back towards the axis before the corner of an image."""
     fitted = pycolmap.Reconstruction(sample)
     adjust(fitted, free, scale, threads)
     lenses = [lens_of(camera) for camera in fitted.cameras.values()]

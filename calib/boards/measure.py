@@ -53,7 +53,7 @@ class MeasuredBoard:
     sure_rig: bool
 
     def place(self, name: str) -> tuple[float, float, float]:
-        """Where a mounted camera is in the rig, m."""
+        """Return where a mounted camera is in the rig, m."""
         pose = self.cam_from_rig[name].matrix()
         x, y, z = (-pose[:3, :3].T @ pose[:3, 3]).tolist()
         return x, y, z
@@ -94,7 +94,7 @@ def measure_board(session: Session, board: Board | None, progress: Progress) -> 
 
 
 def picture_of(session: Session, view: View) -> Picture:
-    """What a view shows of the board, uint8 [H, W], about evenly spaced to the eye."""
+    """Return what a view shows of the board, uint8 [H, W], about evenly spaced to the eye."""
     scales = {shot.file: shot.exposure.scale if shot.exposure is not None else 1.0 for shot in view.shots}
     light, _ = luminance(merge_bracket(read_view(session, view, scales, Response(kind="srgb", evidence=""))))
     white = max(float(np.percentile(light, _WHITE)), 1e-30)
@@ -199,7 +199,7 @@ def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: 
 
 
 def places_of(solved: rig.Solved) -> list[BoardPlace]:
-    """Where the board stood at every frame that has a corner which fits."""
+    """Return where the board stood at every frame that has a corner which fits."""
     seen: dict[int, set[str]] = {}
     for view, _ in solved.places:
         seen.setdefault(view.frame, set()).add(view.camera)
@@ -232,7 +232,7 @@ def _sure_lenses(lenses: Mapping[str, Lens], errors: Mapping[str, LensError]) ->
 
 
 def _sure_rig(lenses: Mapping[str, Lens], errors: Mapping[str, PoseError]) -> tuple[bool, Rung]:
-    """Whether where the cameras look is known to a fraction of a pixel."""
+    """Return whether where the cameras look is known to a fraction of a pixel."""
     off = [float(np.radians(error.rotation)) * lenses[name].fx for name, error in errors.items()]
     worst = max(off, default=float("inf"))
     reason = f"the board tells where the cameras look to {worst:.2g} px"

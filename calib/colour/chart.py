@@ -162,7 +162,7 @@ def _median(sites: Array) -> tuple[float, float]:
 
 
 def _inside(x: Array, y: Array, corners: Array) -> npt.NDArray[np.bool_]:
-    """Whether points lie in a convex quadrilateral [4, 2]."""
+    """Return whether points lie in a convex quadrilateral [4, 2]."""
     sides = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         sides.append((end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0]))
@@ -183,7 +183,7 @@ def best(
 
 
 def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
-    """Whether these patches are those of the chart."""
+    """Return whether these patches are those of the chart."""
     count = int(patches.usable.sum())
     if count < LEAST_PATCHES:
         return Missed(

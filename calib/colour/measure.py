@@ -160,7 +160,7 @@ def colours(
     files: Mapping[str, Matrix | None],
     models: Mapping[str, str],
 ) -> Charts:
-    """What the charts seen tell of all cameras.
+    """Return what the charts seen tell of all cameras.
 
     files: camera_from_rec709 as the files name it, models: make and model, both of every RAW camera by name.
     A camera that saw no chart gets the matrix of one of its model that did.

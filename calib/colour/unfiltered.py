@@ -65,7 +65,7 @@ def measured(
 
 
 def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
-    """How far the rows of W were off, where they were measured."""
+    """Return how far the rows of W were off, where they were measured."""
     changes = [one.white_change for one in sensors.values() if one.white_change is not None]
     if not changes:
         return ()

@@ -169,7 +169,7 @@ def _as_one_camera(sights: Sights, matrices: Array, logs: Array) -> Array:
 
 
 def _residual(sights: Sights, matrices: Array, logs: Array) -> Array:
-    """What the sensitivities leave between the views of each track, [N, 3]."""
+    """Return what the sensitivities leave between the views of each track, [N, 3]."""
     _, own = np.unique(sights.point, return_inverse=True)
     left = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
     return np.stack([demeaned(left[:, [c]], np.ones(len(left)), own)[:, 0] for c in range(3)], axis=1)

@@ -59,7 +59,7 @@ class MatchedPair:
     index: npt.NDArray[np.uint32]
 
     def parallax(self, size: tuple[int, int], max_error: float) -> float:
-        """How far the matches are from those of a camera that only turns: 0 for a pure rotation.
+        """Return how far the matches are from those of a camera that only turns: 0 for a pure rotation.
 
         A turn moves the picture by a homography `K R K^-1`; a flat scene seen from two places by one
         that no focal length makes a rotation. inf where no homography explains the matches. size: of

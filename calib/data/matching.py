@@ -131,6 +131,6 @@ def _scan(
 
 
 def _clear(index: Index, best: Float, second: Float) -> npt.NDArray[np.bool_]:
-    """Whether the nearest is near, and much nearer than the second."""
+    """Return whether the nearest is near, and much nearer than the second."""
     nearest, next_one = (np.arccos(np.clip(cosine, -1, 1)) for cosine in (best, second))
     return np.asarray((nearest < FARTHEST) & (nearest < RATIO * next_one))

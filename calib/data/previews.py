@@ -73,7 +73,7 @@ def blurred(picture: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.f
 
 
 def is_faint(merged: Merged) -> bool:
-    """Whether most of a view is little more than noise."""
+    """Return whether most of a view is little more than noise."""
     if merged.sigma is None or not merged.valid.any():
         return False
     # Coprime to the channels of a pixel and the tiles of a mosaic, so that all of them are among the sample.

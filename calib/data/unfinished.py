@@ -44,7 +44,7 @@ class Unfinished:
             self._known |= _read(file) or {}
 
     def large(self, name: str) -> Arrays | None:
-        """What was kept of something that takes seconds to find and much room; None: nothing."""
+        """Return what was kept of something that takes seconds to find and much room; None: nothing."""
         return None if self._folder is None else _read(self._file(name))
 
     def keep_large(self, name: str, found: Arrays) -> None:
@@ -53,7 +53,7 @@ class Unfinished:
             store.write_bytes(self._file(name), _written(found))
 
     def small(self, name: str) -> npt.NDArray[Any] | None:
-        """What was kept of something that is one of many; None: nothing."""
+        """Return what was kept of something that is one of many; None: nothing."""
         return self._known.get(name)
 
     def keep(self, name: str, found: npt.NDArray[Any]) -> None:

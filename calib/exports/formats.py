@@ -73,7 +73,7 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
 
 
 def _coordinates(record: CalibrationRecord) -> dict[str, Any]:
-    """What the poses are in."""
+    """Return what the poses are in."""
     known = record.coordinates
     if known is None:
         return {"unit": record.unit, "system": "own"}

@@ -16,7 +16,7 @@ WRONG = 0.03
 def warnings_of(
     frames: Sequence[LinearFrame], shares: Sequence[float], shift: float | None, *, check_labels: bool
 ) -> tuple[str, ...]:
-    """What a user should do otherwise next time."""
+    """Return what a user should do otherwise next time."""
     clipped, dark, ghost = shares
     said = []
     if clipped > 0.5:

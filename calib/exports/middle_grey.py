@@ -69,7 +69,7 @@ def _light(
 
 
 def _grey(frame: LinearFrame, signal: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """What stands for the luminance of pixels that count."""
+    """Return what stands for the luminance of pixels that count."""
     if signal.ndim == 3:
         return np.asarray((signal @ LUMINANCE)[frame.valid.all(-1)], np.float32)
     valid = frame.valid

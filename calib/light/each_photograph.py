@@ -98,7 +98,7 @@ class Development:
 def sights_of(
     model: SceneModel, colours: Mapping[ViewId, Array], photographs: Collection[str], falloff: Falloff | None
 ) -> tuple[PhotographSights, list[ViewId]]:
-    """What the cameras named as `photographs` saw of points that they share, and the views.
+    """Return what the cameras named as `photographs` saw of points that they share, and the views.
 
     colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None: not known yet.
     """
@@ -241,7 +241,7 @@ class _Trial:
         return rung.model_copy(update={"taken": rung.taken and left <= LEFT_OVER, "reason": told})
 
     def _left_over(self, simple: _Reading, freer: _Reading) -> tuple[float | None, str]:
-        """What is left of the differences of held-out regions between photographs, and between which.
+        """Return what is left of the differences of held-out regions between photographs, and between which.
 
         None where neither those of one side nor all are enough.
         """
@@ -301,7 +301,7 @@ def _solved(sights: PhotographSights, count: int) -> Array:
 
 
 def _residual(sights: PhotographSights, logs: Array) -> Array:
-    """What is left between the photographs of each point, [N, 3]."""
+    """Return what is left between the photographs of each point, [N, 3]."""
     _, point = np.unique(sights.point, return_inverse=True)
     left = sights.colour - logs[sights.view]
     middle = np.stack([np.bincount(point, column) for column in left.T], axis=1) / np.bincount(point)[:, None]

@@ -203,7 +203,7 @@ def radial_powers(radius: Array) -> Array:
 
 
 def light_left(polynomials: Array, radius: Array) -> Array:
-    """What falloffs [N, 3] leave of the light at radii [N], each of its own; 1 in the middle."""
+    """Return what falloffs [N, 3] leave of the light at radii [N], each of its own; 1 in the middle."""
     square, (second, fourth, sixth) = radius * radius, polynomials.T
     return np.asarray(1.0 + square * (second + square * (fourth + square * sixth)))
 

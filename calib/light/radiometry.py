@@ -105,7 +105,7 @@ def _linear(line: Linearity | None, power: float | None) -> Response:
 
 
 def _straight(lines: Mapping[str, Linearity]) -> Rung:
-    """Why RAW got no response curve. lines: of each camera, by name."""
+    """Return why RAW got no response curve. lines: of each camera, by name."""
     if not lines:
         return Rung(
             name="response_curve", taken=False, reason="RAW is linear; no two exposures overlap to check it"

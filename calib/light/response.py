@@ -185,7 +185,7 @@ def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
 
 
 def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[bool, Rung]:
-    """Whether the exposures are other than their labels say; with two there is no telling.
+    """Return whether the exposures are other than their labels say; with two there is no telling.
 
     held: with the exposures of the labels; best: with others, but for rough samples: an exposure that stands
     in one view alone is not told from what that view sees differently.
@@ -211,7 +211,7 @@ def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[boo
 
 
 def _contradiction(labels: Array, shift: Array) -> str:
-    """Which labels are far off; or, where fewer than three agree, that there is no telling which."""
+    """Return which labels are far off; or, where fewer than three agree, that there is no telling which."""
     wrong = label_trust(labels, shift) < DISTRUSTED
     if not wrong.any():
         return ""

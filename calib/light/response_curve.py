@@ -99,7 +99,7 @@ class CurveModel:
         return np.maximum((self.values[high] - self.values[low]) / (GRID[high] - GRID[low]), 1e-3)
 
     def rises(self) -> bool:
-        """Whether the curve rises from code 1 to 255."""
+        """Return whether the curve rises from code 1 to 255."""
         return bool(np.all(np.diff(self.values[PER_CODE :: PER_CODE // 2]) > 0))
 
     def light(self, channel: Channel) -> Array:

@@ -37,7 +37,7 @@ _CENTRE = MIDDLE * PER_CODE
 
 
 def at(codes: Array) -> Index:
-    """Where codes, 0..255, lie on the grid."""
+    """Return where codes, 0..255, lie on the grid."""
     return np.rint(codes * PER_CODE).astype(np.intp)
 
 

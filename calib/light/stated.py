@@ -22,7 +22,7 @@ class Stated:
     white_balance: Mapping[str, str] = field(default_factory=dict)
 
     def of_all(self, part: Literal["exposure", "white_balance"], views: Sequence[ViewId]) -> str:
-        """What the files of all these views say; empty where those of a camera say nothing."""
+        """Return what the files of all these views say; empty where those of a camera say nothing."""
         told = self.exposure if part == "exposure" else self.white_balance
         cameras = dict.fromkeys(view.camera for view in views)
         return (
@@ -34,7 +34,7 @@ NOTHING = Stated()
 
 
 def stated_by(session: Session, views: Sequence[View]) -> Stated:
-    """What the files of all views of cameras that develop their photographs say."""
+    """Return what the files of all views of cameras that develop their photographs say."""
     exposure, white_balance = {}, {}
     by_camera: dict[str, list[View]] = {}
     for view in views:
@@ -59,7 +59,7 @@ def _exposure(views: Sequence[View]) -> str:
 
 
 def _white_balance(files: Sequence[FrameMetadata]) -> str:
-    """How the files say that the white balance was not chosen anew; empty where they do not."""
+    """Return how the files say that the white balance was not chosen anew; empty where they do not."""
     if all(one.manual_white_balance for one in files):
         return "the files say that the white balance was set by hand"
     gains = [one.balance for one in files if one.balance is not None]

@@ -119,7 +119,7 @@ def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | Non
 
 
 def _agreeing(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> Bool:
-    """Which matches [M] between points [M, 2] px of two pictures agree with one geometry of both."""
+    """Return which matches [M] between points [M, 2] px of two pictures agree with one geometry of both."""
     try:
         _, mask = cv2.findFundamentalMat(one, other, cv2.USAC_MAGSAC, 1.0, 0.999, 2000)
     except cv2.error:  # OpenCV 5 asserts on good matches too, depending on their order

@@ -88,7 +88,7 @@ def _reduced(picture: npt.NDArray[np.float32], step: int) -> npt.NDArray[np.floa
 
 
 def _all_of(valid: npt.NDArray[np.bool_], step: int) -> npt.NDArray[np.bool_]:
-    """Where every channel of every pixel of a square of `step` px is valid."""
+    """Return where every channel of every pixel of a square of `step` px is valid."""
     every = np.logical_and.reduce(cv2.split(_bytes(valid)))
     height, width = every.shape[0] // step, every.shape[1] // step
     if step > 1:

@@ -149,7 +149,7 @@ def natural(lens: Lens) -> float:
 
 
 def _as_of_lenses(fit: Fit, terms: Terms, cameras: Sequence[str], uncorrected: Mapping[str, float]) -> bool:
-    """Whether all cameras record RAW, and each falloff is what lenses of this angle have."""
+    """Return whether all cameras record RAW, and each falloff is what lenses of this angle have."""
     if not uncorrected.keys() >= set(cameras):
         return False
     corner = np.log(1.0 + fit.polynomials.sum(axis=1))
@@ -159,7 +159,7 @@ def _as_of_lenses(fit: Fit, terms: Terms, cameras: Sequence[str], uncorrected: M
 
 
 def _size(name: str, fit: Fit) -> str:
-    """What a part changes, in words."""
+    """Return what a part changes, in words."""
     if name == "camera_gain":
         spread = float(np.exp(np.ptp(fit.log_gain))) - 1.0
         return f"cameras differ by up to {100 * spread:.2g} %"

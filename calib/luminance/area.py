@@ -100,7 +100,7 @@ def _shots(session: Session, view: ViewId, area: Area) -> list[ShotRecord]:
 
 
 def _weights(camera: CameraCalibration, raw: bool, view: ViewId) -> Array:
-    """What each channel of the camera counts in the luminance, float64 [3]."""
+    """Return what each channel of the camera counts in the luminance, float64 [3]."""
     if camera.camera_from_rec709 is not None:
         return np.asarray(LUMINANCE @ np.linalg.inv(np.array(camera.camera_from_rec709)))
     if raw:

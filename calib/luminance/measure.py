@@ -127,7 +127,7 @@ def _shots_sha256(session: Session, views: Sequence[ViewId]) -> str:
 
 
 def _compared(record: CalibrationRecord) -> bool:
-    """Whether the sensitivities of the cameras were compared by points that they share."""
+    """Return whether the sensitivities of the cameras were compared by points that they share."""
     return any(rung.name == "camera_gain" for rung in record.rungs)
 
 

@@ -91,7 +91,7 @@ def join(model: Any, others: Sequence[Any], rigs: Sequence[Sequence[str]]) -> Jo
 
 
 def unjoined(names: Collection[str], why: str) -> Rung:
-    """Why cameras that are apart have no pose."""
+    """Return why cameras that are apart have no pose."""
     return Rung(name=MOTION, taken=False, reason=f"{_ALONE.format(', '.join(sorted(names)))}, and {why}")
 
 

@@ -21,7 +21,7 @@ the walk be straight ahead; of ten views on a line that was none it is 0.13."""
 
 
 def unconfirmed(placed: Collection[ViewId], pairs: Pairs, threefold: float) -> str | None:
-    """What to tell of poses that too few other views or points confirm; None where enough do.
+    """Return what to tell of poses that too few other views or points confirm; None where enough do.
 
     placed: the views that have a pose. pairs: of all views that match. threefold: see `seen_by_three`.
     """

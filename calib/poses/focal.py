@@ -14,7 +14,7 @@ from imaging.session.records import Rung
 
 
 def focal_priors(told: Mapping[int, FocalLength]) -> dict[int, FocalPrior]:
-    """What files tell, as a term of the adjustment, by COLMAP's number of a camera."""
+    """Return what files tell, as a term of the adjustment, by COLMAP's number of a camera."""
     return {number: FocalPrior(one.px, one.spread * one.px) for number, one in told.items()}
 
 

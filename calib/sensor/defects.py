@@ -53,7 +53,7 @@ def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
 
 
 def _off(image: Map, tile: Period, relative: bool) -> Bool:
-    """Where an image is far off the median of its neighbours of the same CFA site."""
+    """Return where an image is far off the median of its neighbours of the same CFA site."""
     planes = sites(image, tile).astype(np.float64)
     far = np.zeros(planes.shape, bool)
     for site, plane in enumerate(planes):

@@ -45,7 +45,7 @@ class Frames:
 def measure_emva(
     frames: Frames, nominal: Nominal, iso: float | None, gain: Measured | None = None
 ) -> tuple[SensorCalibration, FlatFalloff | None]:
-    """What the frames tell; the fall of light is that of the f-number of the flats.
+    """Return what the frames tell; the fall of light is that of the f-number of the flats.
 
     gain: as it is known from elsewhere, for darks without flats.
     """

@@ -59,7 +59,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
 
 
 def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | None:
-    """Where the flats end: photosites that have less than shorter flats predict."""
+    """Return where the flats end: photosites that have less than shorter flats predict."""
     ordered = sorted(flats, key=lambda flat: flat.time)
     found: list[Ceiling] = []
     off = black[:, None]
@@ -93,7 +93,7 @@ def _flat(image: npt.NDArray[Kind], stack: Stack) -> npt.NDArray[Kind]:
 def shared_levels(
     flats: Sequence[Stack], black: Array, usable: Bool, white: float, top: float
 ) -> list[LevelPairs]:
-    """What neighbouring flats share, for `linearity.straightness`; white, top: DN above black."""
+    """Return what neighbouring flats share, for `linearity.straightness`; white, top: DN above black."""
     ordered = sorted(flats, key=lambda flat: flat.time)
     found = []
     for short, long in pairwise(ordered):

@@ -108,7 +108,7 @@ def _stops(shots: Iterable[ShotRecord]) -> set[float | None]:
 
 
 def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal | None:
-    """What the first file of an ISO says; None if it is no mosaic."""
+    """Return what the first file of an ISO says; None if it is no mosaic."""
     first = next(shot for shot in shots if _iso(shot) == iso)
     raw = read_raw(session.file(first))
     if raw.cfa is None:
@@ -155,7 +155,7 @@ def _pixels(session: Session, shots: Iterable[ShotRecord]) -> Iterator[npt.NDArr
 
 
 def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: Nominal) -> Blind | None:
-    """What the brackets of the scene tell at one ISO; None without brackets."""
+    """Return what the brackets of the scene tell at one ISO; None without brackets."""
     usable = [
         (view, shots)
         for view in views
@@ -181,7 +181,7 @@ def _told(value: tuple[float, float]) -> Measured:
 
 
 def _filled(measured: SensorCalibration, blind: Blind, nominal: Nominal) -> SensorCalibration:
-    """What darks and flats did not tell, as the brackets tell it."""
+    """Return what darks and flats did not tell, as the brackets tell it."""
     told: dict[str, object] = {}
     error = blind.black_error
     # A black that is not known to a tenth of a DN is left to the file.

@@ -76,7 +76,7 @@ def with_measured(sensor: CameraSensor, measured: MeasuredSensor, iso: float | N
 
 
 def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
-    """Where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
+    """Return where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
     noisy = sum(sensor.noise is not None for sensor in sensors.values())
     total = len(sensors)
     if not total:

@@ -43,7 +43,7 @@ def read_control(
 
 
 def control_of(coordinates: CoordinateSystem) -> Control | None:
-    """What an earlier calibration was placed by, from its record; None: by no survey."""
+    """Return what an earlier calibration was placed by, from its record; None: by no survey."""
     if not coordinates.points:
         return None
     points = {one.name: SurveyPosition(one.position, one.sigma) for one in coordinates.points}

@@ -47,7 +47,7 @@ class GpsFit:
 
 
 def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPosition]:
-    """Where the photographs say that they were taken, with a height; those that say it."""
+    """Return where the photographs say that they were taken, with a height; those that say it."""
     found = {}
     for view in views:
         try:
@@ -60,7 +60,7 @@ def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPos
 
 
 def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFit | str:
-    """How the model lies by its positions, or why they do not tell."""
+    """Return how the model lies by its positions, or why they do not tell."""
     views = [view for view in sorted(positions) if view in model.poses]
     told = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
     different = len(np.unique(told, axis=0)) if len(views) else 0

@@ -65,7 +65,7 @@ def located(
 
 
 def _expected(model: SceneModel, by_gps: GpsFit | str | None) -> Expected | None:
-    """What tells the scale beside a survey."""
+    """Return what tells the scale beside a survey."""
     if model.metric:
         return Expected(1.0, "the board or the positions of the rig's cameras", _KNOWN)
     if isinstance(by_gps, GpsFit) and by_gps.sure and by_gps.errors[0] is not None:

@@ -27,7 +27,7 @@ _CORNER = 5
 
 
 def read_marks(path: Path, session: Session, names: Collection[str]) -> Marks:
-    """What was clicked: a table of `name`, `image`, `u` and `v`.
+    """Return what was clicked: a table of `name`, `image`, `u` and `v`.
 
     names: of the survey. An image is a view as `0003/cam0`, or the photograph by its name; u and v are px
     of its file from its upper left corner. InputError of one sentence that names file, line and fault.

@@ -204,7 +204,7 @@ def _no_fit(
 
 
 def _exchanged(points: _Points, fits: npt.NDArray[np.bool_], noise: Array, stated: bool) -> str:
-    """What makes all of them fit: two names or two axes exchanged; empty if nothing does."""
+    """Return what makes all of them fit: two names or two axes exchanged; empty if nothing does."""
     if len(points.names) <= FEWEST:
         return ""
     for one, other in combinations(range(len(points.names)), 2):

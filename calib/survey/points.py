@@ -137,7 +137,7 @@ def number_of(text: str) -> float:
 
 
 def _columns(path: Path, heading: Sequence[str]) -> tuple[int, tuple[int, int, int, int, int | None]]:
-    """Which system the columns are of, and the places of name, three coordinates and sigma."""
+    """Return which system the columns are of, and the places of name, three coordinates and sigma."""
     names = [word.lower() for word in heading]
 
     def place(words: Sequence[str]) -> int | None:

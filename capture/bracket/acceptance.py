@@ -33,7 +33,7 @@ class Acceptance(Generic[Key, FrameT]):
         self.doubtful: dict[Key, FrameT] = {}
 
     def accepts(self, key: Key, frame: FrameT, requested: Exposure) -> bool:
-        """Whether a frame counts; False asks for another attempt."""
+        """Return whether a frame counts; False asks for another attempt."""
         if key in self.doubtful or not deviates(frame.reported, requested):
             return True
         self.doubtful[key] = frame

@@ -51,7 +51,7 @@ def meter_rig(
     frames: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
 ) -> Metering:
-    """What a bracket that was chosen otherwise is up against."""
+    """Return what a bracket that was chosen otherwise is up against."""
     return _metered(cameras, like, BracketGoals(), frames, move_to)[0]
 
 

@@ -45,11 +45,11 @@ class CodeLook:
         self._probes.setdefault(exposure, {})[position, take] = kept
 
     def clips(self, exposure: Exposure) -> bool:
-        """Whether the bright percentile of any channel is beyond the trusted codes."""
+        """Return whether the bright percentile of any channel is beyond the trusted codes."""
         return bool((self._all(exposure) > BRIGHTEST).mean(axis=0).max() > BRIGHT_SHARE)
 
     def lit(self, exposure: Exposure) -> bool:
-        """Whether the dark percentile of every channel is among the trusted codes."""
+        """Return whether the dark percentile of every channel is among the trusted codes."""
         return bool((self._all(exposure) < DARKEST).mean(axis=0).max() <= DARK_SHARE)
 
     def glare(self, exposure: Exposure) -> float:

@@ -22,7 +22,7 @@ def stops_apart(exposure: Exposure, other: Exposure) -> float:
 
 
 def deviates(reported: Exposure | None, requested: Exposure | None) -> bool:
-    """Whether both are known and lie further apart than the tolerance."""
+    """Return whether both are known and lie further apart than the tolerance."""
     if reported is None or requested is None:
         return False
     return abs(stops_apart(reported, requested)) > TOLERANCE_STOPS + 1e-9

@@ -50,7 +50,7 @@ class RawLook:
         self._probes.setdefault(exposure, {})[position, take] = thinned
 
     def clips(self, exposure: Exposure) -> bool:
-        """Whether the bright percentile of any channel is clipped."""
+        """Return whether the bright percentile of any channel is clipped."""
         return any(
             _clipped(self._probes[exposure], channel) > BRIGHT_SHARE
             for channel in _counted(self._probes[exposure])
@@ -61,7 +61,7 @@ class RawLook:
         return float(np.mean([frame.saturated().mean() for frame in self._probes[exposure].values()]))
 
     def lit(self, exposure: Exposure) -> bool:
-        """Whether the dark percentile of every channel stands clear of the noise."""
+        """Return whether the dark percentile of every channel stands clear of the noise."""
         shots = self._probes[exposure]
         slope, floor = RawNoise.of(next(iter(shots.values()))).profile(_exposure(shots))
         for channel in _counted(shots):
@@ -118,7 +118,7 @@ def _clipped(shots: Shots, channel: int) -> float:
 
 
 def _exposure(shots: Shots) -> Exposure:
-    """What the frames say of themselves; CaptureError if they are silent."""
+    """Return what the frames say of themselves; CaptureError if they are silent."""
     exposure = next(iter(shots.values())).metadata.exposure
     if exposure is None:
         raise CaptureError("the frames do not say how they were exposed: give the exposures yourself.")

@@ -104,7 +104,7 @@ def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:
 
 
 def _against_record(shot: ShotRecord, read: Read) -> Iterator[Problem]:
-    """What a readable file and its record disagree about, and the record with the request."""
+    """Yield what a readable file and its record disagree about, and the record with the request."""
     picture = read.picture
     if read.sha256 != shot.sha256:
         yield _problem(

@@ -13,7 +13,7 @@ from imaging.session.session import Session
 
 
 def companion_problems(session: Session, shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
-    """What is wrong with masks and depth maps; again: how to get them anew."""
+    """Yield what is wrong with masks and depth maps; again: how to get them anew."""
     for shot in shots:
         yield from _problems(session.mask, shot, shot.mask, shot.mask_sha256, "mask", again)
         yield from _problems(session.depth, shot, shot.depth, shot.depth_sha256, "depth map", again)

@@ -145,7 +145,7 @@ def _read(session: Session, shot: ShotRecord) -> Examined | Failure:
 
 
 def _counts(session: Session, shot: ShotRecord) -> Bool | None:
-    """What the mask of a shot lets through; None without one, or with one that cannot be read."""
+    """Return what the mask of a shot lets through; None without one, or with one that cannot be read."""
     try:
         return mask_of(session, shot, shot.height, shot.width)
     except InputError:
@@ -169,7 +169,7 @@ def _look(shot: ShotRecord, picture: PictureFacts) -> ShotLook:
 
 
 def label(look: ShotLook) -> Exposure | None:
-    """What the shot claims: reported by its file, else requested."""
+    """Return what the shot claims: reported by its file, else requested."""
     return look.reported or look.requested
 
 

@@ -44,7 +44,7 @@ def warnings(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]
 
 
 def lost_highlights(shots: Sequence[tuple[float, float]]) -> str | None:
-    """What to say of highlights that not even the shortest exposures hold; None if they hold them.
+    """Return what to say of highlights that not even the shortest exposures hold; None if they hold them.
 
     shots: exposure scale and share of clipped samples of each shot of a scene.
     """
@@ -138,7 +138,7 @@ def _labels(looks: Looks) -> Iterator[Problem]:
 
 
 def doubted(look: ShotLook) -> bool:
-    """Whether the estimate says that the label is wrong."""
+    """Return whether the estimate says that the label is wrong."""
     if look.off is None or look.estimate_error is None:
         return False
     return abs(look.off) > max(OFF_STOPS, OFF_SIGMA * look.estimate_error)

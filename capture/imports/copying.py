@@ -84,7 +84,7 @@ def _is_part(
     places: Sequence[Place],
     bands: tuple[Band, ...],
 ) -> bool:
-    """Whether all that the session holds belongs to this import."""
+    """Return whether all that the session holds belongs to this import."""
     sources = _sources(places)
     shots = {shot.identity: shot.source for shot in session.shots()}
     wanted = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in plans}
@@ -99,12 +99,12 @@ def _is_part(
 
 
 def _is_unfinished(session: Session, places: Sequence[Place], last: str) -> bool:
-    """Whether there is more to do of an import that the session is a part of."""
+    """Return whether there is more to do of an import that the session is a part of."""
     return len(session.shots()) < len(_sources(places)) or not (session.folder / last).exists()
 
 
 def _sources(places: Sequence[Place]) -> dict[Any, str]:
-    """Where each shot comes from, by its identity."""
+    """Return where each shot comes from, by its identity."""
     return {(p.plan, *p.shot_id): shown(p.original.path) for p in places if p.original.picture is not None}
 
 

@@ -18,7 +18,7 @@ def depths_asked(photos: list[Path], folder: Path, depths: Path) -> Depths:
 
 
 def told_depths(depths: Depths, photos: int) -> str:
-    """How many photographs have a depth map, and what its numbers are taken for."""
+    """Return how many photographs have a depth map, and what its numbers are taken for."""
     units = {depth.unit for depth in depths.values()} - {None}
     whole = f"{units.pop():g} units of the poses, as told" if len(units) == 1 else "millimetres"
     return (

@@ -142,7 +142,7 @@ def _by_pose(originals: Sequence[Original], photo_of: Mapping[Path, GivenPhoto])
 
 
 def _same_place(bracket: Bracket, original: Original, photo_of: Mapping[Path, GivenPhoto]) -> bool:
-    """Whether a photograph has the pose of a bracket and an exposure that is not in it yet."""
+    """Return whether a photograph has the pose of a bracket and an exposure that is not in it yet."""
     before, after = photo_of[bracket[0].path].cam_from_world, photo_of[original.path].cam_from_world
     exposures = [photo.exposure for photo in (*bracket, original)]
     if before is None or after is None or None in exposures or exposures[-1] in exposures[:-1]:

@@ -38,7 +38,7 @@ SAME_SHAPE = 0.01
 
 
 def has_poses(given: Given | None) -> bool:
-    """Whether a layout tells where any photograph was taken from."""
+    """Return whether a layout tells where any photograph was taken from."""
     return given is not None and any(photo.cam_from_world is not None for photo in given.photos)
 
 

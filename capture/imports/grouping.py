@@ -72,7 +72,7 @@ def _runs(photos: list[Original]) -> list[list[Original]]:
 
 
 def _paused(before: Original, after: Original) -> bool:
-    """Whether both tell their time and lie too far apart, or in the wrong order, for one bracket."""
+    """Return whether both tell their time and lie too far apart, or in the wrong order, for one bracket."""
     if before.picture is None or after.picture is None:
         return False
     start, end = before.picture.metadata.captured_at, after.picture.metadata.captured_at

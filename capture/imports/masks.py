@@ -23,5 +23,5 @@ def masks_asked(photos: list[Path], folder: Path, masks: Path) -> tuple[dict[Pat
 
 
 def told_masks(masks: Mapping[Path, Path], photos: int) -> str:
-    """How many photographs have a mask."""
+    """Return how many photographs have a mask."""
     return f"{len(masks)} of {photos} photos have a mask; what is black in it is ignored."

@@ -32,7 +32,7 @@ _LARGEST = 1 << 26
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is a file with the suffix of a video."""
+    """Return whether a path is a file with the suffix of a video."""
     return path.suffix.lower() in SUFFIXES and path.is_file()
 
 

@@ -31,7 +31,7 @@ class ClockReading:
     error: float
 
     def aged(self, now: float) -> "ClockReading":
-        """What it is worth at another time."""
+        """Return what it is worth at another time."""
         return ClockReading(now, self.offset, self.error + DRIFT * abs(now - self.at))
 
 

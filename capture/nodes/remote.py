@@ -24,7 +24,7 @@ class Link(Protocol):
     """The way to a node; for any thread."""
 
     def ask(self, what: str, *arguments: Any) -> Any:
-        """What that method of `Node` returns. NodeLost; errors are those of the method."""
+        """Return what that method of `Node` returns. NodeLost; errors are those of the method."""
         ...
 
     def close(self) -> None:
@@ -63,7 +63,7 @@ class RemoteNode:
         return answer
 
     def clock(self) -> ClockReading:
-        """How its clock differs from ours."""
+        """Return how its clock differs from ours."""
         return self._clock.reading()
 
     def close(self) -> None:

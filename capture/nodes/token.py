@@ -25,12 +25,12 @@ _ANSWERS = 6.0
 
 
 def token_file() -> Path:
-    """Where this user's token is, or will be."""
+    """Return where this user's token is, or will be."""
     return Path(os.environ.get(_PATH) or "~/.ray/auth_token").expanduser()
 
 
 def has_token() -> bool:
-    """Whether this host has one."""
+    """Return whether this host has one."""
     with suppress(OSError):
         return bool(os.environ.get(_GIVEN) or token_file().read_text().strip())
     return False
@@ -83,7 +83,7 @@ class OpenDoor:
         )
 
     def is_open(self) -> bool:
-        """Whether it did; one that asks for tokens never answers such a question with yes."""
+        """Return whether it did; one that asks for tokens never answers such a question with yes."""
         try:
             return self._process.wait(_ANSWERS) == 0
         except subprocess.TimeoutExpired:

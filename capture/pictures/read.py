@@ -59,7 +59,7 @@ class Examined:
 
 
 def kind_of(path: Path) -> ImageKind | None:
-    """What the suffix promises; None: not a picture that rig reads."""
+    """Return what the suffix promises; None: not a picture that rig reads."""
     if path.suffix.lower() in (".exr", RADIANCE):
         return "hdr"
     if is_raw(path):

@@ -113,7 +113,7 @@ def _halved(image: Float) -> Float:
 
 
 def _hidden(counts: Bool | None, green: Float) -> Bool:
-    """Which samples have a pixel that a mask hides, of the shape of `green`."""
+    """Return which samples have a pixel that a mask hides, of the shape of `green`."""
     if counts is None:
         return np.zeros(green.shape, bool)
     return _halved(counts.astype(np.float32)) < 1.0

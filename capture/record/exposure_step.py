@@ -157,7 +157,7 @@ class ExposureStep:
             self._clock.changed()
 
     def is_over(self) -> bool:
-        """Whether every camera has an outcome."""
+        """Return whether every camera has an outcome."""
         return all(camera in self.outcomes for camera in self.cameras)
 
     def _follows(self, camera: str) -> bool:

@@ -31,7 +31,7 @@ def folder_made(folder: Path) -> Iterator[None]:
 
 
 def is_vacant(folder: Path) -> bool:
-    """Whether a session may begin there: nothing there, or only what a killed write left."""
+    """Return whether a session may begin there: nothing there, or only what a killed write left."""
     if not folder.exists():
         return True
     return folder.is_dir() and set(folder.iterdir()) == set(store.leftovers(folder))

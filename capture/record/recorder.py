@@ -91,6 +91,6 @@ def _must_be(camera: Camera, recorded: CameraRecord) -> None:
 
 
 def leftovers(session: Session) -> list[Path]:
-    """What a killed capture left half-written: beside the records and in the folders of the frames."""
+    """Return what a killed capture left half-written: beside the records and in the folders of the frames."""
     frames = [folder for folder in (session.folder / "raw").glob("*/") if not folder.is_symlink()]
     return [part for folder in [session.folder, *sorted(frames)] for part in store.leftovers(folder)]

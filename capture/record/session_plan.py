@@ -110,12 +110,12 @@ def asked_for(bracket: tuple[Exposure, ...] | Stops | BracketGoals | None) -> st
 
 
 def like(source: Source) -> Exposure:
-    """What the meter takes the f-number from."""
+    """Return what the meter takes the f-number from."""
     return source.middle or Exposure(time=1.0, f_number=source.f_number)
 
 
 def metered_at(source: Source, kind: Subject, frames: Sequence[int]) -> Sequence[int]:
-    """Where the meter looks: a person is not asked to move things to and fro for it."""
+    """Return where the meter looks: a person is not asked to move things to and fro for it."""
     return frames if kind == "scene" and source.positions is not None else frames[:1]
 
 

@@ -32,7 +32,7 @@ class ShotId(NamedTuple):
 
 
 def shot_file(shot_id: ShotId, suffix: str) -> str:
-    """Where the file of a shot stands, relative to the session folder."""
+    """Return where the file of a shot stands, relative to the session folder."""
     return f"raw/{shot_id.view}_{shot_id.step}.{suffix}"
 
 
@@ -105,15 +105,15 @@ def save_developed(
 
 
 def shifted_file(shot_id: ShotId, number: int, suffix: str) -> str:
-    """Where a file that a shot was made of lies, relative to the session; counted from 1."""
+    """Return where a file that a shot was made of lies, relative to the session; counted from 1."""
     return f"shifted/{shot_id.view}_{shot_id.step}_{number}{suffix}"
 
 
 def depth_file(shot_id: ShotId, suffix: str) -> str:
-    """Where the depth map of a shot lies, relative to the session."""
+    """Return where the depth map of a shot lies, relative to the session."""
     return f"depths/{shot_id.view}_{shot_id.step}{suffix}"
 
 
 def mask_file(shot_id: ShotId, suffix: str) -> str:
-    """Where the mask of a shot lies, relative to the session."""
+    """Return where the mask of a shot lies, relative to the session."""
     return f"masks/{shot_id.view}_{shot_id.step}{suffix}"

@@ -53,7 +53,7 @@ class Inbox(Generic[T]):
             return bool(self._items)
 
     def take_all(self) -> list[T]:
-        """What nobody has begun with, oldest first."""
+        """Return what nobody has begun with, oldest first."""
         with self._clock.lock:
             items = list(self._items)
             self._items.clear()

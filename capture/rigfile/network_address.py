@@ -36,7 +36,7 @@ class NetworkAddress:
 
 
 def address_of(value: Any) -> NetworkAddress:
-    """What is written. ValueError says what has to be written instead."""
+    """Return what is written. ValueError says what has to be written instead."""
     try:
         if not isinstance(value, str):
             raise ValueError
@@ -59,7 +59,7 @@ def gige_hosts(addresses: Iterable[NetworkAddress]) -> list[str]:
 
 
 def ptpip_places(addresses: Iterable[NetworkAddress]) -> list[Place]:
-    """Where the PTP/IP cameras among them are."""
+    """Return where the PTP/IP cameras among them are."""
     return [
         Place(address.host, address.port, address.scheme != "ptpip")
         for address in addresses

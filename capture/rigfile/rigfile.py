@@ -85,7 +85,7 @@ def _text(path: Path) -> str:
 
 
 def _syntax(path: Path, text: str, message: str) -> str:
-    """What is no TOML, with the line that `tomllib` names in its message."""
+    """Return what is no TOML, with the line that `tomllib` names in its message."""
     position = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
     what, line = (position[1], position[2]) if position else (message, None)
     number = int(line) if line else text.rstrip().count("\n") + 1

@@ -310,7 +310,7 @@ class GenicamCamera:
         return replace(mosaic, metadata=replace(metadata, opened=self._moment(stamp, moment.time)))
 
     def _moment(self, stamp: int, opened: float) -> float:
-        """When a shutter opened, whose stamp lay between two readings as `opened` says."""
+        """Return when a shutter opened, whose stamp lay between two readings as `opened` says."""
         return opened
 
     def _finish(self, session: Session) -> None:

@@ -183,7 +183,7 @@ def _chosen(nodes: NodeMap, stage: Stage) -> Iterator[str]:
 
 
 def _off(nodes: NodeMap, switch: str) -> str | bool | None:
-    """What a switch is set to so that it is off; None where there is no such switch."""
+    """Return what a switch is set to so that it is off; None where there is no such switch."""
     if not nodes.available(switch):
         return None
     kind = nodes.kind(switch)
@@ -194,12 +194,12 @@ def _off(nodes: NodeMap, switch: str) -> str | bool | None:
 
 
 def _counts_otherwise(nodes: NodeMap, amount: str, neutral: float) -> bool:
-    """Whether a factor is in whole numbers, of which 1 is not the factor 1."""
+    """Return whether a factor is in whole numbers, of which 1 is not the factor 1."""
     return neutral == 1.0 and nodes.kind(amount) == "Integer"
 
 
 def _still_on(nodes: NodeMap, stage: Stage) -> str:
-    """What says that a stage is on, as `FEATURE is VALUE`; empty where it is off, or is not there."""
+    """Return what says that a stage is on, as `FEATURE is VALUE`; empty where it is off, or is not there."""
     on, off = "", False
     for switch in stage.switches:
         wanted = _off(nodes, switch)

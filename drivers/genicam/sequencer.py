@@ -12,7 +12,7 @@ _NEXT = ("FrameEnd", "FrameStart", "ExposureActive")
 
 
 def can_sequence(nodes: NodeMap) -> bool:
-    """Whether the camera has a sequencer and a trigger for a burst of frames."""
+    """Return whether the camera has a sequencer and a trigger for a burst of frames."""
     needed = ("SequencerMode", "SequencerConfigurationMode", "SequencerSetSelector", "SequencerSetSave")
     return (
         all(nodes.available(name) for name in needed)

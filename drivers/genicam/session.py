@@ -59,7 +59,7 @@ class Frame:
 
 
 def fewer_rows(rows: int, height: int) -> str:
-    """What is the matter with a frame of a camera that may end frames early."""
+    """Return what is the matter with a frame of a camera that may end frames early."""
     return (
         f"the camera ended it after {rows} of {height} rows, as one of variable height does: have it send "
         "all rows by its maker's program"
@@ -90,7 +90,7 @@ class DeviceClock(Protocol):
         ...
 
     def latched(self) -> int:
-        """What was kept."""
+        """Return what was kept."""
         ...
 
 

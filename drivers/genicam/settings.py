@@ -114,7 +114,7 @@ def set_exposure(nodes: NodeMap, exposure: Exposure) -> Exposure:
 
 
 def read_exposure(nodes: NodeMap) -> Exposure:
-    """What the camera is set to; no ISO where it has no gain, or one whose unit is not known."""
+    """Return what the camera is set to; no ISO where it has no gain, or one whose unit is not known."""
     unit = units.gain_unit(nodes) if nodes.available("Gain") else None
     iso = None if unit is None else round(units.iso_of(float(nodes.number("Gain")), unit), 3)
     time = time_feature(nodes)

@@ -157,7 +157,7 @@ class Library:
             raise kind(f"{where or self.where}: {name} fails with {self._why(code)}: {fix}.")
 
     def handle(self, name: str, *arguments: Any, where: str = "") -> int:
-        """What a function opens."""
+        """Return what a function opens."""
         opened = c_void_p()
         self.call(name, *arguments, ctypes.byref(opened), where=where)
         return opened.value or 0
@@ -188,7 +188,7 @@ class Library:
         return number.value & ((1 << 8 * min(size.value, 8)) - 1)
 
     def _why(self, code: int) -> str:
-        """What the producer says of its last error."""
+        """Return what the producer says of its last error."""
         last, size = c_int32(), c_size_t(1024)
         text = (c_char * 1024)()
         failed = self._functions.GCGetLastError(ctypes.byref(last), text, ctypes.byref(size))

@@ -53,7 +53,7 @@ def heed(nodes: NodeMap, source: str) -> None:
 
 
 def keeps_time(nodes: NodeMap) -> bool | None:
-    """Whether it is synchronised by now; None for a camera that never is."""
+    """Return whether it is synchronised by now; None for a camera that never is."""
     for name, latch in (("PtpStatus", "PtpDataSetLatch"), ("GevIEEE1588Status", "GevIEEE1588DataSetLatch")):
         if nodes.available(name):
             # Where there is such a command, the status is that of the moment when it was last given.
@@ -64,7 +64,7 @@ def keeps_time(nodes: NodeMap) -> bool | None:
 
 
 def can_schedule(control: Registers) -> bool:
-    """Whether the device takes commands that name a time, in ns as its clock then counts."""
+    """Return whether the device takes commands that name a time, in ns as its clock then counts."""
     schedules = control.read_number(Bootstrap.CAPABILITY, 4) & CAN_SCHEDULE
     return bool(schedules) and control.read_number(Bootstrap.TICK_FREQUENCY, 8) == NANOSECONDS
 
@@ -81,7 +81,7 @@ class NetworkTime:
         self._lock = threading.Lock()
 
     def agrees(self, reading: Latch) -> bool:
-        """Whether a camera's clock shows this time; the first one's is it."""
+        """Return whether a camera's clock shows this time; the first one's is it."""
         with self._lock:
             if not self._anchors:
                 self._anchors.append(reading)
@@ -96,7 +96,7 @@ class NetworkTime:
             return True
 
     def on_host(self, stamp: int) -> float:
-        """When it was that time, ns, in seconds of the host's clock; `agrees` was asked before."""
+        """Return when it was that time, ns, in seconds of the host's clock; `agrees` was asked before."""
         with self._lock:
             place = bisect.bisect_right([anchor.device for anchor in self._anchors], stamp)
             anchor = self._anchors[max(place - 1, 0)]

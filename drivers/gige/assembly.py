@@ -100,7 +100,7 @@ class Assembler:
         return self._finished(building) if building.complete else None
 
     def due(self, now: float) -> list[Resend]:
-        """What is to be asked for now."""
+        """Return what is to be asked for now."""
         wanted: list[Resend] = []
         for building in self._building.values():
             if building.last is None and now - building.touched >= AGAIN and not building.missing:
@@ -153,7 +153,7 @@ class Assembler:
         return self._finished(building)
 
     def _whole(self, building: _Building) -> bool:
-        """Whether all of a frame of full size has come but its trailer."""
+        """Return whether all of a frame of full size has come but its trailer."""
         others = building.missing.keys() - {self._trailer[building.extended]}
         return building.leader is not None and building.filled == self._payload and not others
 

@@ -45,7 +45,7 @@ class GigeCamera(GenicamCamera):
             raise
 
     def wait_for_time(self, seconds: float) -> bool:
-        """Whether it keeps the time of the team; waits for that, as cameras take a while to agree."""
+        """Return whether it keeps the time of the team; waits for that, as cameras take a while to agree."""
         deadline = self._clock.now() + seconds
         while True:
             told = self._again(self._note)

@@ -113,17 +113,17 @@ class Answer:
 
 
 def memory_payload(address: int, size: int) -> bytes:
-    """What READ_MEMORY asks: `size` bytes from `address`."""
+    """Return what READ_MEMORY asks: `size` bytes from `address`."""
     return struct.pack(">IHH", address, 0, size)
 
 
 def number_payload(number: int) -> bytes:
-    """What answers to writes (how much was written) and PENDING_ACK (ms to wait) carry."""
+    """Return what answers to writes (how much was written) and PENDING_ACK (ms to wait) carry."""
     return struct.pack(">HH", 0, number)
 
 
 def refusal_payload(code: int) -> bytes:
-    """What an answer carries that refuses a command: of a write, that nothing was written."""
+    """Return what an answer carries that refuses a command: of a write, that nothing was written."""
     return number_payload(0) if code in (Code.WRITE_REGISTER, Code.WRITE_MEMORY) else b""
 
 

@@ -93,7 +93,7 @@ class Leader:
     padding: int = 0
 
     def pack(self) -> bytes:
-        """What a packet carries of it."""
+        """Return what a packet carries of it."""
         if self.payload_type == CHUNKS_ALONE:
             return _LEADER.pack(0, self.payload_type, self.timestamp)
         image = (self.pixel_format, self.width, self.height, self.left, self.top, self.padding, 0)
@@ -118,7 +118,7 @@ class Leader:
 
 
 def rows(data: bytes) -> int:
-    """How many rows of an image came, as its trailer says; 0 where it does not."""
+    """Return how many rows of an image came, as its trailer says; 0 where it does not."""
     if len(data) < _TRAILER.size:
         return 0
     _, kind, height = _TRAILER.unpack_from(data)

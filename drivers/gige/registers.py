@@ -100,7 +100,7 @@ class BootstrapClock:
         self._control.write_number(Bootstrap.TIMESTAMP_CONTROL, 4, LATCH)
 
     def latched(self) -> int:
-        """What was kept."""
+        """Return what was kept."""
         return self._control.read_number(Bootstrap.TIMESTAMP, 8)
 
 

@@ -157,7 +157,7 @@ class StreamChannel:
         return self._control.read_number(Bootstrap.STREAM_PACKET_SIZE, 4) & 0xFFFF or best
 
     def _arrives(self, size: int) -> bool:
-        """Whether a test packet of that size comes."""
+        """Return whether a test packet of that size comes."""
         self._drain()
         try:
             self._control.write_number(Bootstrap.STREAM_PACKET_SIZE, 4, size | FIRE_TEST | DO_NOT_FRAGMENT)

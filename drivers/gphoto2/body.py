@@ -42,11 +42,11 @@ class Body:
             raise
 
     def can_shoot(self) -> bool:
-        """Whether libgphoto2 can trigger it."""
+        """Return whether libgphoto2 can trigger it."""
         return self._shoots
 
     def text(self, name: str, otherwise: str = "") -> str:
-        """What a setting is at; `otherwise` where there is none of the name."""
+        """Return what a setting is at; `otherwise` where there is none of the name."""
         if name not in self._names:
             return otherwise
         with errors_translated(self._where):
@@ -74,7 +74,7 @@ class Body:
         return self.text(name)
 
     def delivers_raw(self) -> bool:
-        """Whether its pictures are RAW files: by its format, or else by what it says it captures."""
+        """Return whether its pictures are RAW files: by its format, or else by what it says it captures."""
         told = self.text(self._format)
         if told and "unknown" not in told.lower():
             return dials.says_raw(told)

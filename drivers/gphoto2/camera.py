@@ -68,7 +68,7 @@ class Gphoto2Camera:
         return self._identity
 
     def capabilities(self) -> Capabilities:
-        """What it can be set to now; sizes and bits are 0 before its first picture."""
+        """Return what it can be set to now; sizes and bits are 0 before its first picture."""
         return self._again(self._able)
 
     def set_exposure(self, exposure: Exposure) -> Exposure:

@@ -118,12 +118,12 @@ def choices(listed: list[str], decode: Decode) -> dict[str, float]:
 
 
 def says_raw(text: str) -> bool:
-    """Whether a format has a RAW file, alone or beside a photograph."""
+    """Return whether a format has a RAW file, alone or beside a photograph."""
     return any(word in text.lower() for word in _RAW_WORDS)
 
 
 def says_both(text: str) -> bool:
-    """Whether it has a photograph beside the RAW file."""
+    """Return whether it has a photograph beside the RAW file."""
     return says_raw(text) and "+" in text
 
 

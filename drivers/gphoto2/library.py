@@ -36,7 +36,7 @@ _ERRORS: dict[int, tuple[type[CameraError], str]] = {
 
 
 def is_installed() -> bool:
-    """Whether the package gphoto2 is."""
+    """Return whether the package gphoto2 is."""
     return find_spec("gphoto2") is not None
 
 

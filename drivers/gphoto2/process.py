@@ -47,7 +47,7 @@ class BodyProcess:
             raise
 
     def do(self, act: Callable[Concatenate[Body, P], R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """What that method of the body returns or raises. CameraLost: its process has ended."""
+        """Return what that method of the body returns or raises. CameraLost: its process has ended."""
         answer: R = self._ask(act.__name__, *args, **kwargs)  # type: ignore[assignment]
         return answer
 

@@ -72,7 +72,7 @@ def fit(exposures: Sequence[Exposure], offered: Iterable[AutoBracket], times: Se
 
 
 def shows(stated: Exposure | None, wanted: Exposure) -> bool:
-    """Whether a file that states this exposure was exposed as is wanted."""
+    """Return whether a file that states this exposure was exposed as is wanted."""
     if stated is None:
         return False
     pairs = (

@@ -79,11 +79,11 @@ class PtpCamera:
         return self._connection.identity
 
     def verified(self) -> str:
-        """What the layer for its make has been tried on."""
+        """Return what the layer for its make has been tried on."""
         return self._again(lambda body: body.verified)
 
     def knows_make(self) -> bool:
-        """Whether its make is one whose ways are known here, beyond the standard's."""
+        """Return whether its make is one whose ways are known here, beyond the standard's."""
         return self._again(lambda body: body.knows_make)
 
     def capabilities(self) -> Capabilities:
@@ -179,7 +179,7 @@ class PtpCamera:
         return best_fit(exposures, offered, _values(body.time)) if offered else None
 
     def keeps(self) -> bool:
-        """Whether its pictures stay on a card, where they can be fetched later."""
+        """Return whether its pictures stay on a card, where they can be fetched later."""
         return self._body is not None and self._body.remembers
 
     def keep(self) -> StoredShot:

@@ -112,7 +112,7 @@ class UsbConnection:
             self._clock.sleep(_LOOK_EVERY)
 
     def _may_be(self, device: usb.UsbDevice) -> bool:
-        """Whether it looks the same from outside; others may be in use and are left alone.
+        """Return whether it looks the same from outside; others may be in use and are left alone.
 
         One that never told its serial number in any way cannot be told from its likes.
         """

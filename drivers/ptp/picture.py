@@ -35,7 +35,7 @@ def best_of(objects: list[Download]) -> Download:
 
 
 def has_raw(objects: list[Download]) -> bool:
-    """Whether one of them is a RAW file."""
+    """Return whether one of them is a RAW file."""
     return any(suffix(file) in raw.SUFFIXES for file in objects)
 
 

@@ -109,7 +109,7 @@ class PtpSession:
         return self.info
 
     def supports(self, operation: int) -> bool:
-        """Whether the camera lists an operation."""
+        """Return whether the camera lists an operation."""
         return operation in self.info.operations
 
     def run(
@@ -203,7 +203,7 @@ class PtpSession:
         return Reader(data).array(DataType.UINT32)
 
     def object_info(self, handle: int) -> ObjectInfo:
-        """What an object is."""
+        """Return what an object is."""
         return ObjectInfo.unpack(self.get(Operation.GET_OBJECT_INFO, handle))
 
     def download(self, file: Download) -> bytes:

@@ -207,7 +207,7 @@ class UsbTransport:
         self.pipe.control_out(_CLASS_OUT, _CANCEL, 0, request, _CONTROL_TIMEOUT)
 
     def _ask(self, request: Callable[[], None]) -> bool:
-        """Whether the camera did it; CameraLost if it is gone."""
+        """Return whether the camera did it; CameraLost if it is gone."""
         try:
             request()
         except CameraLost:

@@ -175,7 +175,7 @@ class FaultPlan:
         return tuple(struck)
 
     def operations(self) -> int:
-        """How many operations there were."""
+        """Return how many operations there were."""
         return sum(count for (_, operation), count in self._counts.items() if operation == EVERY)
 
     def _hits(self, fault: Fault, serial: str, operation: str) -> bool:

@@ -58,7 +58,7 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll: float = 0.0) -> Arr
 
 
 def _plate_from_world(seed: int, frames: int, frame: int) -> Array:
-    """Where the plate is; the arm misses its place by some millimetres and a fraction of a degree."""
+    """Return where the plate is; the arm misses its place by some millimetres and a fraction of a degree."""
     noise = generator(seed, "arm", frame)
     angle = math.radians(_MIDDLE + ARC_STEP * (frame - (frames - 1) / 2) + noise.uniform(-0.5, 0.5))
     eye = np.array((_RADIUS * math.cos(angle), _RADIUS * math.sin(angle), _HEIGHT))

@@ -120,7 +120,7 @@ def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Ban
 
 
 def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:
-    """What was shown in the frames that do not show the scene; nothing where there are none."""
+    """Return what was shown in the frames that do not show the scene; nothing where there are none."""
     frames = {
         kind: sorted({shot.frame for shot in shots if shot.kind == kind})
         for kind in ("dark", "flat", "board")
@@ -168,7 +168,7 @@ def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
 
 
 def _photosites(body: Body) -> dict[str, Any]:
-    """What only darks and flats tell of a sensor; defects by column and row."""
+    """Return what only darks and flats tell of a sensor; defects by column and row."""
     model, lens = body.sensor, body.optics.lens
     sensor = SimulatedSensor(model, lens.width, lens.height, body.seed, body.serial, 0)
     return {

@@ -78,7 +78,7 @@ class Packet:
 
 
 def read_payload(address: int, size: int) -> bytes:
-    """What a READ asks: `size` bytes from `address`."""
+    """Return what a READ asks: `size` bytes from `address`."""
     return struct.pack("<QHH", address, 0, size)
 
 
@@ -91,7 +91,7 @@ def parse_read_payload(payload: bytes) -> tuple[int, int]:
 
 
 def write_payload(address: int, data: bytes) -> bytes:
-    """What a WRITE carries."""
+    """Return what a WRITE carries."""
     return struct.pack("<Q", address) + data
 
 
@@ -103,7 +103,7 @@ def parse_write_payload(payload: bytes) -> tuple[int, bytes]:
 
 
 def number_payload(number: int) -> bytes:
-    """What a WRITE_ACK (bytes written) and a PENDING_ACK (milliseconds to wait) carry."""
+    """Return what a WRITE_ACK (bytes written) and a PENDING_ACK (milliseconds to wait) carry."""
     return struct.pack("<HH", 0, number)
 
 

@@ -112,7 +112,7 @@ class AbrmClock:
         self._control.write_number(Abrm.LATCH, 4, 1)
 
     def latched(self) -> int:
-        """What was kept."""
+        """Return what was kept."""
         return self._control.read_number(Abrm.TIMESTAMP, 8)
 
 

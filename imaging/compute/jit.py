@@ -27,7 +27,7 @@ _SOURCES = ("imaging", "drivers", "calib", "recon")
 
 
 def cache_folder() -> Path:
-    """Where the compiled code of exactly these sources is kept."""
+    """Return where the compiled code of exactly these sources is kept."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         base = Path(given)

@@ -62,7 +62,7 @@ def check(what: str, need: int) -> None:
 
 
 def _machine() -> int | None:
-    """What the system would give without swapping, else all that there is."""
+    """Return what the system would give without swapping, else all that there is."""
     try:
         for line in _MEMINFO.read_text("ascii").splitlines():
             if line.startswith("MemAvailable:"):
@@ -73,7 +73,7 @@ def _machine() -> int | None:
 
 
 def _group() -> int | None:
-    """What the limit of a container leaves, file caches not counted; None: there is none."""
+    """Return what the limit of a container leaves, file caches not counted; None: there is none."""
     left = []
     for folder in (_GROUPS / "memory", _GROUPS, *_own_groups()):
         for limit, usage in (
@@ -117,7 +117,7 @@ def _own() -> int | None:
 
 
 def _given() -> int | None:
-    """What is left of the share that whoever started this process gave it; None: it has no share."""
+    """Return what is left of the share that whoever started this process gave it; None: it has no share."""
     given = os.environ.get(GIVEN, "")
     return int(given) - resident() if given.isdecimal() else None
 

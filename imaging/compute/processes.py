@@ -36,7 +36,7 @@ class _Process:
         self._lost = self._unwanted = False
 
     def call(self, function: Callable[..., T], arguments: tuple[Any, ...]) -> T:
-        """What the function returns or raises there."""
+        """Return what the function returns or raises there."""
         if not self._lost:
             try:
                 done, answer = self._ask(function, arguments)

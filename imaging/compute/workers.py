@@ -92,7 +92,7 @@ class Workers(Protocol):
 
 
 def apart(share: Share, function: Callable[..., T], *arguments: Any) -> T:
-    """What a function of a module returns in a process of its own; again where that was killed.
+    """Return what a function of a module returns in a process of its own; again where that was killed.
 
     WorkerLost: each time. Where this process is the task's own, whoever began it sees to that.
     """
@@ -174,7 +174,7 @@ class LocalWorkers:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def alone(self, task: Task) -> bool:
-        """Whether nothing runs beside it."""
+        """Return whether nothing runs beside it."""
         return self.count == 1 or task.memory > self.room * (1 - 1 / self.count)
 
     @contextmanager

@@ -217,7 +217,7 @@ def _shares() -> npt.NDArray[np.float64]:
 
 
 def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> float:
-    """Where the code turns from linear to logarithmic, which it must not within the noise.
+    """Return where the code turns from linear to logarithmic, which it must not within the noise.
 
     The least change between photosites of a colour stands in for noise that is not known; only of Bayer is
     that every other one.

@@ -67,7 +67,7 @@ def interpolated(
 
 
 def _edges(planes: Float) -> npt.NDArray[np.intp]:
-    """Which of the directions runs along the edge at each pixel, [H, W]."""
+    """Return which of the directions runs along the edge at each pixel, [H, W]."""
     tensor = np.zeros((3, *planes.shape[:2]), np.float32)
     for channel in range(planes.shape[2]):
         smooth = _blurred(planes[..., channel], GRADIENT)

@@ -39,12 +39,12 @@ def light_channels(names: Collection[str]) -> tuple[str, str, str]:
 
 
 def is_picture(layer: str) -> bool:
-    """Whether a layer, or a part of a file, is called as the picture itself is."""
+    """Return whether a layer, or a part of a file, is called as the picture itself is."""
     return layer.rpartition(".")[2].casefold() in _PICTURES
 
 
 def holds_light(names: Collection[str]) -> bool:
-    """Whether `light_channels` finds any."""
+    """Return whether `light_channels` finds any."""
     try:
         light_channels(names)
     except InputError:

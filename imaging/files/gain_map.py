@@ -16,6 +16,6 @@ ASIDE = (
 
 
 def holds_gain_map(data: bytes) -> bool:
-    """Whether the bytes of a JPEG or HEIF file hold a gain map."""
+    """Return whether the bytes of a JPEG or HEIF file hold a gain map."""
     brands = data[8 : min(int.from_bytes(data[:4]), 256)] if data[4:8] == b"ftyp" else b""
     return b"tmap" in brands or any(mark in data for mark in _MARKS)

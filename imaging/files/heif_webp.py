@@ -40,24 +40,24 @@ class Wrapped:
 
 
 def heif_is_read() -> bool:
-    """Whether the package for HEIF is installed."""
+    """Return whether the package for HEIF is installed."""
     return importlib.util.find_spec("pillow_heif") is not None
 
 
 def is_heif(data: bytes) -> bool:
-    """Whether bytes begin as a HEIF file of HEVC pictures."""
+    """Return whether bytes begin as a HEIF file of HEVC pictures."""
     return data[4:8] == b"ftyp" and data[8:12] in _BRANDS and not is_avif(data)
 
 
 def is_avif(data: bytes) -> bool:
-    """Whether bytes begin as an AVIF file, by its own brand or beside HEIF's plain one."""
+    """Return whether bytes begin as an AVIF file, by its own brand or beside HEIF's plain one."""
     length = int.from_bytes(data[:4])
     brands = {data[at : at + 4] for at in (8, *range(16, min(length, 256), 4))}
     return data[4:8] == b"ftyp" and bool(brands & _AVIF) and not brands & {b"heic", b"heix"}
 
 
 def is_webp(data: bytes) -> bool:
-    """Whether bytes begin as a WebP file."""
+    """Return whether bytes begin as a WebP file."""
     return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
 
 
@@ -72,7 +72,7 @@ def decode_webp(data: bytes, name: str) -> Wrapped:
 
 
 def webp_metadata(data: bytes) -> FrameMetadata:
-    """What the EXIF and the XMP of a WebP file say."""
+    """Return what the EXIF and the XMP of a WebP file say."""
     return noted(decode_exif(_chunk(data, b"EXIF")), _chunk(data, b"XMP "))
 
 

@@ -33,7 +33,7 @@ class Shell:
 
 
 def jpeg_shell(file: BinaryIO) -> Shell:
-    """What the segments before the first scan of an open JPEG file say; empty where it is damaged."""
+    """Return what the segments before the first scan of an open JPEG file say; empty where it is damaged."""
     width = height = 0
     exif = xmp = b""
     file.seek(2)
@@ -67,7 +67,7 @@ def jpeg_segments(file: BinaryIO, marker: int) -> Iterator[bytes]:
 
 
 def jpeg_is_whole(data: bytes) -> bool:
-    """Whether the scans of a JPEG file go on to its end marker."""
+    """Return whether the scans of a JPEG file go on to its end marker."""
     position = 2
     while position + 4 <= len(data) and data[position] == 0xFF:
         marker = data[position + 1]
@@ -86,7 +86,7 @@ def jpeg_is_whole(data: bytes) -> bool:
 
 
 def png_shell(file: BinaryIO) -> Shell:
-    """What the chunks of an open PNG file say; empty where it is damaged."""
+    """Return what the chunks of an open PNG file say; empty where it is damaged."""
     width = height = 0
     exif = xmp = b""
     for kind, length in png_chunks(file):
@@ -112,7 +112,7 @@ def _xmp_of(text: bytes) -> bytes:
 
 
 def png_is_whole(file: BinaryIO) -> bool:
-    """Whether the chunks of a PNG file go on to its end chunk."""
+    """Return whether the chunks of a PNG file go on to its end chunk."""
     size = file.seek(0, 2)
     return any(kind == b"IEND" and file.tell() + 4 <= size for kind, _ in png_chunks(file))
 

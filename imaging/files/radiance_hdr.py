@@ -86,7 +86,7 @@ def read_hdr(path: Path) -> npt.NDArray[np.float32]:
 
 
 def _scale(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32]:
-    """What the pixels are to be multiplied by; ValueError for factors that cannot be."""
+    """Return what the pixels are to be multiplied by; ValueError for factors that cannot be."""
     factors = np.ones(3)
     for name, _, value in lines:
         if name in ("EXPOSURE", "COLORCORR"):

@@ -37,7 +37,7 @@ SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
 
 
 def is_raw(path: Path) -> bool:
-    """Whether the suffix is one of a RAW file."""
+    """Return whether the suffix is one of a RAW file."""
     return path.suffix.lower() in SUFFIXES
 
 

@@ -46,7 +46,7 @@ _FIXES = {
 
 
 def refused(path: Path | str, error: OSError) -> StorageError:
-    """What to tell of a disk that refused to write a path: what, where, and the fix by the reason."""
+    """Return what to tell of a disk that refused to write a path: what, where, and the fix by the reason."""
     reason = (error.strerror or str(error)).lower()
     fix = _FIXES.get(error.errno or 0, "check the disk and run again")
     return StorageError(f"{path} could not be written ({reason}): {fix}.")
@@ -134,7 +134,7 @@ def _bring_back(old: Path) -> None:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """What killed writes left directly in a folder: its `.part` files and folders.
+    """Return what killed writes left directly in a folder: its `.part` files and folders.
 
     A folder that had stepped aside for one that never came is no leftover: it is put back first.
     """

@@ -31,7 +31,7 @@ class DroneNote:
 
 
 def drone_note(packet: bytes) -> DroneNote:
-    """What a packet says; nothing where it is none of a drone, or damaged."""
+    """Return what a packet says; nothing where it is none of a drone, or damaged."""
     if b"drone-dji" not in packet:
         return DroneNote()
     angles = [_number(packet, f"Gimbal{axis}Degree") for axis in ("Yaw", "Pitch", "Roll")]
@@ -61,7 +61,7 @@ def noted(found: FrameMetadata, packet: bytes) -> FrameMetadata:
 
 
 def _position(packet: bytes) -> GpsPosition | None:
-    """Where the receiver was; older firmware spells its longitude GpsLongtitude."""
+    """Return where the receiver was; older firmware spells its longitude GpsLongtitude."""
     latitude = _number(packet, "GpsLatitude")
     longitude = _number(packet, "GpsLongitude") or _number(packet, "GpsLongtitude")
     if not latitude or not longitude or abs(latitude) > 90 or abs(longitude) > 180:  # 0, 0 is no fix

@@ -60,7 +60,7 @@ def without_ghosts(
 
 
 def _with(merged: Merged, alone: Merged, place: Bool) -> Merged:
-    """What was merged, with one exposure alone at a place."""
+    """Return what was merged, with one exposure alone at a place."""
     assert merged.sigma is not None
     assert alone.sigma is not None
     return replace(

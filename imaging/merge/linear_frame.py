@@ -156,7 +156,7 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
 
 
 def _valid(levels: Levels, signal: Float) -> Bool:
-    """Where no defect is, of the shape of the signal."""
+    """Return where no defect is, of the shape of the signal."""
     valid = levels.valid(*signal.shape[:2])
     return valid if signal.ndim == 2 else np.repeat(valid[..., None], signal.shape[2], axis=2)
 

@@ -14,7 +14,7 @@ from imaging.session.session import Session
 
 
 def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Bool | None:
-    """Which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
+    """Return which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
     path = session.mask(shot)
     return None if path is None else read_mask(path, height, width)
 

@@ -130,7 +130,7 @@ def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
 def _contradicted(
     green: npt.NDArray[np.floating], apart: npt.NDArray[np.floating], first: RawMosaic
 ) -> npt.NDArray[np.bool_]:
-    """Where the two samples of green, `apart` so much, differ by more than noise: bool [H, W].
+    """Return where the two samples of green, `apart` so much, differ by more than noise: bool [H, W].
 
     green: their mean above black, DN. Without a noise profile the noise is that of most of the picture.
     """
@@ -169,7 +169,7 @@ def _moved(image: npt.NDArray[Number], shift: Shift) -> npt.NDArray[Number]:
 
 
 def _inside(shape: tuple[int, ...], shift: Shift) -> npt.NDArray[np.bool_]:
-    """Where a moved frame has photosites of its own, and none that came in from the other side."""
+    """Return where a moved frame has photosites of its own, and none that came in from the other side."""
     inside = np.ones(shape, bool)
     for axis, step in enumerate(shift):
         if step:

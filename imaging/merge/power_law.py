@@ -48,14 +48,14 @@ def exponent(pairs: Sequence[tuple[float, Sequence[Overlap]]]) -> float | None:
 
 
 def _power(label: Array, long: Array, short: Array) -> tuple[float, float]:
-    """What the likeliest power leaves, and that power."""
+    """Return what the likeliest power leaves, and that power."""
     found = np.log(long / short)
     power = float(label @ found / (label @ label))
     return _rms(found - power * label), power
 
 
 def _black(label: Array, long: Array, short: Array) -> float:
-    """What remains where the black level is wrong by as much as explains most."""
+    """Return what remains where the black level is wrong by as much as explains most."""
     step = 1.0 - np.exp(-label)
     offset = float((step * (short - long * np.exp(-label)) / short**2).sum() / (step**2 / short**2).sum())
     expected = (long - offset) * np.exp(-label) + offset

@@ -270,12 +270,12 @@ def read_calibration(session: str | PathLike[str]) -> CalibrationRecord:
 
 
 def is_stale(session: Path, record: CalibrationRecord) -> bool:
-    """Whether shots were added to the session folder, or taken away, after it was calibrated."""
+    """Return whether shots were added to the session folder, or taken away, after it was calibrated."""
     return store.sha256(session / "shots.jsonl") != record.shots_sha256
 
 
 def calibration_is_current(session: Path) -> bool:
-    """Whether a session folder has a calibration with poses, made from the shots that it has now."""
+    """Return whether a session folder has a calibration with poses, made from the shots that it has now."""
     if not all((session / name).is_file() for name in ("calibration/calibration.json", "shots.jsonl")):
         return False
     record = read_calibration(session)

@@ -63,7 +63,7 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def is_held(folder: Path) -> bool:
-    """Whether a process is at work in a folder, as `held` shows it; no where that cannot be seen."""
+    """Return whether a process is at work in a folder, as `held` shows it; no where that cannot be seen."""
     try:
         import fcntl
 

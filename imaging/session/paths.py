@@ -6,7 +6,7 @@ from imaging.errors import InputError
 
 
 def has_shots(session: Path) -> bool:
-    """Whether a session holds anything worth keeping: one whole shot or more."""
+    """Return whether a session holds anything worth keeping: one whole shot or more."""
     shots = session / "shots.jsonl"
     return shots.is_file() and shots.stat().st_size > 0
 
@@ -39,7 +39,7 @@ def find_reconstruction(path: Path) -> Path:
 
 
 def without_scene(path: Path) -> bool:
-    """Whether a path is a session's folder that holds no finished reconstruction yet."""
+    """Return whether a path is a session's folder that holds no finished reconstruction yet."""
     finished = any(path.glob("reconstructions/[!.]*/model.json"))
     return (path / "session.json").is_file() and not finished
 

@@ -84,7 +84,7 @@ class Session:
         return names
 
     def split(self) -> SplitRecord | None:
-        """What the data set trains and tests on; None: it does not say."""
+        """Return what the data set trains and tests on; None: it does not say."""
         path = self.folder / SPLIT
         return parse(SplitRecord, store.read_json(path), path) if path.exists() else None
 
@@ -97,7 +97,7 @@ class Session:
         store.append_line(self.folder / "shots.jsonl", shot.model_dump(mode="json", exclude_none=True))
 
     def file(self, shot: ShotRecord) -> Path:
-        """Where a shot's file is; InputError if the record leads out of the session."""
+        """Return where a shot's file is; InputError if the record leads out of the session."""
         return store.inside(self.folder, shot.file)
 
     def mask(self, shot: ShotRecord) -> Path | None:
@@ -105,7 +105,7 @@ class Session:
         return None if shot.mask is None else store.inside(self.folder, shot.mask)
 
     def depth(self, shot: ShotRecord) -> Path | None:
-        """Where a shot's depth map is; None: it has none. Errors as `mask`."""
+        """Return where a shot's depth map is; None: it has none. Errors as `mask`."""
         return None if shot.depth is None else store.inside(self.folder, shot.depth)
 
     def camera(self, name: str) -> CameraRecord:

@@ -198,7 +198,7 @@ class Dataset:
         return self.world.from_world(xyz), tracks
 
     def trained_at(self, k: float) -> bool:
-        """Whether an exposure scale is one that training saw, to a sixth of a stop."""
+        """Return whether an exposure scale is one that training saw, to a sixth of a stop."""
         return any(abs(math.log2(k / shot.k)) < 1 / 6 for view in self.train for shot in view.shots)
 
     @cached_property

@@ -17,7 +17,7 @@ FEWEST_FOR_HOLDOUT = 4
 
 
 def held_out(views: Iterable[ViewId], every: int = EVERY) -> set[ViewId]:
-    """Which of the views are held out: one in `every`, spread over the rig.
+    """Return which of the views are held out: one in `every`, spread over the rig.
 
     The views are cut, in order of frame and camera, into as many equal runs as views are held out.
     Of each run the one is taken whose camera was taken least often so far, of these the one nearest

@@ -91,7 +91,7 @@ class DepthFit:
         return self.looks >= FEWEST_LOOKS and self.scatter <= MOST_SCATTER
 
     def told(self) -> str:
-        """What was found, to stand in a sentence."""
+        """Return what was found, to stand in a sentence."""
         maps = f"{self.views} training view{'' if self.views == 1 else 's'} with a depth map"
         if self.looks < FEWEST_LOOKS:
             return (

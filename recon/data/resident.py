@@ -28,7 +28,7 @@ def decoded_bytes(view: View) -> int:
 
 
 def too_large(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
-    """Whether the shots of a data set are left on the disk.
+    """Return whether the shots of a data set are left on the disk.
 
     firsts: a view of each camera; counts: of its views, and of those to train on.
     """

@@ -21,12 +21,12 @@ Array = npt.NDArray[np.float64]
 
 
 def has_truth(session: Path) -> bool:
-    """Whether the session is a simulated one, with its truth beside it."""
+    """Return whether the session is a simulated one, with its truth beside it."""
     return (session / "truth" / "truth.json").is_file()
 
 
 def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> npt.NDArray[np.float32]:
-    """What a view should show, linear Rec.709 [H, W, 3], or [H, W, bands]; averaged over areas to the
+    """Return what a view should show, linear Rec.709 [H, W, 3], or [H, W, bands]; averaged over areas to the
     view's size.
 
     As `recon.data.pixels` makes the view of its files: of RAW the last rows and columns that complete no
@@ -50,7 +50,7 @@ def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> npt.
 
 
 def calibration_errors(session: Path, calibration: CalibrationRecord) -> dict[str, float]:
-    """How far a calibration is from the truth; only what can be said is in the result.
+    """Return how far a calibration is from the truth; only what can be said is in the result.
 
     pose_rotation_deg and pose_translation_relative (median over views, and `_max`), exposure_ratio_error
     (median over shots, relative, and `_max`), gain_error and read_noise_error (largest, relative).

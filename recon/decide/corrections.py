@@ -47,7 +47,7 @@ def refinement_for(
     ranks: Ranks,
     progress: Progress,
 ) -> Refinement:
-    """What a training with these settings corrects: as asked, else by evidence; the same on all ranks.
+    """Return what a training with these settings corrects: as asked, else by evidence; the same on all ranks.
 
     images: radiance images of the training views. against_trials: why none is made; None: they are.
     """
@@ -170,7 +170,7 @@ def pose_error_px(dataset: Dataset) -> float | None:
 
 
 def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View]) -> float | None:
-    """How sure the ratios of exposures are; None where no overlaps measured them."""
+    """Return how sure the ratios of exposures are; None where no overlaps measured them."""
     rungs = {rung.name: rung for rung in calibration.rungs}
     ratios, per_shot = rungs.get("exposure_ratios"), rungs.get("exposure_per_shot")
     labels = rungs.get("exposure_labels")
@@ -189,7 +189,7 @@ def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View
 
 
 def _curve_error(response: Response, judged: bool) -> float | None:
-    """How far exposures taken from a curve may be off, natural log; None: it was not measured.
+    """Return how far exposures taken from a curve may be off, natural log; None: it was not measured.
 
     The curve's own error where its exposures were judged apart from their labels; elsewhere what its
     exposures disagree by, most of which is noise.

@@ -54,7 +54,7 @@ class Countdown:
             self.reserve += page
 
     def start_over(self) -> Callable[[], bool]:
-        """Whether the share of the time that depths of views may take is used up."""
+        """Return whether the share of the time that depths of views may take is used up."""
         end = self.clock() + MOST_OF_START * max(self.left(), 0.0)
         return lambda: self.clock() >= end
 

@@ -111,7 +111,7 @@ class Decisions:
         return replace(self, settings=self.settings.model_copy(update=changed))
 
     def of_trials(self, case: Case) -> Settings:
-        """What was asked for, with what trials train with as it was decided."""
+        """Return what was asked for, with what trials train with as it was decided."""
         decided = {name: getattr(self.settings, name) for name in ("environment", "depth")}
         return case.asked.model_copy(update=decided)
 

@@ -120,7 +120,7 @@ class Work:
         return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
 
     def told(self, cores: int, at_most: bool = False) -> str | None:
-        """How long it takes in all on so many cores; None: not worth a word.
+        """Return how long it takes in all on so many cores; None: not worth a word.
 
         at_most: whether the training may end before its last iteration.
         """
@@ -146,7 +146,7 @@ def how_long(
     overrides: Overrides,
     early_stop: bool,
 ) -> str | None:
-    """What a reconstruction takes that begins now, in words; None: it is short, or a time was given.
+    """Return what a reconstruction takes that begins now, in words; None: it is short, or a time was given.
 
     On GPUs, and where light is that of bands, nothing was measured and nothing is said. Arguments as
     `recon.data.load.load` and `recon.reconstruct.reconstruct` have them.

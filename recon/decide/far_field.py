@@ -49,7 +49,7 @@ def environment_for(
     ranks: Ranks,
     progress: Progress,
 ) -> tuple[bool, Rung]:
-    """Whether there is an environment, and why: as asked, else by a trial where geometry suggests one.
+    """Return whether there is an environment, and why: as asked, else by a trial where geometry suggests one.
 
     images: radiance images of the training views. The same on all ranks.
     """
@@ -158,7 +158,7 @@ def _log(rgb: Float) -> Array:
 
 
 def _at(view: View, log: Array, directions: Array) -> Array:
-    """What a view sees in far directions [D, 3]; NaN where it sees nothing."""
+    """Return what a view sees in far directions [D, 3]; NaN where it sees nothing."""
     pixels, depth = project_camera(view.lens, directions @ view.lens.cam_from_world[:3, :3].T)
     shown = inside(view.lens, pixels, depth)
     found = np.full(len(directions), np.nan)

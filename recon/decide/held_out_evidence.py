@@ -29,7 +29,7 @@ ROUGHLY = 2 / 255
 
 
 def robust_score_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
-    """How small the residuals of the half that is judged are, dB; more is better.
+    """Return how small the residuals of the half that is judged are, dB; more is better.
 
     unsure: which of the view's own pose and exposures are fitted first. Residuals are in standard deviations
     of the noise, r: of RAW in those of the sensor where they are known, others, code values or light through
@@ -91,7 +91,7 @@ def _fitted(
 
 
 def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tensor:
-    """What the view's camera sees where it is corrected to be, behind its corrected vignetting."""
+    """Return what the view's camera sees where it is corrected to be, behind its corrected vignetting."""
     scene = {name: value.detach() for name, value in training.gaussians.parameters.items()}
     degree = training.method.degree(1.0)
     image = training.renderer()(

@@ -34,7 +34,7 @@ AS_TOLD = 0.05
 
 
 def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit | None:
-    """How the depth maps of the training views agree with the scene points; None: there are no maps.
+    """Return how the depth maps of the training views agree with the scene points; None: there are no maps.
 
     Where poses came without points, with those that a sweep of the images finds; a unit that is as it is said
     to be, as far as these can tell, is believed.

@@ -51,12 +51,12 @@ class Need:
         return self.process + self.images + self.gaussians
 
     def too_large(self, free: int) -> bool:
-        """Whether images that are held in memory leave too little of the `free` bytes for the rest."""
+        """Return whether images that are held in memory leave too little of the `free` bytes for the rest."""
         more = self.images - self.held + self.gaussians + KERNELS + LOOKS
         return self.images > MOST_IMAGES * free or more > free
 
     def worth_saying(self, free: int) -> bool:
-        """Whether it takes more than a quarter of the `free` bytes."""
+        """Return whether it takes more than a quarter of the `free` bytes."""
         return 4 * (self.images + self.gaussians) > free
 
     def told(self) -> str:

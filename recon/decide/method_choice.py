@@ -109,7 +109,7 @@ def uncoloured(dataset: Dataset) -> list[str]:
 
 
 def _colours(dataset: Dataset) -> tuple[Rung, ...]:
-    """Whether RAW light becomes Rec.709."""
+    """Return whether RAW light becomes Rec.709."""
     raw = {view.camera for view in dataset.views if view.sensor.kind == "raw"}
     if not raw:
         return ()
@@ -121,7 +121,7 @@ def _colours(dataset: Dataset) -> tuple[Rung, ...]:
 
 
 def _grid(curves: Curves) -> Rung:
-    """How many nodes the tone curve has."""
+    """Return how many nodes the tone curve has."""
     used, count = len(curves.nodes), 3 * len(curves.responses)
     reason = f"all {used:,} nodes, since the curve was not measured and may bend anywhere"
     if curves.measured:

@@ -67,7 +67,7 @@ class Overrides(Record):
             ) from error
 
     def words(self) -> list[str]:
-        """What `of` was given."""
+        """Return what `of` was given."""
         overrides = self.model_dump(exclude_none=True)
         return [
             f"{key}={value if isinstance(value, str) else format(value, '.10g')}"

@@ -104,7 +104,7 @@ def predicted(
 
 
 def corrected(guess: Prediction, iterations: int) -> Prediction | None:
-    """What the miniature says of a training of another length; None if that is about as planned."""
+    """Return what the miniature says of a training of another length; None if that is about as planned."""
     if SLOWER * guess.iterations <= iterations <= FASTER * guess.iterations:
         return None
     return predicted(guess.tried_db, guess.tried, iterations)

@@ -34,7 +34,7 @@ class Quality:
     each: int = 0
 
     def iterations_of(self, views: int) -> int:
-        """How many for so many training views: each has to be looked at often enough."""
+        """Return how many for so many training views: each has to be looked at often enough."""
         return max(self.iterations, self.looks * views)
 
     def gaussians_of(self, views: int) -> int:

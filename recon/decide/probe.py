@@ -96,7 +96,7 @@ def has_time_for_trials(
     ranks: Ranks = _ALONE,
     clock: Callable[[], float] = time.monotonic,
 ) -> bool:
-    """Whether the whole schedule fits into `seconds` after the trials that tell what is to be trained.
+    """Return whether the whole schedule fits into `seconds` after the trials that tell what is to be trained.
 
     The same on all ranks; the result depends on the machine. Arguments as those of `probe`.
     """

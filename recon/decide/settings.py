@@ -80,7 +80,7 @@ class Settings(Record):
         return f"{self.max_width} px and {self.max_gaussians:,} Gaussians"
 
     def words(self) -> dict[str, str]:
-        """What a person asked for, by name."""
+        """Return what a person asked for, by name."""
         return {
             "method": self.method,
             "quality": self.quality,

@@ -243,7 +243,7 @@ class Ladder:
 
 
 def fewest(counts: list[int], means: list[float]) -> int:
-    """Where dB over the logarithm of the count, falling counts, come to `LOSS` below the best."""
+    """Return where dB over the logarithm of the count, falling counts, come to `LOSS` below the best."""
     line = max(means) - LOSS
     last = max(place for place, mean in enumerate(means) if mean >= line)
     if last == len(counts) - 1:

@@ -137,7 +137,7 @@ def _solved(sights: DarkSights, cameras: int) -> Array:
 
 
 def _residual(sights: DarkSights, shares: Array) -> Array:
-    """What is left between the sights of each point, [N]."""
+    """Return what is left between the sights of each point, [N]."""
     left = (sights.light - shares[sights.camera] * sights.halo)[:, None]
     return np.asarray((left - _mean(sights.point, left, np.ones(len(left))))[:, 0])
 

@@ -36,7 +36,7 @@ _CPU = torch.device("cpu")
 
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
-    """Why nothing is decided by trials, whatever time there is; None: it may be."""
+    """Return why nothing is decided by trials, whatever time there is; None: it may be."""
     decided_apart = dict.fromkeys(("refine", "environment", "depth"))
     if settings.overrides.model_copy(update=decided_apart) != Overrides():
         return "not tried, since settings were fixed by hand"

@@ -114,7 +114,7 @@ def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> npt.NDArray[np.in
 
 
 def gains(found: Looks) -> Gains | None:
-    """What each degree gains; None if fewer than 50 points are seen by 8 views or more.
+    """Return what each degree gains; None if fewer than 50 points are seen by 8 views or more.
 
     Points count by how little noise and a misplaced look would change them; errors are over points.
     """

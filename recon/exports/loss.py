@@ -64,7 +64,7 @@ class Loss:
 
 
 def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress) -> Loss:
-    """What `held`, the Gaussians of a file as it has them, lost of a scene.
+    """Return what `held`, the Gaussians of a file as it has them, lost of a scene.
 
     truth: the same Gaussians in the same order before the file's numbers held them; None of display values.
     """
@@ -105,7 +105,7 @@ def floor_of(scene: Scene) -> float:
 
 
 def stops_between(truth: npt.ArrayLike, found: npt.ArrayLike, floor: float) -> npt.NDArray[np.float64]:
-    """How far two lights are apart, those below `floor` counted as it."""
+    """Return how far two lights are apart, those below `floor` counted as it."""
     both = (np.maximum(np.asarray(light, np.float64), floor) for light in (truth, found))
     return np.asarray(np.abs(np.subtract(*(np.log2(light) for light in both))))
 
@@ -117,7 +117,7 @@ def chosen(views: Sequence[SceneView]) -> list[SceneView]:
 
 
 def _light(scene: Scene, view: SceneView) -> npt.NDArray[np.float32]:
-    """What a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
+    """Return what a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
     if scene.record.display is None:
         return in_colour(scene.render(view), scene.record.bands)
     return np.asarray(

@@ -69,7 +69,7 @@ class Curves:
 
 
 def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
-    """Whether photographs tell a curve apart from the light, that the calibration did not measure.
+    """Return whether photographs tell a curve apart from the light, that the calibration did not measure.
 
     Exposures that were found in photographs came through the assumed curve themselves.
     """
@@ -78,7 +78,7 @@ def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
 
 
 def developed(dataset: Dataset) -> bool:
-    """Whether photographs differ by more than their labels tell, in exposure or white balance."""
+    """Return whether photographs differ by more than their labels tell, in exposure or white balance."""
     return any(
         (view.exposure, *view.white_balance) != (1.0,) * 4
         for view in dataset.calibration.views

@@ -57,7 +57,7 @@ class Observation(ABC):
 
     @abstractmethod
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
-        """What a shot of exposure scale `k` through the filter of a band would hold, unclipped: like
+        """Return what a shot of exposure scale `k` through the filter of a band would hold, unclipped: like
         `Shot.pixels`.
         """
         ...
@@ -73,7 +73,7 @@ class Observation(ABC):
         ...
 
     def penalty(self, progress: float) -> Tensor | float:
-        """What the model itself adds to the loss; progress is 0..1."""
+        """Return what the model itself adds to the loss; progress is 0..1."""
         return 0.0
 
 

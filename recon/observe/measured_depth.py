@@ -30,7 +30,7 @@ class _Measured:
 
     @classmethod
     def of(cls, view: View) -> "_Measured":
-        """What was measured beside the photographs of a view."""
+        """Return what was measured beside the photographs of a view."""
         assert view.depth is not None
         depth = torch.from_numpy(view.depth.seen(view))
         known = depth > 0

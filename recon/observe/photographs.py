@@ -162,7 +162,7 @@ class ToneCurve(Observation):
         return self.smoothness * roughness(curve_values(self.theta), self.nodes)
 
     def moves(self, progress: float) -> bool:
-        """Whether the curves are trained at this share of the training, 0..1."""
+        """Return whether the curves are trained at this share of the training, 0..1."""
         return self.learned and progress >= self.fixed
 
     def curves(self) -> Tensor:

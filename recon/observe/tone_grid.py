@@ -76,7 +76,7 @@ def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> n
 
 
 def _straight(nodes: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], start: int, end: int) -> bool:
-    """Whether one line does from one node to another."""
+    """Return whether one line does from one node to another."""
     share = (nodes[start : end + 1] - nodes[start]) / (nodes[end] - nodes[start])
     line = rows[:, [start]] + share * (rows[:, [end]] - rows[:, [start]])
     return bool((np.abs(line - rows[:, start : end + 1]) <= EXACT).all())

@@ -68,7 +68,7 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
 
 
 def _axes(lines: Sequence[str], path: Path) -> Axes | None:
-    """What the comments say of the coordinates; None: nothing."""
+    """Return what the comments say of the coordinates; None: nothing."""
     up, metres = None, 1.0
     for number, line in enumerate(lines, 1):
         told = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)

@@ -56,7 +56,7 @@ class DataLayers:
         return np.asarray(depth * np.float32(self.scene.record.world.unit))
 
     def alpha(self, camera: SplatCamera) -> Plane:
-        """How much of each pixel's light comes from the Gaussians, 0..1, [H, W]."""
+        """Return how much of each pixel's light comes from the Gaussians, 0..1, [H, W]."""
         return np.asarray(self.scene.covered(self._placed(camera)).numpy())
 
     def normal(self, camera: SplatCamera) -> Plane:

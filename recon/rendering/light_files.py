@@ -82,7 +82,7 @@ def write_light(
 
 
 def _header(record: ModelRecord, name: str) -> dict[str, str | float]:
-    """What the header of an EXR says of its values."""
+    """Return what the header of an EXR says of its values."""
     absolute = {} if record.luminance is None else white_luminance(*record.luminance)
     return {
         **absolute,

@@ -130,7 +130,7 @@ def axes_of(stage: Any) -> Axes:
 
 
 def placement_in(stage: Any, path: Path) -> Placement | None:
-    """Where a stage, exported again or not, has the world of a calibration; None: it does not tell.
+    """Return where a stage, exported again or not, has the world of a calibration; None: it does not tell.
 
     InputError where it is stretched, or there several times at different places.
     """

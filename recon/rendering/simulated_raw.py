@@ -103,6 +103,6 @@ class RawCamera:
 
 
 def _neutral(matrix: npt.NDArray[np.float64]) -> tuple[float, ...]:
-    """What each channel sees of white, largest 1."""
+    """Return what each channel sees of white, largest 1."""
     white = matrix.sum(axis=1)
     return tuple((white / white.max()).tolist())

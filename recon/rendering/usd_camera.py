@@ -65,7 +65,7 @@ def _names(prim: Any) -> tuple[str, ...]:
 
 
 def _exported(prim: Any) -> bool:
-    """Whether `rig export` wrote it, as the stage has it or as a program exported it again."""
+    """Return whether `rig export` wrote it, as the stage has it or as a program exported it again."""
     return prim.HasAttribute(SIZE) or "/World/Cameras/" in str(prim.GetPath())
 
 

@@ -31,7 +31,7 @@ DC_RATE, REST_RATE = Rate(0.15, 0.015), Rate(0.03, 0.003)
 
 
 def steps_after(iterations: int) -> int:
-    """How long to fit colours after a training: short ones are not outlasted by it."""
+    """Return how long to fit colours after a training: short ones are not outlasted by it."""
     return min(MOST_STEPS, iterations // 3)
 
 

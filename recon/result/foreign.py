@@ -42,7 +42,7 @@ _AWAY = 3.0
 
 
 def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
-    """What a scene of a file is: its record, its Gaussians and how they are drawn.
+    """Return what a scene of a file is: its record, its Gaussians and how they are drawn.
 
     Gaussians with values that are not finite are left out. InputError for a file that is none of these, is
     damaged, or holds no Gaussian that can be drawn.

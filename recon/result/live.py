@@ -38,7 +38,7 @@ class Snapshots:
     _first: bool = field(default=True, init=False)
 
     def wanted(self) -> bool:
-        """Whether somebody asked for one, and it is time for it."""
+        """Return whether somebody asked for one, and it is time for it."""
         now = self.clock()
         if now < self._next:
             return False

@@ -41,7 +41,7 @@ def place_for(
 
 
 def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings) -> str:
-    """How a training differs from what is wanted, in words."""
+    """Return how a training differs from what is wanted, in words."""
     if checkpoint is None:
         return "without the checkpoint that would tell its settings"
     there, asked = parse(Settings, checkpoint.facts["asked"], path).words(), wanted.words()

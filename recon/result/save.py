@@ -76,7 +76,7 @@ def record_of(
     degree: int,
     display_db: float | None,
 ) -> ModelRecord:
-    """What is to be said of a training as it is now, drawn with harmonics of this degree."""
+    """Return what is to be said of a training as it is now, drawn with harmonics of this degree."""
     light, refinement, schedule = training.light, training.refinement, training.schedule
     assert schedule is not None
     why = () if refinement is None else refinement.described_rungs()
@@ -125,7 +125,7 @@ def _gauge(dataset: Dataset) -> str:
 
 
 def _luminance(dataset: Dataset, training: Training) -> tuple[float, float] | None:
-    """What the light of the scene is in cd/m2, if its unit is that of a calibration that knows."""
+    """Return what the light of the scene is in cd/m2, if its unit is that of a calibration that knows."""
     if dataset.bands:  # it is of Rec.709 alone
         return None
     scale, observation = dataset.calibration.luminance, training.method.observation
@@ -183,7 +183,7 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
 
 
 def _early_stop(training: Training, settings: Settings, views: int) -> tuple[Rung, ...]:
-    """Whether the training was made shorter, before it or on the way; nothing where nobody looked."""
+    """Return whether the training was made shorter, before it or on the way; nothing where nobody looked."""
     if not settings.early_stop:
         return ()
     cut, turns = training.ending == "early stop", training.schedule.turns if training.schedule else ()

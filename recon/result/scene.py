@@ -112,7 +112,7 @@ class Scene:
 
     @checked
     def drawn(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera sees, in scene units, without gradient: float32 [H, W, channels].
+        """Return what a camera sees, in scene units, without gradient: float32 [H, W, channels].
 
         Its pose is in scene coordinates, as those of `Dataset.views`.
         """
@@ -148,7 +148,7 @@ class Scene:
         return Image.fromarray(self._shown(self.layer(camera), exposure))
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the middle view in three exposures, and what the scene is."""
+        """Return what a notebook shows: the middle view in three exposures, and what the scene is."""
         middle = self.views[len(self.views) // 2]
         camera = middle.splat_camera
         if camera.width > SHOWN_WIDTH:
@@ -189,7 +189,7 @@ class Scene:
 
     @checked
     def layer(self, camera: SplatCamera) -> Layer:
-        """What a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
+        """Return what a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
 
         The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
         it. Alpha is None of a scene whose photographs had none (`ModelRecord.transparent`).
@@ -198,7 +198,7 @@ class Scene:
         return light, covered if self.record.transparent else None
 
     def covered_layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """What `layer` has, and how much of each pixel is of Gaussians, 0..1 [H, W], of any scene."""
+        """Return what `layer` has, and how much of each pixel is of Gaussians, 0..1 [H, W], of any scene."""
         render = self._rendered(self.record.world.camera(camera))
         return self.in_units(render.image), render.alpha.clamp(0, 1).numpy()
 
@@ -242,7 +242,7 @@ class Opened:
         return self.scene.record
 
     def render(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
+        """Return what a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
         return self.scene.drawn(camera)
 
     def radiance(self, view: View) -> npt.NDArray[np.float32]:

@@ -28,7 +28,7 @@ BLENDED = "fitted so that pictures, clipped at 1, look right; colours of single 
 
 
 def offset_of(dataset: Dataset) -> Vector:
-    """What the coordinates in the files leave out of those of the world."""
+    """Return what the coordinates in the files leave out of those of the world."""
     return dataset.world.offset(max(max(view.lens.fx, view.lens.fy) for view in dataset.views))
 
 
@@ -62,14 +62,14 @@ class _FalseColour:
 
 
 def shown_in_colour(appearance: Appearance, bands: Sequence[Band]) -> Appearance:
-    """What gives Gaussians the colours that the eye is shown: itself, or of bands false ones."""
+    """Return what gives Gaussians the colours that the eye is shown: itself, or of bands false ones."""
     if not bands:
         return appearance
     return _FalseColour(appearance, torch.from_numpy(false_colour(bands).astype(np.float32)))
 
 
 def what_is_shown(bands: Sequence[Band]) -> str:
-    """What the colours of `shown_in_colour` are, in words."""
+    """Return what the colours of `shown_in_colour` are, in words."""
     if not bands:
         return "linear Rec.709 radiance"
     return f"false colours of the bands {', '.join(band.name for band in bands)}"

@@ -46,11 +46,11 @@ class Appearance(Protocol):
         ...
 
     def luminance(self, parameters: Parameters) -> Tensor:
-        """How bright each Gaussian is at most, roughly, without gradient: [N]."""
+        """Return how bright each Gaussian is at most, roughly, without gradient: [N]."""
         ...
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """What the appearance itself adds to the loss: a scalar."""
+        """Return what the appearance itself adds to the loss: a scalar."""
         ...
 
 

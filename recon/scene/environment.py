@@ -40,11 +40,11 @@ class Environment:
 
     @classmethod
     def stored(cls, tensors: dict[str, Tensor]) -> "Environment | None":
-        """What `tensors` were of an environment; None: there was none."""
+        """Return what `tensors` were of an environment; None: there was none."""
         return cls(tensors["ln_light"], tensors["axes"].numpy()) if tensors else None
 
     def tensors(self) -> dict[str, Tensor]:
-        """What a checkpoint holds of it."""
+        """Return what a checkpoint holds of it."""
         return {"ln_light": self.ln_light, "axes": torch.from_numpy(self.axes)}
 
     def to(self, device: torch.device) -> None:
@@ -60,7 +60,7 @@ class Environment:
         return image + (1 - alpha)[..., None] * self.seen(camera)
 
     def seen(self, camera: SplatCamera) -> Tensor:
-        """What a camera in scene coordinates would see of it alone, [H, W, 3]."""
+        """Return what a camera in scene coordinates would see of it alone, [H, W, 3]."""
         turn = torch.from_numpy(self.axes @ camera.cam_from_world[:3, :3].T)
         turn = turn.to(self.ln_light, non_blocking=True)
         lens = camera.lens, camera.width, camera.height, camera.fisheye

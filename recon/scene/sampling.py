@@ -69,7 +69,7 @@ class Sampling:
 
 
 def _plain(tensor: Tensor) -> bool:
-    """Whether Numba may read it."""
+    """Return whether Numba may read it."""
     return tensor.device.type == "cpu" and tensor.dtype == torch.float32
 
 

@@ -79,7 +79,7 @@ def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int6
 
 
 def within_reach(views: Sequence[View], points: Array) -> Bool:
-    """Which of points [P, 3] lie within `BEYOND` extents of the views' cameras, bool [P]."""
+    """Return which of points [P, 3] lie within `BEYOND` extents of the views' cameras, bool [P]."""
     centres = np.array([view.centre for view in views])
     middle = centres.mean(0)
     extent = float(np.linalg.norm(centres - middle, axis=1).max())
@@ -109,7 +109,7 @@ def _axes(views: Sequence[View]) -> Array:
 
 
 def _looks(view: View, rgb: Float, directions: Array) -> tuple[npt.NDArray[np.int64], Float]:
-    """Which of far directions [D, 3] a view shows, and their light [M, 3]."""
+    """Return which of far directions [D, 3] a view shows, and their light [M, 3]."""
     lens, turn = view.lens, view.lens.cam_from_world[:3, :3]
     border = rays(lens, [[0, 0], [lens.width, 0], [0, lens.height], [lens.width, lens.height]])
     widest = float((border[:, 2] / np.linalg.norm(border, axis=1)).min())

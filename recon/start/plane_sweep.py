@@ -265,7 +265,7 @@ def _confirmed(
     views: tuple[View, ...],
     swept: Collection[int],
 ) -> Bool:
-    """Where at least one other view puts a surface at the same place."""
+    """Return where at least one other view puts a surface at the same place."""
     place = lift(views[index].lens, centres, depths[index])
     confirmed = np.zeros(depths[index].shape, bool)
     for other in _neighbours(index, views, swept):

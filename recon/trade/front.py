@@ -16,5 +16,5 @@ def front(points: Sequence[T], cost: Callable[[T], float], gain: Callable[[T], f
 
 
 def behind(points: Sequence[T], cost: Callable[[T], float], gain: Callable[[T], float], point: T) -> float:
-    """How much less a point gains than the best of those that cost no more; 0 on the front."""
+    """Return how much less a point gains than the best of those that cost no more; 0 on the front."""
     return max(gain(other) for other in points if cost(other) <= cost(point)) - gain(point)

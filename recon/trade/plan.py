@@ -49,7 +49,7 @@ class Session:
         return self.effective(point.choice).model_copy(update=_decided(point))
 
     def work(self, choice: Choice) -> float:
-        """What a training costs, in units that only compare trainings of this session."""
+        """Return what a training costs, in units that only compare trainings of this session."""
         all_of_it = self.effective(choice)
         iterations, gaussians, width = (
             all_of_it.iterations or 0,
@@ -113,7 +113,7 @@ def planned(session: Session, trained: Point | None) -> list[Choice]:
 
 
 def _decided(point: Point) -> dict[str, Any]:
-    """What the scene decided of a training, as it would be set."""
+    """Return what the scene decided of a training, as it would be set."""
     return {"gaussians": point.gaussians, "degree": point.degree, "refine": point.refine}
 
 

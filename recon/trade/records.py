@@ -36,7 +36,7 @@ class Choice(Record):
     overrides: Overrides = Overrides()
 
     def command(self, session: str, method: str, seed: int) -> str:
-        """What trains just this, to the byte."""
+        """Return what trains just this, to the byte."""
         sets = "".join(f" --set {word}" for word in self.overrides.words())
         return (
             f"rig reconstruct {shlex.quote(session)} --method {method} --quality {self.quality} "
@@ -115,7 +115,7 @@ def code_hash() -> str:
 
 
 def key_of(choice: Choice, trade: Trade) -> str:
-    """What a point is known by: its settings, the calibration and the code; 16 hex digits."""
+    """Return what a point is known by: its settings, the calibration and the code; 16 hex digits."""
     parts = [
         [choice.quality, vars(presets.QUALITIES[choice.quality]), presets.START_SHARE],
         choice.overrides.model_dump(mode="json"),

@@ -84,7 +84,7 @@ class _Run:
     left: int = 0
 
     def choices(self) -> Iterator[Choice]:
-        """What to train next, as long as there is time: the plan, then what lies near the front.
+        """Yield what to train next, as long as there is time: the plan, then what lies near the front.
 
         The first has to be done before the second is asked for: it tells the size of the others.
         """

@@ -62,7 +62,7 @@ class Density:
         progress: float,
         generator: torch.Generator,
     ) -> "Change":
-        """Which Gaussians go, and which new ones come: decided, not yet done.
+        """Return which Gaussians go, and which new ones come: decided, not yet done.
 
         luminance [N] in scene units; stats of the iterations since the last time. The split ones are
         replaced by two, drawn from the Gaussian itself along its axes, smaller by `shrink`, each of the
@@ -85,7 +85,7 @@ class Density:
         return Change(keep, new)
 
     def _planned(self, progress: float, now: int) -> int:
-        """How many Gaussians there may be at this moment: a straight line to the cap."""
+        """Return how many Gaussians there may be at this moment: a straight line to the cap."""
         span = max(self.rules.end - self.rules.begin, 1e-9)
         adaptations = max(self.rules.end - progress, 0.0) / max(self.rules.every, 1e-9)
         step = (self.rules.cap - now) / max(adaptations, 1.0) if span > 0 else 0.0

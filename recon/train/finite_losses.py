@@ -47,7 +47,7 @@ class FiniteLosses:
         )
 
     def _spoilt(self) -> str | None:
-        """What views share, Gaussians aside, that is not finite; None: all is.
+        """Return what views share, Gaussians aside, that is not finite; None: all is.
 
         On a GPU steps were taken since, so that a view may have spoilt it itself: nothing is said there.
         """

@@ -23,7 +23,7 @@ class Shown(Protocol):
     """Whoever looks at a training while it goes on."""
 
     def wanted(self) -> bool:
-        """Whether somebody wants to see it now."""
+        """Return whether somebody wants to see it now."""
         ...
 
     def write(self) -> None:
@@ -132,12 +132,12 @@ class Monitor:
         self.progress(self._state(loss), round(place), self.schedule.planned)
 
     def _wish(self) -> int:
-        """What the first of the steers that wants a change wants; 0: none does."""
+        """Return what the first of the steers that wants a change wants; 0: none does."""
         wishes = (steer(self.training) for steer in self.steers)
         return next((wish for wish in wishes if wish is not None), 0)
 
     def _state(self, loss: float) -> str:
-        """How it goes, in few words; a narrow terminal cuts off the last ones."""
+        """Return how it goes, in few words; a narrow terminal cuts off the last ones."""
         training, held_out = self.training, ""
         speed = training.iteration / max(training.seconds, 1e-9)
         if training.curve:

@@ -62,7 +62,7 @@ class Ranks:
 
 
 def _device() -> str:
-    """Where collectives want their tensors."""
+    """Return where collectives want their tensors."""
     return "cuda" if distributed.get_backend() == "nccl" else "cpu"
 
 

@@ -40,7 +40,7 @@ class Schedule:
         return self.turns[-1][0]
 
     def position(self, iteration: int) -> float:
-        """Where the training is when `iteration` iterations are done, 0..planned."""
+        """Return where the training is when `iteration` iterations are done, 0..planned."""
         index = max(i for i, (since, _) in enumerate(self.turns[:-1]) if since <= max(iteration, 0))
         (since, start), (until, end) = self.turns[index : index + 2]
         if iteration >= until:

@@ -38,7 +38,7 @@ class _Alpha:
 
     @classmethod
     def of(cls, view: View) -> "_Alpha":
-        """What the photographs of a view tell of it."""
+        """Return what the photographs of a view tell of it."""
         return cls(torch.from_numpy(view.alpha), torch.tensor(view.seen))
 
 
@@ -192,7 +192,7 @@ def _set_rates(optimizer: Adam, plan: Plan, done: float) -> None:
 
 
 def _views(iteration: int, views: Sequence[View], plan: Plan, ranks: Ranks) -> list[View]:
-    """Which views this rank looks at: every epoch shows each view once, in an order of its own."""
+    """Return which views this rank looks at: every epoch shows each view once, in an order of its own."""
     chosen = []
     for turn in range(ranks.number, plan.batch, ranks.count):
         epoch, place = divmod(iteration * plan.batch + turn, len(views))

@@ -104,7 +104,7 @@ class Training:
         return cls(method, light, gaussians, optimizer, stats, refinement, environment)
 
     def renderer(self) -> Renderer:
-        """How its Gaussians are drawn."""
+        """Return how its Gaussians are drawn."""
         return Renderer(self.method.appearance, limits_for(self.light.reference), self.environment)
 
     def held_out_psnr(self, views: Sequence[View], progress: float, ranks: Ranks) -> float:

@@ -39,7 +39,7 @@ class PlannedScene(_Table):
     export: tuple[Annotated[str, Field(pattern=r"^[^/\\]+\.[^/\\]+$")], ...] = ()
 
     def words(self) -> list[str]:
-        """What `rig reconstruct` is given beside the session."""
+        """Return what `rig reconstruct` is given beside the session."""
         words = ["--method", self.method, "--quality", self.quality, "--seed", str(self.seed)]
         words += ["--early-stop"] if self.early_stop else []
         words += [] if self.budget is None else ["--budget", self.budget]

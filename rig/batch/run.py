@@ -167,7 +167,7 @@ class _Run:
         return len(self.plan.sessions) * len(self.plan.scenes)
 
     def result(self) -> BatchResult:
-        """What is done so far."""
+        """Return what is done so far."""
         order = [(session, number) for session in self.plan.sessions for number in range(self.total)]
         rows = tuple(self.rows[key] for key in order if key in self.rows)
         return BatchResult(plan=self.plan.path, rows=rows)
@@ -198,12 +198,12 @@ def carry_out(
 
 
 def record_path(plan: Path) -> Path:
-    """Where the outcome of a plan is kept."""
+    """Return where the outcome of a plan is kept."""
     return plan.with_suffix(".batch.json")
 
 
 def told(row: BatchRow) -> str:
-    """How good a scene became, in a few words."""
+    """Return how good a scene became, in a few words."""
     words = [] if row.db is None else [f"held-out {row.quality}"]
     words += ["already there"] if row.already_there else [f"{row.seconds:.0f} s"]
     words += [f"{row.attempts} attempts"] if row.attempts > 1 else []

@@ -123,7 +123,7 @@ class SilentStatusLine:
 
 
 def is_main_process() -> bool:
-    """Whether this process prints and writes: of several that torchrun started, the first does."""
+    """Return whether this process prints and writes: of several that torchrun started, the first does."""
     return os.environ.get("RANK", "0") == "0"
 
 

@@ -43,7 +43,7 @@ class CommandResult:
 
 
 def missing_parts(require_complete: Callable[[], None]) -> str | None:
-    """What a stage's result says is missing, or None; `require_complete` raises PartialError if so."""
+    """Return what a stage's result says is missing, or None; `require_complete` raises PartialError if so."""
     try:
         require_complete()
     except PartialError as error:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def debugging() -> bool:
-    """Whether RIG_DEBUG asks for everything that is otherwise kept back."""
+    """Return whether RIG_DEBUG asks for everything that is otherwise kept back."""
     return os.environ.get("RIG_DEBUG", "") not in ("", "0")
 
 

@@ -29,7 +29,7 @@ def detect(folder: Path) -> LayoutName:
 
 
 def read_layout(folder: Path, name: LayoutName) -> Given | None:
-    """What the layout tells; None for plain photographs.
+    """Return what the layout tells; None for plain photographs.
 
     InputError that names the file and the place in it when it is damaged, contradicts itself or leads
     out of `folder`.

@@ -44,7 +44,7 @@ _PER_BYTE = 4
 
 
 def model_folder(folder: Path) -> Path | None:
-    """Where the sparse model of a project lies; None if the folder has none.
+    """Return where the sparse model of a project lies; None if the folder has none.
 
     Where COLMAP, nerfstudio and 3DGS put it, else in the first folder of a project that holds one.
     """
@@ -59,7 +59,7 @@ def model_folder(folder: Path) -> Path | None:
 
 
 def usual_model_folder(folder: Path) -> Path | None:
-    """Where the model lies if it is where COLMAP writes it, `sparse/0` or `sparse`."""
+    """Return where the model lies if it is where COLMAP writes it, `sparse/0` or `sparse`."""
     return next((p for p in (folder / "sparse" / "0", folder / "sparse") if _is_model(p)), None)
 
 
@@ -254,7 +254,7 @@ def _nearest(camera: Any, place: Path) -> Lens | None:
 
 
 def pose_of_image(image: Any, place: Path) -> Pose:
-    """Where an image of a COLMAP model was taken from."""
+    """Return where an image of a COLMAP model was taken from."""
     motion = np.eye(4)
     motion[:3] = np.asarray(image.cam_from_world().matrix())
     return pose_of(motion, f"{image.name} in {place}")

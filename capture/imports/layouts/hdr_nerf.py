@@ -42,7 +42,7 @@ _NAME = re.compile(r"(.+)_(\d{1,3})")
 
 
 def is_one(folder: Path) -> bool:
-    """Whether a folder is in one of the three forms."""
+    """Return whether a folder is in one of the three forms."""
     return _is_rendered(folder) or (folder / ARRAY).is_file() or _is_handed_on(folder)
 
 
@@ -112,7 +112,7 @@ def _rendered(folder: Path) -> Given:
 
 
 def _use(tested: bool, step: int) -> Literal["train", "test"] | None:
-    """What the exposure of that index is for."""
+    """Return what the exposure of that index is for."""
     if tested:
         return "test"
     return "train" if step % 2 == 0 else None

@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 
 def is_one(folder: Path) -> bool:
-    """Whether a folder has images and rows of poses."""
+    """Return whether a folder has images and rows of poses."""
     return (folder / ARRAY).is_file() and (folder / "images").is_dir()
 
 

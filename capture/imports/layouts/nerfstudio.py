@@ -155,7 +155,7 @@ class PosedFrame:
         return _NEAREST[key]
 
     def exposure(self) -> Exposure | None:
-        """What `exposure_time`, in seconds, says; no other key has an agreed meaning."""
+        """Return what `exposure_time`, in seconds, says; no other key has an agreed meaning."""
         time = self.number("exposure_time")
         if time is not None and not 0 < time < 1e6:
             raise InputError(f"{self.where} has an exposure_time of {time:g} s: correct it.")
@@ -163,7 +163,7 @@ class PosedFrame:
 
 
 def is_one(folder: Path) -> bool:
-    """Whether a folder holds one of the files."""
+    """Return whether a folder holds one of the files."""
     return any((folder / name).is_file() for name in FILES)
 
 

@@ -42,7 +42,7 @@ class _Image:
 
 
 def is_one(folder: Path) -> bool:
-    """Whether a folder has poses, and DNG files with a sidecar or with a clean mosaic."""
+    """Return whether a folder has poses, and DNG files with a sidecar or with a clean mosaic."""
     if colmap.model_folder(folder) is None and not llff.is_one(folder):
         return False
     if (folder / MERGED).is_file():
@@ -108,7 +108,7 @@ def _given(
 
 
 def _images(folder: Path) -> tuple[Path, list[_Image]]:
-    """What tells the poses, and the images that have one, by name as text."""
+    """Return what tells the poses, and the images that have one, by name as text."""
     place = colmap.model_folder(folder)
     if place is None:
         paths, poses, lens = llff.posed_images(folder)

@@ -235,7 +235,7 @@ def _reason(body: _Body, by: Identity | None) -> str:
 
 
 def _ways(keys: Sequence[_Key], by: Identity | None) -> str:
-    """What several cameras of one source differ in."""
+    """Return what several cameras of one source differ in."""
     source = keys[0].body.source
     bodies = list(dict.fromkeys(key.body for key in keys))
     numbers = [body.identity for body in bodies]

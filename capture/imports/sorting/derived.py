@@ -80,7 +80,7 @@ def _made(folder: Path, path: Path) -> bool:
 
 
 def _is_copy(small: Path, large: Path) -> bool:
-    """Whether a picture shows what a larger one does."""
+    """Return whether a picture shows what a larger one does."""
     if kind_of(small) != "ldr" or kind_of(large) != "ldr":
         return False
     try:

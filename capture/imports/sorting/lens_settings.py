@@ -38,7 +38,7 @@ class LensSetting:
         return bool(self.lens or self.focal or self.equivalent)
 
     def agrees(self, other: "LensSetting") -> bool:
-        """Whether both are one setting; what one of them does not say is no difference."""
+        """Return whether both are one setting; what one of them does not say is no difference."""
         if self.lens and other.lens and self.lens != other.lens:
             return False
         if self.focal and other.focal and abs(self.focal / other.focal - 1) > SAME_FOCAL:
@@ -53,7 +53,7 @@ UNKNOWN = LensSetting()
 
 
 def setting_of(metadata: FrameMetadata) -> LensSetting:
-    """What a file says of its lens."""
+    """Return what a file says of its lens."""
     focal = metadata.focal_length_mm
     zoomed = None if focal is None else focal * max(metadata.digital_zoom or 1.0, 1.0)
     return LensSetting(metadata.lens.strip(), zoomed, metadata.focal_length_35mm)

@@ -38,7 +38,7 @@ def without_strays(originals: Sequence[Original]) -> tuple[tuple[Original, ...],
 
 
 def _tells(photo: Original) -> bool:
-    """Whether a file says anything of a camera."""
+    """Return whether a file says anything of a camera."""
     assert photo.picture is not None
     said = photo.picture.metadata
     return bool(said.make or said.model or said.exposure or said.focal_length_mm)

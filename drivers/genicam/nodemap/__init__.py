@@ -72,12 +72,12 @@ class NodeMap:
         return tuple(name for name in names if self._elements[name].tag != "Category")
 
     def available(self, name: str) -> bool:
-        """Whether the feature is described, implemented and there at the moment."""
+        """Return whether the feature is described, implemented and there at the moment."""
         with self._about(name):
             return name in self._elements and self._find(name).available()
 
     def writable(self, name: str) -> bool:
-        """Whether it is available and may be set at the moment."""
+        """Return whether it is available and may be set at the moment."""
         with self._about(name):
             return name in self._elements and "W" in self._find(name).access()
 
@@ -93,13 +93,13 @@ class NodeMap:
             return node.name() if isinstance(node, Enumeration) else str(node.get())
 
     def entries(self, name: str) -> tuple[str, ...]:
-        """What an Enumeration can be set to at the moment; () for other nodes and unknown ones."""
+        """Return what an Enumeration can be set to at the moment; () for other nodes and unknown ones."""
         with self._about(name):
             node = self._find(name) if name in self._elements else None
             return tuple(node.entries()) if isinstance(node, Enumeration) else ()
 
     def limits(self, name: str) -> Limits:
-        """Where a number may be at the moment."""
+        """Return where a number may be at the moment."""
         with self._about(name):
             return self._find(name).limits()
 
@@ -131,7 +131,7 @@ class NodeMap:
             self._command(name).execute()
 
     def done(self, name: str) -> bool:
-        """Whether a Command is finished."""
+        """Return whether a Command is finished."""
         with self._about(name):
             return self._command(name).done()
 

@@ -105,15 +105,15 @@ class Node:
         raise CameraRefused(f"a {self.element.tag} cannot be set")
 
     def limits(self) -> Limits:
-        """Where the value may be."""
+        """Return where the value may be."""
         return Limits(-UNLIMITED, UNLIMITED)
 
     def target_access(self) -> str:
-        """What the register or the node behind lets one do: RW, RO or WO."""
+        """Return what the register or the node behind lets one do: RW, RO or WO."""
         return "RW"
 
     def available(self) -> bool:
-        """Whether it is implemented and there at the moment, and so is the node that keeps its value.
+        """Return whether it is implemented and there at the moment, and so is the node that keeps its value.
 
         One whose answer to that is not there, such as in a chunk that does not come, is not there either.
         """
@@ -129,7 +129,7 @@ class Node:
         return None
 
     def access(self) -> str:
-        """What may be done at the moment: letters of R and W."""
+        """Return what may be done at the moment: letters of R and W."""
         if not self.available():
             return ""
         modes = {self.target_access(), self.element.first("ImposedAccessMode") or "RW"}
@@ -144,7 +144,7 @@ class Node:
         return None if name is None else self.around.find(name)
 
     def number(self, tag: str) -> Number | None:
-        """What <tag> says, or the value of the node that <pTag> names."""
+        """Return what <tag> says, or the value of the node that <pTag> names."""
         literal = self.element.first(tag)
         if literal is not None:
             return as_number(literal)

@@ -53,7 +53,7 @@ class Register(Node):
         return total
 
     def _place(self, child: Element) -> int:
-        """What an Address, pAddress or pIndex adds to the address, bytes."""
+        """Return what an Address, pAddress or pIndex adds to the address, bytes."""
         find = self.around.find
         if child.tag == "Address":
             return integral(as_number(child.text))
@@ -121,7 +121,7 @@ class IntRegister(Register):
         self.write(number.to_bytes(self.size(), self.order, signed=self.signed))
 
     def limits(self) -> Limits:
-        """What the bits can hold."""
+        """Return what the bits can hold."""
         return _of_bits(8 * self.size(), self.signed)
 
 
@@ -148,7 +148,7 @@ class MaskedIntRegister(Register):
         self.write(after.to_bytes(self.size(), self.order))
 
     def limits(self) -> Limits:
-        """What the bits can hold."""
+        """Return what the bits can hold."""
         return _of_bits(self._bits()[1], self.signed)
 
     def _bits(self) -> tuple[int, int]:

@@ -50,7 +50,7 @@ class Holder(Node):
         return None
 
     def raw(self) -> Value:
-        """What the node behind gives, or the value of its own."""
+        """Return what the node behind gives, or the value of its own."""
         target = self.behind()
         if target is not None:
             return target.value()
@@ -122,7 +122,7 @@ class Boolean(Holder):
     """Boolean: 1 or 0."""
 
     def get(self) -> int:
-        """Whether the node behind has the OnValue."""
+        """Return whether the node behind has the OnValue."""
         on = self.integer("OnValue")
         return int(self.raw() == (1 if on is None else on))
 
@@ -180,7 +180,7 @@ class Command(Holder):
         self.put(self._command())
 
     def done(self) -> bool:
-        """Whether the device has taken the value back; true where that cannot be read."""
+        """Return whether the device has taken the value back; true where that cannot be read."""
         target = self.behind()
         return target is None or "R" not in target.access() or target.value() != self._command()
 

@@ -45,7 +45,7 @@ def own_guid() -> bytes:
 
 
 def own_name() -> str:
-    """What cameras call this computer in their menus."""
+    """Return what cameras call this computer in their menus."""
     return f"rig on {platform.node() or 'a computer'}"[:_LONGEST_NAME]
 
 

@@ -99,7 +99,7 @@ class CanonBody(StandardBody):
         return True
 
     def describe(self, code: int) -> DevicePropDesc:
-        """What the camera's events last said of a property; CameraRefused if they never did."""
+        """Return what the camera's events last said of a property; CameraRefused if they never did."""
         self._listen()
         try:
             return self._properties[code]
@@ -260,7 +260,7 @@ class CanonBody(StandardBody):
                 self._properties[description.code] = replace(description, form=choices)
 
     def _offered(self, code: int) -> tuple[Value, ...]:
-        """What a property may be set to, by the events so far."""
+        """Return what a property may be set to, by the events so far."""
         form = self._description(code).form
         return form.values if isinstance(form, EnumForm) else ()
 

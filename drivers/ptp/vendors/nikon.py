@@ -318,5 +318,5 @@ class NikonBody(StandardBody):
 
 
 def _in_memory(file: Download) -> bool:
-    """Whether an object lies in the camera's memory: in no folder."""
+    """Return whether an object lies in the camera's memory: in no folder."""
     return file.info.parent == 0

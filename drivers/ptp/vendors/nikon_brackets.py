@@ -41,7 +41,7 @@ def offered(step: DevicePropDesc, program: DevicePropDesc) -> tuple[AutoBracket,
 
 
 def values(bracket: AutoBracket) -> tuple[int, int]:
-    """What step and program are set to for a bracket."""
+    """Return what step and program are set to for a bracket."""
     return bracket.code >> _PROGRAM_BITS, bracket.code & (1 << _PROGRAM_BITS) - 1
 
 

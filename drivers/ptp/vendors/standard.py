@@ -52,12 +52,12 @@ class StandardBody:
         """Give control back to whoever stands at the camera."""
 
     def delivers_raw(self) -> bool:
-        """Whether it can write files that are RAW."""
+        """Return whether it can write files that are RAW."""
         info = self.session.info
         return bool(_RAW_FORMATS & {*info.capture_formats, *info.image_formats})
 
     def obstacle(self) -> str:
-        """Why it cannot shoot for rig, as half a sentence; empty where it can."""
+        """Return why it cannot shoot for rig, as half a sentence; empty where it can."""
         if not any(self.session.supports(operation) for operation in self.releases):
             return "it takes no pictures on command"
         if self._is_fuji():

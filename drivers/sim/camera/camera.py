@@ -120,7 +120,7 @@ class SimulatedCamera:
         return CameraIdentity(self.body.serial, MAKE, self._model(), self.body.kind)
 
     def capabilities(self) -> Capabilities:
-        """What it can be set to, as labels."""
+        """Return what it can be set to, as labels."""
         lens = self.body.optics.lens
         return Capabilities(
             width=lens.width,

@@ -15,7 +15,7 @@ _WIDTHS = np.array((45.0, 40.0, 30.0))
 
 
 def weights(band: Band) -> npt.NDArray[np.float64]:
-    """What a filter lets through of linear Rec.709, float64 [3]: three Gaussians at its wavelength.
+    """Return what a filter lets through of linear Rec.709, float64 [3]: three Gaussians at its wavelength.
 
     ValueError for a band of no wavelength.
     """

@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 @compiled
 def distort(x: float, y: float, k1: float, k2: float, p1: float, p2: float) -> tuple[float, float]:
-    """Where the lens puts the ray (x, y, 1), in focal lengths from the principal point."""
+    """Return where the lens puts the ray (x, y, 1), in focal lengths from the principal point."""
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * k2)
     return (

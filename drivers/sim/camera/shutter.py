@@ -35,6 +35,6 @@ def snap(exposure: Exposure) -> Exposure:
 
 
 def applied(label: Exposure) -> Exposure:
-    """What the camera does when its dials show `label`, which must come from `snap`."""
+    """Return what the camera does when its dials show `label`, which must come from `snap`."""
     assert label.f_number is not None
     return Exposure(time=APPLIED_TIME[label.time], f_number=APPLIED_F_NUMBER[label.f_number], iso=label.iso)

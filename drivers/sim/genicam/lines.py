@@ -55,5 +55,5 @@ class Oscillator:
         return cls(float(chance.uniform(0.0, 36_000.0)), float(chance.uniform(-1e-4, 1e-4)))
 
     def nanoseconds(self, now: float) -> int:
-        """What it shows at a time of the host."""
+        """Return what it shows at a time of the host."""
         return round(1e9 * (self.offset + now * (1.0 + self.drift)))

@@ -38,7 +38,7 @@ class FeatureMemory:
         self._of_transport = writable
 
     def read(self, address: int, size: int) -> bytes:
-        """What the host reads. Denied."""
+        """Return what the host reads. Denied."""
         region, start = self._find(address, size)
         return bytes(region[start : start + size])
 

@@ -36,7 +36,7 @@ def description_of(camera: SimulatedCamera, transport: Transport, quirks: Contai
 
 
 def checks_of(camera: SimulatedCamera) -> Checks:
-    """What its registers take."""
+    """Return what its registers take."""
     return Checks(frozenset(_formats(camera).values()), _times(), (1000, 10 * max(shutter.ISOS)))
 
 

@@ -22,9 +22,9 @@ class NetworkTime:
         return float(generator(self.seed, "ieee 1588", serial).uniform(-WORST, WORST))
 
     def nanoseconds(self, serial: str, now: float) -> int:
-        """What a camera takes for the time."""
+        """Return what a camera takes for the time."""
         return self.epoch + round(1e9 * (now + self.error_of(serial)))
 
     def when(self, serial: str, nanoseconds: int) -> float:
-        """When a camera takes it to be that time."""
+        """Return when a camera takes it to be that time."""
         return (nanoseconds - self.epoch) * 1e-9 - self.error_of(serial)

@@ -110,7 +110,7 @@ class GigeDevice:
                 link.close()
 
     def nanoseconds(self, now: float) -> int:
-        """What its clock shows at a time of the timeline."""
+        """Return what its clock shows at a time of the timeline."""
         if self._network_time is not None and self._is_synchronised():
             return self._network_time.nanoseconds(self.serial, now)
         return self.oscillator.nanoseconds(now)
@@ -175,7 +175,7 @@ class GigeDevice:
         return bool(self._chance.random() < self.loss)
 
     def _do(self, command: Command, host: Host) -> bytes:
-        """What a command's answer carries. Denied."""
+        """Return what a command's answer carries. Denied."""
         payload, memory = command.payload, self._memory
         if command.code == Code.DISCOVERY:
             return memory.read(0, DISCOVERY_SIZE)

@@ -84,7 +84,7 @@ class Sender:
             self._send(Status.RESENT.to_bytes(2, "big") + packet[2:], destination)
 
     def _sent_at_first(self, packets: list[bytes]) -> list[bytes]:
-        """What is sent of a frame before anything is asked for again."""
+        """Return what is sent of a frame before anything is asked for again."""
         if Quirk.REVERSED in self.quirks:
             return packets[::-1]
         if Quirk.NO_TRAILER_AGAIN in self.quirks:

@@ -33,11 +33,11 @@ class SimulatedDial:
         )
 
     def number(self, label: float) -> int:
-        """What the property holds at a label, or at the one nearest to it."""
+        """Return what the property holds at a label, or at the one nearest to it."""
         return min(self.positions, key=lambda position: max(position[1] / label, label / position[1]))[0]
 
     def label(self, number: int) -> float | None:
-        """What a number stands for, the shortest time if for several; None if it is no position."""
+        """Return what a number stands for, the shortest time if for several; None if it is no position."""
         return next((label for value, label in self.positions if value == number), None)
 
     def numbers(self) -> tuple[int, ...]:

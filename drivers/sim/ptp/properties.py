@@ -37,7 +37,7 @@ def _ranging(code: int, low: int, high: int, value: int) -> DevicePropDesc:
 
 
 def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
-    """What every profile has besides its dials, and what its maker adds."""
+    """Return what every profile has besides its dials, and what its maker adds."""
     qualities = (*profile.jpeg_settings, profile.raw_setting, *profile.raw_jpeg_settings)
     quality = profile.raw_jpeg_settings[-1] if profile.jpeg else profile.raw_setting
     standard = (

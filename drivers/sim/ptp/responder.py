@@ -61,7 +61,7 @@ class Responder:
         self._handlers: dict[int, Handler] = {**self._standard(), **self._manner.operations()}
 
     def takes_data(self, operation: int) -> bool:
-        """Whether the host sends data with it."""
+        """Return whether the host sends data with it."""
         handler = self._handlers.get(operation)
         return handler is not None and handler.phase is Phase.TO_CAMERA
 

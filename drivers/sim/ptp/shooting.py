@@ -66,7 +66,7 @@ class Shooting:
         self._announce = announce
 
     def shown(self, dial: SimulatedDial) -> int:
-        """What a dial's property holds now."""
+        """Return what a dial's property holds now."""
         return dial.number(getattr(self.exposure, dial.setting))
 
     def turn(self, dial: SimulatedDial, number: int) -> bool:

@@ -29,7 +29,7 @@ class Manner:
         self.shooting, self.properties, self.tell = shooting, properties, tell
 
     def operations(self) -> dict[int, Handler]:
-        """What it adds to the operations that every responder has."""
+        """Return what it adds to the operations that every responder has."""
         return {Operation.INITIATE_CAPTURE: Handler(self._capture, shoots=always)}
 
     def device_properties(self) -> tuple[int, ...]:
@@ -37,7 +37,7 @@ class Manner:
         return self.properties.codes()
 
     def fills_memory(self) -> bool:
-        """Whether a shot is in working memory."""
+        """Return whether a shot is in working memory."""
         return any(self.shooting.store.count(handle) for handle in self.memory_handles or ())
 
     def begin(self) -> None:

@@ -57,7 +57,7 @@ class Store:
         return StorageInfo(4, 3, 0, self.capacity, self.free, self.pictures(self.free), "SD", "")
 
     def pictures(self, room: int) -> int:
-        """How many pictures fit into that many bytes, going by the largest so far."""
+        """Return how many pictures fit into that many bytes, going by the largest so far."""
         return min(room // max(map(len, self._bytes.values()), default=1 << 25), 0xFFFFFFFE)
 
     def add(self, photograph: Photograph, memory_handle: int | None = None, beside: bool = False) -> int:
@@ -90,7 +90,7 @@ class Store:
         return handle
 
     def count(self, handle: int) -> int:
-        """How many files there are under a handle of working memory, seen or waiting."""
+        """Return how many files there are under a handle of working memory, seen or waiting."""
         return (handle in self._bytes) + [behind for behind, _, _ in self._behind].count(handle)
 
     def object_info(self, handle: int) -> ObjectInfo | None:

@@ -45,7 +45,7 @@ class SimulatedBoard:
     dictionary: str = "DICT_4X4_50"
 
     def description(self) -> dict[str, Any]:
-        """What a user would write down about the board."""
+        """Return what a user would write down about the board."""
         return {
             "columns": self.columns,
             "rows": self.rows,

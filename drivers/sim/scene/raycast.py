@@ -50,7 +50,7 @@ def nearest(
 def shadowed(
     solids: np.ndarray, x: float, y: float, z: float, dx: float, dy: float, dz: float, reach: float
 ) -> bool:
-    """Whether anything that blocks light lies within `reach` along a unit ray."""
+    """Return whether anything that blocks light lies within `reach` along a unit ray."""
     for index in range(solids.shape[0]):
         solid = solids[index]
         if solid.blocks and near_line(solid, x, y, z, dx, dy, dz, reach):
@@ -80,7 +80,7 @@ def _dimming(zone: Any, x: float, y: float, z: float) -> float:
 
 @compiled
 def _openness(solids: np.ndarray, x: float, y: float, z: float, n: Triple) -> float:
-    """How much of the room a point sees, 0..1, from distances a little way out along its normal."""
+    """Return how much of the room a point sees, 0..1, from distances a little way out along its normal."""
     near, far = 0.06, 0.25
     gap_near, gap_far = near, far
     for index in range(solids.shape[0]):

@@ -35,7 +35,7 @@ Triple = tuple[float, float, float]
 
 @compiled
 def _slab(origin: float, direction: float, half: float) -> tuple[float, float]:
-    """Where a ray enters and leaves |x| <= half, along one axis."""
+    """Return where a ray enters and leaves |x| <= half, along one axis."""
     if abs(direction) < 1e-300:
         return (-math.inf, math.inf) if abs(origin) <= half else (math.inf, -math.inf)
     a, b = (-half - origin) / direction, (half - origin) / direction
@@ -44,7 +44,7 @@ def _slab(origin: float, direction: float, half: float) -> tuple[float, float]:
 
 @compiled
 def _round(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, r: float) -> tuple[float, float]:
-    """Where a ray enters and leaves a ball (or, without z, a disc) of radius r about the origin."""
+    """Return where a ray enters and leaves a ball (or, without z, a disc) of radius r about the origin."""
     a = dx * dx + dy * dy + dz * dz
     if a < 1e-300:
         inside = ox * ox + oy * oy + oz * oz <= r * r
@@ -95,7 +95,7 @@ def hit(solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: f
 def near_line(
     solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, reach: float
 ) -> bool:
-    """Whether a unit ray comes near a solid's bounding sphere before `reach`: a cheap first test."""
+    """Return whether a unit ray comes near a solid's bounding sphere before `reach`: a cheap first test."""
     x, y, z = solid.cx - ox, solid.cy - oy, solid.cz - oz
     along = x * dx + y * dy + z * dz
     r = solid.bound

@@ -82,7 +82,7 @@ def _smoothstep(low: float, high: float, x: float) -> float:
 
 @compiled
 def _spot(x: float, y: float, z: float, seed: int) -> tuple[float, float]:
-    """How much of a spot the point is in (0..1), and the spot's own random number.
+    """Return how much of a spot the point is in (0..1), and the spot's own random number.
 
     A spot is a ball that lies whole within its cell, so no neighbour has to be asked.
     """

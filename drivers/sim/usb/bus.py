@@ -89,7 +89,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         self.port(serial).unplug()
 
     def port(self, serial: str) -> Port:
-        """Where the device with that serial number is plugged in; LookupError if it is not."""
+        """Return where the device with that serial number is plugged in; LookupError if it is not."""
         for port in self._ports:
             if port.device.description.serial == serial:
                 return port
@@ -100,7 +100,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         self._holders[serial] = holder
 
     def enumerate_devices(self) -> Iterator[Port]:
-        """What is plugged in now, by address."""
+        """Return what is plugged in now, by address."""
         with self.timeline.lock:
             return iter(tuple(self._ports))
 
@@ -184,7 +184,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
             self._there(dev_handle).claims.pop(intf, None)
 
     def is_kernel_driver_active(self, dev_handle: _Handle, intf: int) -> bool:
-        """Whether the kernel's driver has the device."""
+        """Return whether the kernel's driver has the device."""
         with self.timeline.lock:
             return self._holder(self._there(dev_handle)) is Holder.KERNEL_DRIVER
 

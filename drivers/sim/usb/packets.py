@@ -25,7 +25,7 @@ class PacketQueue:
         return self._bytes
 
     def __bool__(self) -> bool:
-        """Whether a packet waits, an empty one included."""
+        """Return whether a packet waits, an empty one included."""
         return bool(self._runs)
 
     def put(self, data: bytes) -> None:

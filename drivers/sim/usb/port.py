@@ -87,7 +87,7 @@ class Port:
         return self._packets[endpoint]
 
     def queue(self, endpoint: int) -> PacketQueue:
-        """What waits for the host on an endpoint."""
+        """Return what waits for the host on an endpoint."""
         return self._queues[endpoint]
 
     def send(self, endpoint: int, data: bytes) -> None:

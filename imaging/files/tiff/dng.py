@@ -131,7 +131,7 @@ def _tiles(pixels: npt.NDArray[np.uint16]) -> Iterator[bytes]:
 
 
 def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
-    """How the pixels lie in the file: strips or tiles, never the tags of both."""
+    """Return how the pixels lie in the file: strips or tiles, never the tags of both."""
     height, width = raw.pixels.shape[:2]
     samples = 3 if raw.cfa is None else 1
     linear = raw.cfa is None or raw.cfa.mono
@@ -154,7 +154,7 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
 
 
 def _geometry(raw: RawMosaic) -> dict[int, Entry]:
-    """Which photosites there are, and that all of them count."""
+    """Return which photosites there are, and that all of them count."""
     height, width = raw.pixels.shape[:2]
     codes = {letter: code for code, letter in tag.COLOUR_CODES.items()}
     filters: dict[int, Entry] = {}
@@ -175,7 +175,7 @@ def _geometry(raw: RawMosaic) -> dict[int, Entry]:
 
 
 def _colour(raw: RawMosaic) -> dict[int, Entry]:
-    """What the numbers mean: levels, colour and noise."""
+    """Return what the numbers mean: levels, colour and noise."""
     meta = raw.metadata
     # Noise tells mosaics apart in some rows as in all; a hash of all took longer than the disk.
     samples = 3 if raw.cfa is None else 1

@@ -14,7 +14,7 @@ from imaging.files.tiff.directory import Directory, TiffError, integers
 
 
 def is_foreign(tags: Directory) -> bool:
-    """Whether LibRaw takes the samples of a Bayer mosaic for others, or cannot decode them."""
+    """Return whether LibRaw takes the samples of a Bayer mosaic for others, or cannot decode them."""
     return (
         dng_tags.interleaving(tags) != (1, 1)
         or dng_tags.foreign_compression(tags) is not None

@@ -118,7 +118,7 @@ def interleaving(tags: Directory) -> tuple[int, int]:
 
 
 def foreign_compression(tags: Directory) -> str | None:
-    """What the mosaic is compressed by, if it is something that LibRaw does not decode."""
+    """Return what the mosaic is compressed by, if it is something that LibRaw does not decode."""
     return FOREIGN_COMPRESSIONS.get(_number(tags, COMPRESSION))
 
 
@@ -144,7 +144,7 @@ def is_developed(tags: Directory) -> bool:
 
 
 def is_mosaic(tags: Directory) -> bool:
-    """Whether there is a sample of whole numbers a photosite, which sees red, green, blue, or all."""
+    """Return whether there is a sample of whole numbers a photosite, which sees red, green, blue, or all."""
     return (
         integers(tags, SAMPLE_FORMAT) in ((), (1,))
         and _number(tags, PHOTOMETRIC) in (CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC)
@@ -233,7 +233,7 @@ def levels(
 
 
 def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:
-    """What rows or columns add to black from `start` on; 0 where the tag is missing or too short."""
+    """Return what rows or columns add to black from `start` on; 0 where the tag is missing or too short."""
     found = np.array(numbers(tags, tag)[max(start, 0) :][:length], np.float64)
     return found if len(found) == length else np.zeros(length)
 
@@ -259,7 +259,7 @@ def white(tags: Directory) -> int | None:
 
 
 def as_neutral(values: Sequence[float], channels: int) -> tuple[float, ...] | None:
-    """What each channel sees of a neutral surface, the largest 1; None if it cannot be so.
+    """Return what each channel sees of a neutral surface, the largest 1; None if it cannot be so.
 
     Where only R, G and B are told, W is taken for their sum.
     """

@@ -108,7 +108,7 @@ def packed_splats(splats: Splats, place: Place) -> bytes:
 
 
 def _facts(splats: Splats, place: Place) -> dict[str, Any]:
-    """What the numbers are."""
+    """Return what the numbers are."""
     return {
         "rig:radianceFactor": splats.factor,
         "rig:coordinates": place.note,

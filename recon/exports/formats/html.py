@@ -177,7 +177,7 @@ def _page(job: Job, packed: Packed) -> str:
 
 
 def _facts(job: Job, packed: Packed) -> dict[str, Any]:
-    """What the page knows of the scene beside its Gaussians; places are in scene coordinates."""
+    """Return what the page knows of the scene beside its Gaussians; places are in scene coordinates."""
     scene, record, limits = job.scene, job.scene.record, job.scene.renderer.limits
     cut = 0.0
     if limits.luminance_reference is not None:
@@ -204,7 +204,7 @@ def _facts(job: Job, packed: Packed) -> dict[str, Any]:
 
 
 def _view(scene: Scene, view: SceneView) -> dict[str, Any]:
-    """Where a view stands, and its lens without distortion; px."""
+    """Return where a view stands, and its lens without distortion; px."""
     camera = scene.record.world.camera(pinhole(view.splat_camera))
     turn, shift = camera.cam_from_world[:3, :3], camera.cam_from_world[:3, 3]
     lens = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}

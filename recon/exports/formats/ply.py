@@ -40,7 +40,7 @@ def write_points(job: Job) -> Written:
 
 
 def comments(job: Job, *, linear: bool, factor: float, dome: int = 0) -> list[str]:
-    """What the header of a file says of its colours and coordinates."""
+    """Return what the header of a file says of its colours and coordinates."""
     record = job.scene.record
     what = what_is_shown(record.bands)
     if linear:
@@ -72,5 +72,5 @@ def vertex_comments(job: Job) -> list[str]:
 
 
 def offset_line(offset: Vector) -> str:
-    """What coordinates lack, as a comment."""
+    """Return what coordinates lack, as a comment."""
     return "offset {!r} {!r} {!r}: add it to x y z".format(*offset)

@@ -55,7 +55,7 @@ class Axis:
     scale: Scale = "linear"
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Where a value lies between the pixels `start` and `end`."""
+        """Return where a value lies between the pixels `start` and `end`."""
         low, high, at = (self._level(v) for v in (self.low, self.high, value))
         return start + (at - low) / (high - low) * (end - start)
 
@@ -237,7 +237,7 @@ def _dots(points: Sequence[tuple[float, float]], colour: int) -> str:
 
 
 def legend(series: Sequence[Series]) -> str:
-    """What the colours mean, as HTML below the chart; nothing for a single unnamed series."""
+    """Return what the colours mean, as HTML below the chart; nothing for a single unnamed series."""
     named = [(i, line) for i, line in enumerate(series) if line.label]
     if len(named) < 2:
         return ""

@@ -15,7 +15,7 @@ CELL, GAP = 100, 6
 
 
 def colour_topic(record: CalibrationRecord) -> Topic:
-    """What charts and shared points told of colours; an empty topic if neither did."""
+    """Return what charts and shared points told of colours; an empty topic if neither did."""
     return Topic("Colour", figures=tuple(_figures(record)), tables=tuple(_tables(record)))
 
 

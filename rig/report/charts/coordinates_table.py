@@ -15,7 +15,7 @@ _SOURCES = {
 
 
 def coordinate_tables(record: CalibrationRecord) -> Iterable[Table]:
-    """What the scene was placed by; nothing where its coordinates are its own."""
+    """Yield what the scene was placed by; nothing where its coordinates are its own."""
     known = record.coordinates
     if known is None:
         return

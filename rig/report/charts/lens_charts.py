@@ -34,7 +34,7 @@ FREE: dict[LensModel, tuple[str, ...]] = {
 
 
 def lens_topic(record: CalibrationRecord, residuals: Residuals) -> Topic:
-    """What is known of the lenses, as far as scene points or a board told it."""
+    """Return what is known of the lenses, as far as scene points or a board told it."""
     return Topic(
         "Lenses",
         figures=tuple(_figures(record, residuals)),

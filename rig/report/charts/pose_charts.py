@@ -21,7 +21,7 @@ WORST = 10
 
 
 def pose_topic(record: CalibrationRecord, points: SparsePoints | None, residuals: Residuals) -> Topic:
-    """What is known of where cameras and boards were; an empty topic if nothing is."""
+    """Return what is known of where cameras and boards were; an empty topic if nothing is."""
     boards = tuple(board_figures(record))
     if not record.views:
         return Topic("Poses", figures=boards)

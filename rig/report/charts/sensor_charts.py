@@ -31,7 +31,7 @@ class NamedSensor:
 
 
 def sensor_topic(record: CalibrationRecord) -> Topic:
-    """What was measured of the sensors; an empty topic if nothing was."""
+    """Return what was measured of the sensors; an empty topic if nothing was."""
     sensors = [
         NamedSensor(
             camera.name
@@ -110,7 +110,7 @@ def _fitted(sensor: SensorCalibration, signal: Array) -> Array:
 
 
 def _off(camera: NamedSensor, colour: int) -> Series:
-    """How far the measured variances are off the fitted ones, %."""
+    """Return how far the measured variances are off the fitted ones, %."""
     signal, variance = np.array(camera.sensor.transfer).T
     off = 100 * (variance / np.maximum(_fitted(camera.sensor, signal), 1e-9) - 1)
     return Series(camera.name, np.maximum(signal, DIMMEST).tolist(), off.tolist(), dots=True, colour=colour)

@@ -14,12 +14,12 @@ PRESETS = {"draft": 1, "standard": 2, "best": 3}
 
 
 def comparable(trade: Trade) -> bool:
-    """Whether each training had a machine to itself, and all the same kind of it."""
+    """Return whether each training had a machine to itself, and all the same kind of it."""
     return all(point.at_once == 1 for point in trade.points) and len({p.device for p in trade.points}) < 2
 
 
 def costs(trade: Trade) -> list[tuple[str, str, Value]]:
-    """What a point may cost: heading, axis and value."""
+    """Return what a point may cost: heading, axis and value."""
     time: tuple[str, str, Value] = (
         ("time", "training time, s", lambda point: point.seconds)
         if comparable(trade)
@@ -72,7 +72,7 @@ def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value:
 
 
 def is_preset(point: Point, name: str) -> bool:
-    """Whether it is a preset as it is."""
+    """Return whether it is a preset as it is."""
     return point.choice.quality == name and not point.choice.overrides.words()
 
 

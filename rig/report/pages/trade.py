@@ -83,13 +83,13 @@ def trade_off(trade: Trade) -> TradeSection:
 
 
 def _on(trade: Trade) -> str:
-    """What its trainings ran on."""
+    """Return what its trainings ran on."""
     devices = sorted({point.device for point in trade.points})
     return f" on {' and '.join(devices)}" if devices else ""
 
 
 def _caution(trade: Trade) -> str:
-    """Why the seconds of its trainings do not compare, if they do not."""
+    """Return why the seconds of its trainings do not compare, if they do not."""
     several = max((point.at_once for point in trade.points), default=1)
     if several > 1:
         return (
@@ -140,7 +140,7 @@ def _tables(trade: Trade) -> Iterable[Table]:
 
 
 def settings(point: Point) -> dict[str, float | str | None]:
-    """What a training was made with, by hand or as its scene decided; None: as the method has it."""
+    """Return what a training was made with, by hand or as its scene decided; None: as the method has it."""
     overrides = point.choice.overrides
     overridden = {key: getattr(overrides, key) for key in AXES}
     return overridden | {

@@ -145,7 +145,7 @@ def _light(session: Session, record: CalibrationRecord) -> Topic:
 
 
 def _across(lens: Lens) -> float:
-    """How much of the world an image is wide, degrees, as its terms have it for a fisheye."""
+    """Return how much of the world an image is wide, degrees, as its terms have it for a fisheye."""
     half = lens.width / 2 / lens.fx
     angle = fisheye_angle(np.array(half), lens.terms[4:]) if lens.fisheye else math.atan(half)
     return 2 * math.degrees(float(angle))

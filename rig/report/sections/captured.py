@@ -164,7 +164,7 @@ def _percent(share: float) -> str:
 
 
 def _advice(steps: dict[int, list[ShotRecord]], previews: ShotPreviews, views: int) -> Iterable[str]:
-    """What to shoot differently next time, from what the files show."""
+    """Yield what to shoot differently next time, from what the files show."""
     if previews.unreadable:
         files = counted(len(previews.unreadable), "file")
         yield f"{files} cannot be read, the first is {previews.unreadable[0]}: run rig check."

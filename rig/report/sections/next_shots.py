@@ -18,7 +18,7 @@ MOST_NAMES = 6
 
 
 def next_shots(session: Session, record: CalibrationRecord) -> Iterable[str]:
-    """What is missing first, then what is weak; nothing where all is well."""
+    """Yield what is missing first, then what is weak; nothing where all is well."""
     yield from _poses(record, session.photograph_names())
     yield from _sensors(session, record)
     yield from _responses(session, record)

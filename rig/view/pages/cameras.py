@@ -58,7 +58,7 @@ def pose(camera: SplatCamera) -> tuple[Vector, Vector]:
 
 
 def start_of(scene: Scene, view: SceneView) -> Start:
-    """Where a view stands in the coordinates of its scene."""
+    """Return where a view stands in the coordinates of its scene."""
     camera = scene.record.world.camera(view.splat_camera)
     poses = (scene.record.world.camera(one.splat_camera).cam_from_world for one in scene.views)
     return start_at(camera.cam_from_world, up_of(poses), view.lens)

@@ -125,7 +125,7 @@ class Follower:
 
 
 def _alike(one: Scene, other: Scene) -> bool:
-    """Whether a page of one scene is a page of the other."""
+    """Return whether a page of one scene is a page of the other."""
     names = ([view.name for view in scene.views] for scene in (one, other))
     first, second = names
     far = (one.renderer.environment is None) == (other.renderer.environment is None)
@@ -134,7 +134,7 @@ def _alike(one: Scene, other: Scene) -> bool:
 
 
 def _final(training: Path) -> Path:
-    """Where the scene of a training is in the end (`recon.result.place`)."""
+    """Return where the scene of a training is in the end (`recon.result.place`)."""
     return training.with_name(_name(training))
 
 
@@ -153,7 +153,7 @@ def _stamp(path: Path) -> object:
 
 
 def _unfinished(session: Path) -> str:
-    """What there is to say of a session that no training is under way in."""
+    """Return what there is to say of a session that no training is under way in."""
     for folder in sorted(session.glob("reconstructions/*/")):
         begun = (folder / CHECKPOINT).is_file() or (folder / LOG).is_file()
         if begun and not (folder / MODEL).is_file():

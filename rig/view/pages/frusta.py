@@ -46,7 +46,7 @@ class Frusta:
                     self._add(view, look.shown(light, self.painter.scene.exposure))
 
     def hide_the_scene_from(self, eye: npt.NDArray[np.float64]) -> bool:
-        """Whether a camera is so near to the eye that its photograph would hide what is behind it."""
+        """Return whether a camera is so near to the eye that its photograph would hide what is behind it."""
         centres = np.array([pose(self.painter.placed(view.name))[1] for view in self.painter.scene.views])
         return bool(np.linalg.norm(centres - eye, axis=1).min() < NEAR)
 

@@ -18,7 +18,7 @@ def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:
 
 
 def painter_of(*scenes: Scene) -> Painter:
-    """What draws scenes, ready to draw at once."""
+    """Return what draws scenes, ready to draw at once."""
     painter = Painter(*scenes)
     painter.warm_up()
     return painter

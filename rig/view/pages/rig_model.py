@@ -55,7 +55,7 @@ class RigModel:
         return cls(record, poses, lenses, placed, colours, read_residuals(colmap).views)
 
     def start(self, view: ViewId | None = None) -> Start:
-        """Where a view stands; None: from where all cameras are seen, behind and above them."""
+        """Return where a view stands; None: from where all cameras are seen, behind and above them."""
         if view is not None:
             return start_at(self.poses[view], up_of(self.poses.values()), self.lenses[view.camera])
         return overview(list(self.poses.values()))

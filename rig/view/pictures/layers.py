@@ -41,12 +41,12 @@ def picture_of(name: LayerName, plane: Plane, scene: Scene) -> Picture:
 
 
 def legend_of(name: LayerName, scene: Scene) -> str:
-    """What the colours of a layer mean, from dark blue to dark red."""
+    """Return what the colours of a layer mean, from dark blue to dark red."""
     return _SHOWN[name].legend(scene)
 
 
 def words_of(name: LayerName, value: npt.NDArray[np.float32], scene: Scene) -> str:
-    """What a layer says of one pixel."""
+    """Return what a layer says of one pixel."""
     return _SHOWN[name].words(value, scene)
 
 

@@ -95,7 +95,7 @@ class Painter:
             self._residuals.clear()
 
     def residuals(self) -> Residuals | None:
-        """How far the first scene is off held-out photographs, which are read once."""
+        """Return how far the first scene is off held-out photographs, which are read once."""
         scene = self.scene
         with self.drawing:
             if scene not in self._residuals:
@@ -103,7 +103,7 @@ class Painter:
             return self._residuals[scene]
 
     def shows(self, view: str | None) -> tuple[str, ...]:
-        """What there is to see from a view, or from a free camera."""
+        """Return what there is to see from a view, or from a free camera."""
         if len(self.scenes) > 1:
             return (FIRST, SECOND, SPLIT, OVER, *((REFERENCE,) if view in self.references else ()))
         return (RENDER, *((REFERENCE, DIFFERENCE) if view in self.references else ()), *LAYERS)
@@ -119,7 +119,7 @@ class Painter:
             scene.drawn(camera.resized(16))
 
     def draw(self, wanted: Wanted) -> Drawing:
-        """What is to be seen."""
+        """Return what is to be seen."""
         if wanted.show == REFERENCE:
             assert wanted.view is not None
             return Drawing(read_light(self.references[wanted.view]))
@@ -159,7 +159,7 @@ class Painter:
 
 
 def compared_with(show: str) -> str:
-    """What the light of a drawing is compared with, in words."""
+    """Return what the light of a drawing is compared with, in words."""
     return "A" if show == OVER else "the reference"
 
 

@@ -45,7 +45,7 @@ class Access:
         return "" if self.token is None else f"/?{PARAMETER}={self.token}"
 
     def refusal(self, request: Request) -> Response | None:
-        """What a request gets that may not be answered; None: it may.
+        """Return what a request gets that may not be answered; None: it may.
 
         A program has no origin; a page of somebody else's site has its own, and any browser would let it
         connect. Pages of this machine may, as may those that came from the address that they connect to.

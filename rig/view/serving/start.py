@@ -50,7 +50,7 @@ def up_of(poses: Iterable[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
 
 
 def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> Start:
-    """Where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
+    """Return where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
     centre = -motion[:3, :3].T @ motion[:3, 3]
     return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))
 

@@ -39,7 +39,7 @@ class LanesType(types.Type):
         return ir.Constant(self.vector, [float(value) for value in listed])
 
     def suffix(self) -> str:
-        """How LLVM names the type in its intrinsics."""
+        """Return how LLVM names the type in its intrinsics."""
         return "v16f32" if self.width == WIDTH else "v8f64"
 
 
