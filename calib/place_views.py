@@ -21,6 +21,7 @@ from calib.light.stated import stated_by
 from calib.luminance.measure import scaled
 from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
+from calib.poses.resolution import CHECK, DOUBTS, Contradicted
 from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
 from calib.survey.stated import stated_places
@@ -150,21 +151,28 @@ def _with_learned(
     keep_doubtful: bool,
     progress: Progress,
 ) -> tuple[sfm.SceneModel, dict[ViewId, ViewSummary]]:
-    """The model of SIFT's features or, where these place few views, of learned ones if they place more."""
+    """The model of SIFT's features or, where these place few views, of learned ones if they place more.
+
+    Where views contradict each other learned features are no way out: they match what only looks alike better
+    than SIFT does.
+    """
     model, refusal = None, None
     try:
         model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
+    except Contradicted:
+        raise
     except CalibrationError as error:
         refusal = error
     showing = [view for view, summary in summaries.items() if summary.blank is None]
     placed = 0 if model is None else len(model.poses)
-    if placed < FEW * len(showing) and learned.available():
+    few = placed < FEW * len(showing) and (model is None or not _taken(model, CHECK))
+    if few and learned.available():
         others = all_views.summaries(evidence, kept, progress, learned=True)
         try:
             another = _solved(evidence, others, 1, kept, keep_doubtful, progress)
         except CalibrationError:
             another = None
-        if another is not None and len(another.poses) > placed:
+        if another is not None and len(another.poses) > placed and not _taken(another, CHECK, *DOUBTS):
             reason = (
                 f"SIFT's features place {placed} of {len(showing)} images, learned ones (DISK, matched by "
                 f"LightGlue) {len(another.poses)}"
@@ -175,6 +183,11 @@ def _with_learned(
         assert refusal is not None
         raise refusal
     return model, summaries
+
+
+def _taken(model: sfm.SceneModel, *names: str) -> bool:
+    """Whether one of these rungs was taken."""
+    return any(rung.taken and rung.name in names for rung in model.rungs)
 
 
 def _solved(

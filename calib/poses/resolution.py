@@ -40,6 +40,14 @@ wrong: 0 of 77 where sides of a crate look alike, 424 of 595 in a telephone's vi
 FEWEST_TESTED = 5
 """Such pairs below which their share says nothing."""
 
+
+class Contradicted(CalibrationError):
+    """Views contradict each other so much that none can be said to be right."""
+
+
+CHECK = "pose_contradictions"
+DOUBTS = "pose_lit_differently", "pose_unconfirmed", "pose_undecided"
+"""Rungs that make poses doubtful."""
 _ALIKE = (
     "the views contradict each other about where they stand, as where parts of a scene look alike: put "
     "something unique beside them and take views 15 degrees apart, or keep them all the same, with a "
@@ -98,17 +106,17 @@ def resolve_contradictions(
         keep_doubtful: Keep what stays undecided, with a warning that names it, instead of leaving it out.
 
     Raises:
-        CalibrationError: The views contradict each other so much that none can be said to be right.
+        Contradicted: None of the views can be said to be right.
     """
     chosen = _Choice(reconstruction, matches, keep_doubtful).made()
     pairs, placed = matches.pairs, placed_views(chosen.reconstruction)
     poses = {view: pose for view, (_, pose) in placed.items()}
-    doubts = {
-        "pose_lit_differently": warning(poses, pairs, matches.brightness, matches.exact),
-        "pose_unconfirmed": unconfirmed(poses, pairs, seen_by_three(chosen.reconstruction)),
-        "pose_undecided": chosen.undecided,
-    }
-    rungs = (Rung(name=name, taken=True, reason=why) for name, why in doubts.items() if why is not None)
+    doubts = (
+        warning(poses, pairs, matches.brightness, matches.exact),
+        unconfirmed(poses, pairs, seen_by_three(chosen.reconstruction)),
+        chosen.undecided,
+    )
+    rungs = [Rung(name=n, taken=True, reason=w) for n, w in zip(DOUBTS, doubts, strict=True) if w is not None]
     return ResolvedModel(chosen.reconstruction, frozenset(chosen.left_out), (chosen.rung, *rungs), len(pairs))
 
 
@@ -134,7 +142,7 @@ class _Choice:
         """The first rival that can be reconciled.
 
         Raises:
-            CalibrationError: None can.
+            Contradicted: None can.
         """
         first, matches = self.first, self.matches
         against = contradicting(first, matches.pairs, matches.max_error)
@@ -157,7 +165,7 @@ class _Choice:
         return self._without_worst(first, matches.pairs) or self._by_loops() or self._refused()
 
     def _rung(self, *, taken: bool) -> Rung:
-        return Rung(name="pose_contradictions", taken=taken, reason=self.reason)
+        return Rung(name=CHECK, taken=taken, reason=self.reason)
 
     def _folded(self) -> bool:
         """Tell if light may say that the model is folded: it is exact, or views beside each other are not as
@@ -252,7 +260,7 @@ class _Choice:
         return _Chosen(self.first, set(), self._rung(taken=True), undecided)
 
     def _refused(self) -> _Chosen:
-        raise CalibrationError(f"{self.reason}; {_ALIKE}.")
+        raise Contradicted(f"{self.reason}; {_ALIKE}.")
 
     def _delete(self, pairs: Collection[_Pair]) -> dict[_Pair, Any]:
         """Delete pairs from the database; returns their geometries."""

@@ -1,12 +1,14 @@
 """What docs/figures.md claims of reconstruction."""
 
 import math
+from functools import partial
 
 from recon.decide.presets import QUALITIES
 
 from .claim import FIGURE, Claim, cell, cells, line, stored, tables
 
 EXR, RAW = "merged EXR", "RAW brackets"
+DEMO = partial(cell, "demo")
 
 
 def by_scene(name: str, scene: str, trained: str, coloured: str) -> float:
@@ -144,7 +146,21 @@ CLAIMS = (
         r"darkest fifth ([\d.]+) to ([\d.]+) stops off for ([\d.]+) to ([\d.]+)",
         lambda: [*dark("decided"), *dark("left")],
     ),
-    Claim(r"preset standard ([\d.]+) dB from the true", lambda: [presets("standard", "truth_db")[0]]),
+    Claim(
+        r"preset standard, (\d+) px wide, ([\d.]+) dB from the true",
+        lambda: [DEMO("px"), DEMO("mu-law over the 99.9th percentile, dB")],
+    ),
+    Claim(
+        r"\(([\d.]+) over the brightest light\), ([\d.]+) stops off in the median, ([\d.]+) in the "
+        r"darkest tenth and ([\d.]+) in the brightest hundredth",
+        lambda: [
+            *map(DEMO, ("over the brightest, dB", "stops, median", "darkest tenth", "brightest hundredth"))
+        ],
+    ),
+    Claim(
+        r"Its lamps of ([\d,]+) fill .*? percentile, ([\d,]+), lies",
+        lambda: [DEMO("brightest"), DEMO("99.9th percentile")],
+    ),
     Claim(
         r"RAW mosaics is ([\d.]+) dB above 3DGS with tuned rates and ([\d.]+) \+- ([\d.]+) above 3DGS as pub",
         lambda: [

@@ -106,8 +106,21 @@ CLAIMS = (
         lambda: [max(abs(one) for (one,) in cells("memory", "forecast off, %"))],
     ),
     Front(
-        r"\| ([\d.]+) dB \(mu-law over the brightest light, aligned\), preset standard in (\d+) s",
-        lambda: [presets("standard", "truth_db")[0], presets("standard", "seconds")[0]],
+        r"\| ([\d.]+) dB \(mu-law over the 99\.9th percentile of the light; over its brightest ([\d.]+)\), "
+        r"([\d.]+) stops off in the median, ([\d.]+) in the darkest tenth, ([\d.]+) in the brightest "
+        r"hundredth; (\d+) px, preset standard in (\d+) s",
+        lambda: [
+            cell("demo", column)
+            for column in (
+                "mu-law over the 99.9th percentile, dB",
+                "over the brightest, dB",
+                "stops, median",
+                "darkest tenth",
+                "brightest hundredth",
+                "px",
+                "s",
+            )
+        ],
     ),
     Front(
         r"\| (\d+) s of processor time, plain pycolmap (\d+) \|",

@@ -10,9 +10,11 @@ import pytest
 from calib import place_views
 from calib.data import learned
 from calib.place_views import _question
+from calib.poses.resolution import Contradicted
 from imaging.errors import CalibrationError
 from imaging.progress import unreported
 from imaging.session.calibration import Response
+from imaging.session.records import Rung
 
 
 class Shot(SimpleNamespace):
@@ -60,6 +62,38 @@ class Model:
     rungs: tuple = ()
 
 
+def given(kind):
+    """Summaries of ten views with features of a kind."""
+    return {number: SimpleNamespace(blank=None, kind=kind) for number in range(10)}
+
+
+@pytest.mark.parametrize("kind", ["sift", "learned"])
+@pytest.mark.parametrize("name", ["pose_contradictions", "pose_unconfirmed"])
+def test_learned_features_place_nothing_where_things_look_alike(monkeypatch, kind, name):
+    """A contradiction of SIFT's, or a doubt of any kind about what learned features place."""
+
+    def solved(evidence, summaries, *rest):
+        doubted = (Rung(name=name, taken=True, reason="."),) if summaries[0].kind == kind else ()
+        return Model(dict.fromkeys(range(9 if summaries[0].kind == "learned" else 2)), doubted)
+
+    monkeypatch.setattr(learned, "available", lambda: True)
+    monkeypatch.setattr(place_views, "_solved", solved)
+    monkeypatch.setattr(place_views.all_views, "summaries", lambda *_, learned: given("learned"))
+    model, _ = place_views._with_learned(None, given("sift"), None, False, unreported)
+    # A few views that nothing confirms are what learned features are for.
+    assert len(model.poses) == (9 if (kind, name) == ("sift", "pose_unconfirmed") else 2)
+
+
+def test_views_that_contradict_each_other_are_refused_as_before(monkeypatch):
+    def refused(*_):
+        raise Contradicted("alike.")
+
+    monkeypatch.setattr(learned, "available", lambda: True)
+    monkeypatch.setattr(place_views, "_solved", refused)
+    with pytest.raises(Contradicted):
+        place_views._with_learned(None, given("sift"), None, False, unreported)
+
+
 @pytest.mark.parametrize(
     ("by_sift", "by_learned", "there", "expected"),
     [
@@ -76,28 +110,21 @@ class Model:
 def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, there, expected):
     """Of ten images; None: none can be placed."""
 
-    def summaries(kind):
-        return {number: SimpleNamespace(blank=None, kind=kind) for number in range(10)}
-
-    def solved(evidence, given, *rest):
-        placed = by_learned if given[0].kind == "learned" else by_sift
+    def solved(evidence, summaries, *rest):
+        placed = by_learned if summaries[0].kind == "learned" else by_sift
         if placed is None:
-            raise CalibrationError(f"{given[0].kind} places none.")
+            raise CalibrationError(f"{summaries[0].kind} places none.")
         return Model(dict.fromkeys(range(placed)))
 
     monkeypatch.setattr(learned, "available", lambda: there)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(
-        place_views.all_views,
-        "summaries",
-        lambda *given, learned: summaries("learned" if learned else "sift"),
-    )
-    given = None, summaries("sift"), None, False, unreported
+    monkeypatch.setattr(place_views.all_views, "summaries", lambda *_, learned: given("learned"))
+    asked = None, given("sift"), None, False, unreported
     if expected is None:
         with pytest.raises(CalibrationError, match="sift places none"):
-            place_views._with_learned(*given)
+            place_views._with_learned(*asked)
         return
-    model, own = place_views._with_learned(*given)
+    model, own = place_views._with_learned(*asked)
     assert len(model.poses) == expected
     said = [rung.reason for rung in model.rungs if rung.name == place_views.LEARNED]
     assert bool(said) == (own[0].kind == "learned") == (expected == by_learned)

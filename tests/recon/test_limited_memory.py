@@ -76,4 +76,7 @@ def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> No
     assert (whole / SPLATS).read_bytes() == (limited / SPLATS).read_bytes()
     evaluate(whole)
     in_memory, from_disk = (store.read_json(folder / "metrics.json")["views"] for folder in (whole, limited))
-    assert in_memory == from_disk
+    # Sums of arrays that lie elsewhere in memory may differ in their last bit.
+    for one, other in zip(in_memory, from_disk, strict=True):
+        assert one.pop("view") == other.pop("view")
+        assert one == pytest.approx(other, rel=1e-12)

@@ -251,5 +251,5 @@ class ScenePage:
             return
         self.client.flush()
         residuals = self.painter.residuals()  # the first time it takes a while
-        if residuals is not None:
+        if residuals is not None and not self._closed.is_set():
             self.controls.spot.content = reading(drawing, show, self.painter.scene, *place, residuals)
