@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from calib.assemble import Evidence
+from calib.data.features import FeatureKind
 from calib.data.unfinished import Unfinished
 from calib.data.views import View
 from calib.exports import pictures
@@ -27,14 +28,13 @@ ROOM = 0.5
 
 
 def summaries(
-    evidence: Evidence, kept: Unfinished, progress: Progress, *, learned: bool = False
+    evidence: Evidence, kept: Unfinished, progress: Progress, kind: FeatureKind = "sift"
 ) -> dict[ViewId, ViewSummary]:
     """Return what calibration keeps of the images of every view; what an earlier run kept is not found again.
 
-    learned: with learned features, not SIFT's.
+    kind: of features to look for.
     """
-    kind = "learned " if learned else ""
-    every = {view.id: kept.large(f"{kind}{view.id}") for view in evidence.views}
+    every = {view.id: kept.large(f"{kind} {view.id}") for view in evidence.views}
     missing = [view for view in evidence.views if every[view.id] is None]
     known = len(every) - len(missing)
     found = in_processes(
@@ -47,16 +47,16 @@ def summaries(
                 {shot.file: evidence.light.scale[shot.file] for shot in view.shots},
                 evidence.light.responses[view.camera.name],
                 evidence.sensors[view.camera.name].camera_from_rec709,
-                learned,
+                kind,
             )
             for view in missing
         ],
     )
-    step = f"finding {kind}features"
+    step = "finding features" if kind == "sift" else f"finding {kind} features"
     progress(step, known, len(every))
     for done, (view, summary) in enumerate(zip(missing, found, strict=True), known + 1):
         every[view.id] = arrays = summary.arrays()
-        kept.keep_large(f"{kind}{view.id}", arrays)
+        kept.keep_large(f"{kind} {view.id}", arrays)
         progress(step, done, len(every))
     return {view: ViewSummary.of(arrays) for view, arrays in every.items() if arrays is not None}
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
+from statistics import median
 
 from calib import all_views
 from calib.assemble import Evidence, Placement, assemble
@@ -11,6 +12,7 @@ from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
 from calib.colour.white_balance import Balance
 from calib.data import learned
+from calib.data.features import ENOUGH_FEATURES, MORE_FEATURES, MOST_FEATURES, FeatureKind
 from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
 from calib.exports import pictures
@@ -33,7 +35,11 @@ from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
-LEARNED = "learned_matching"
+FURTHER: dict[FeatureKind, str] = {"more": "more_features", "learned": "learned_matching"}
+WORDS: dict[FeatureKind, str] = {
+    "more": f"{MORE_FEATURES:,} features an image for {MOST_FEATURES:,}",
+    "learned": "learned features (DISK, matched by LightGlue)",
+}
 FEW = 0.8
 """Share of the images that show something; learned features are tried where SIFT's place fewer."""
 
@@ -52,7 +58,7 @@ def with_poses(
     summaries = all_views.summaries(evidence, kept, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model, summaries = _with_learned(evidence, summaries, kept, keep_doubtful, progress)
+        model, summaries = _placed(evidence, summaries, kept, keep_doubtful, progress)
     except CalibrationError as error:
         kept.finish()
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
@@ -144,17 +150,20 @@ def _question(evidence: Evidence) -> list[object]:
     ]
 
 
-def _with_learned(
+def _placed(
     evidence: Evidence,
     summaries: dict[ViewId, ViewSummary],
     kept: Unfinished,
     keep_doubtful: bool,
     progress: Progress,
 ) -> tuple[sfm.SceneModel, dict[ViewId, ViewSummary]]:
-    """The model of SIFT's features or, where these place few views, of learned ones if they place more.
+    """Place the views by SIFT's features, and by more or learned ones where these leave views out.
 
-    Where views contradict each other learned features are no way out: they match what only looks alike better
-    than SIFT does.
+    Further features are taken if they place more views. Where views contradict each other they are no way
+    out: they match what only looks alike as well.
+
+    Returns:
+        The model, and the summaries that it was made of.
     """
     model, refusal = None, None
     try:
@@ -164,21 +173,24 @@ def _with_learned(
     except CalibrationError as error:
         refusal = error
     showing = [view for view, summary in summaries.items() if summary.blank is None]
-    placed = 0 if model is None else len(model.poses)
-    few = placed < FEW * len(showing) and (model is None or not _taken(model, CHECK))
-    if few and learned.available():
-        others = all_views.summaries(evidence, kept, progress, learned=True)
+    number = median([len(summaries[view].features.points) for view in showing] or [0])
+    # Of pictures that have no more features than they may have, there are no more to be had.
+    further: list[tuple[FeatureKind, float]] = [("more", 1.0)] if number >= ENOUGH_FEATURES else []
+    further += [("learned", FEW)] if learned.available() else []
+    for kind, least in further:
+        placed = 0 if model is None else len(model.poses)
+        if placed >= least * len(showing) or (model is not None and _taken(model, CHECK)):
+            continue
+        others = all_views.summaries(evidence, kept, progress, kind)
         try:
             another = _solved(evidence, others, 1, kept, keep_doubtful, progress)
         except CalibrationError:
-            another = None
-        if another is not None and len(another.poses) > placed and not _taken(another, CHECK, *DOUBTS):
-            reason = (
-                f"SIFT's features place {placed} of {len(showing)} images, learned ones (DISK, matched by "
-                f"LightGlue) {len(another.poses)}"
-            )
-            rung = Rung(name=LEARNED, taken=True, reason=reason)
-            return replace(another, rungs=(*another.rungs, rung)), others
+            continue
+        if len(another.poses) > placed and not _taken(another, CHECK, *DOUBTS):
+            reason = f"{placed} of {len(showing)} images are placed without, {len(another.poses)} "
+            reason += f"with {WORDS[kind]}"
+            rung = Rung(name=FURTHER[kind], taken=True, reason=reason)
+            model, summaries = replace(another, rungs=(*another.rungs, rung)), others
     if model is None:
         assert refusal is not None
         raise refusal

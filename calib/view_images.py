@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
+from typing import cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import Features, extract, extract_learned, unmasked
+from calib.data.features import FeatureKind, Features, find, unmasked
 from calib.data.previews import is_faint, preview
 from calib.data.unfinished import Arrays
 from calib.data.views import View, of_one_band, read_view
@@ -58,6 +59,7 @@ class ViewSummary:
             "size": np.array([self.width, self.height]),
             "points": self.features.points,
             "descriptors": self.features.descriptors,
+            "kind": np.array(self.features.kind),
             "brightness": self.brightness,
             "colour": self.colour,
             "blank": np.array(self.blank or ""),
@@ -68,7 +70,8 @@ class ViewSummary:
     def of(cls, arrays: Arrays) -> "ViewSummary":
         """Return what `arrays` made."""
         width, height = (int(side) for side in arrays["size"])
-        features = Features(arrays["points"], arrays["descriptors"])
+        kind = cast(FeatureKind, str(arrays["kind"]))
+        features = Features(arrays["points"], arrays["descriptors"], kind)
         blank = str(arrays["blank"]) or None
         return cls(
             arrays["png"].tobytes(), width, height, features, arrays["brightness"], arrays["colour"],
@@ -82,11 +85,11 @@ def summarise(
     scale: Mapping[str, float],
     response: Response,
     camera_from_rec709: Matrix | None,
-    learned: bool = False,
+    kind: FeatureKind = "sift",
 ) -> ViewSummary:
     """Merge the exposures of a view, find its features and how bright the scene is around them.
 
-    learned: whether features are learned ones, not SIFT's.
+    kind: of features to look for.
 
     Features are found in the whole picture, since the border of a mask would look like a thing of the
     scene; those behind a mask are dropped then. No brightness is told from behind a mask.
@@ -99,8 +102,7 @@ def summarise(
     merged = mean_of_bands(bands)
     height, width = picture.shape
     blank = _blank(merged)
-    features = extract_learned(picture) if learned else extract(picture)
-    found = _unmasked(session, view, features, width, height)
+    found = _unmasked(session, view, find(picture, kind), width, height)
     seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return ViewSummary(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),

@@ -1,8 +1,8 @@
 """Features of every view and what of them two views share, written to a COLMAP database in memory."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -22,8 +22,13 @@ Float = npt.NDArray[np.float32]
 
 PEAK_THRESHOLD = 0.002
 """Of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a degree."""
+FeatureKind = Literal["sift", "more", "learned"]
+"""SIFT's features, more of them, and learned ones."""
 MOST_FEATURES = 6000
 """In one picture, the largest; matching takes time by their square."""
+MORE_FEATURES, ENOUGH_OF_MORE = 10_000, 8_000
+"""The same where the usual number leaves views without a pose: of sixteen photographs of fruit on a carpet
+(`banana`) 8 are placed by 6,000 and 14 by 10,000."""
 ENOUGH_FEATURES = 4500
 """With so many, or the most, a picture is not searched at twice its size for smaller ones."""
 PIXELS_EACH = 36
@@ -36,15 +41,11 @@ PLANAR_SHARE = 0.85
 @dataclass(frozen=True, eq=False)
 class Features:
     """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: [K, 128], SIFT's are uint8,
-    learned ones float32."""
+    learned ones float32. kind: as `find` was asked for."""
 
     points: npt.NDArray[np.float64]
     descriptors: npt.NDArray[Any]
-
-    @property
-    def learned(self) -> bool:
-        """Whether they are learned ones."""
-        return self.descriptors.dtype != np.uint8
+    kind: FeatureKind = "sift"
 
 
 @dataclass(frozen=True)
@@ -75,13 +76,25 @@ class MatchedPair:
         return float(np.min(values[:, 0] / np.maximum(values[:, 2], 1e-12) - 1))
 
 
-def extract(picture: Float) -> Features:
-    """SIFT features of one picture, float32 [h, w] in 0..1."""
+def find(picture: Float, kind: FeatureKind) -> Features:
+    """Find the features of one picture, float32 [h, w] in 0..1."""
+    if kind == "learned":
+        return Features(*learned.extract(picture), kind)
+    if kind == "more":
+        return replace(extract(picture, MORE_FEATURES, ENOUGH_OF_MORE), kind=kind)
+    return extract(picture)
+
+
+def extract(picture: Float, most: int = MOST_FEATURES, enough: int = ENOUGH_FEATURES) -> Features:
+    """Find SIFT features of one picture, float32 [h, w] in 0..1, `most` at most.
+
+    enough: with so many a picture is not searched at twice its size.
+    """
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = 1
     options.use_gpu = False
     options.sift.peak_threshold = PEAK_THRESHOLD
-    most = options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))
+    places_at_most = options.sift.max_num_features = min(most, max(picture.size // PIXELS_EACH, 500))
     scale = enlargement(picture.shape[1])
     if scale > 1:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
@@ -92,25 +105,20 @@ def extract(picture: Float) -> Features:
         options.sift.first_octave = octave
         extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
         keypoints, descriptors = extractor.extract_from_float32_array(picture)
-        if len(keypoints) >= min(most, ENOUGH_FEATURES):
+        if len(keypoints) >= min(places_at_most, enough):
             break
     places = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)
     vectors = np.asarray(descriptors.data, np.uint8).reshape(len(places), 128)
-    if len(places) > MOST_FEATURES:
+    if len(places) > most:
         # SIFT counts places, of which those with two orientations are two features each.
-        largest = np.sort(np.argsort(-places[:, 2], kind="stable")[:MOST_FEATURES])
+        largest = np.sort(np.argsort(-places[:, 2], kind="stable")[:most])
         places, vectors = places[largest], vectors[largest]
     return Features(places[:, :2] / scale, vectors)
 
 
-def extract_learned(picture: Float) -> Features:
-    """Learned features of one picture, float32 [h, w] in 0..1."""
-    return Features(*learned.extract(picture))
-
-
 def _matched(one: Features, other: Features, sides: tuple[Any, Any]) -> npt.NDArray[np.uint32]:
     """Pairs of indices [M, 2] of features of two pictures; sides: their pycolmap cameras."""
-    if not one.learned:
+    if one.kind != "learned":
         return match(one.descriptors, other.descriptors)
     sizes = tuple((camera.width, camera.height) for camera in sides)
     return learned.match(
@@ -126,7 +134,7 @@ def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height:
     scale = counts.shape[1] / width, counts.shape[0] / height
     x, y = (found.points * scale).astype(int).T
     keep = counts[y.clip(0, counts.shape[0] - 1), x.clip(0, counts.shape[1] - 1)]
-    return found if keep.all() else Features(found.points[keep], found.descriptors[keep])
+    return found if keep.all() else Features(found.points[keep], found.descriptors[keep], found.kind)
 
 
 def fill_database(
@@ -170,7 +178,7 @@ def fill_database(
 
     def key_of(a: ViewId, b: ViewId) -> str:
         """The name under which matches of a pair are kept."""
-        return f"learned {a} {b}" if features[a].learned else f"{a} {b}"
+        return f"{features[a].kind} {a} {b}"
 
     def geometry_of(number: int) -> tuple[npt.NDArray[np.uint32], Any]:
         """Matches of a pair and the geometry that they fit; None where they are too few."""

@@ -175,7 +175,7 @@ def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
 
 def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
     """What came of a calibration with poses."""
-    from calib.place_views import LEARNED
+    from calib.place_views import FURTHER
     from imaging.session.calibration import MOTION
 
     report = session / "calibration" / "report.html"
@@ -186,7 +186,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == MOTION],
-        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == LEARNED],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name in FURTHER.values()],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_light_lines(session, record),
         *_coordinate_lines(session, record),

@@ -62,9 +62,10 @@ class Model:
     rungs: tuple = ()
 
 
-def given(kind):
-    """Summaries of ten views with features of a kind."""
-    return {number: SimpleNamespace(blank=None, kind=kind) for number in range(10)}
+def given(kind, count=500):
+    """Summaries of ten views with so many features of a kind."""
+    features = SimpleNamespace(points=range(count))
+    return {number: SimpleNamespace(blank=None, kind=kind, features=features) for number in range(10)}
 
 
 @pytest.mark.parametrize("kind", ["sift", "learned"])
@@ -78,8 +79,8 @@ def test_learned_features_place_nothing_where_things_look_alike(monkeypatch, kin
 
     monkeypatch.setattr(learned, "available", lambda: True)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(place_views.all_views, "summaries", lambda *_, learned: given("learned"))
-    model, _ = place_views._with_learned(None, given("sift"), None, False, unreported)
+    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1]))
+    model, _ = place_views._placed(None, given("sift"), None, False, unreported)
     # A few views that nothing confirms are what learned features are for.
     assert len(model.poses) == (9 if (kind, name) == ("sift", "pose_unconfirmed") else 2)
 
@@ -91,7 +92,7 @@ def test_views_that_contradict_each_other_are_refused_as_before(monkeypatch):
     monkeypatch.setattr(learned, "available", lambda: True)
     monkeypatch.setattr(place_views, "_solved", refused)
     with pytest.raises(Contradicted):
-        place_views._with_learned(None, given("sift"), None, False, unreported)
+        place_views._placed(None, given("sift"), None, False, unreported)
 
 
 @pytest.mark.parametrize(
@@ -118,15 +119,43 @@ def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, th
 
     monkeypatch.setattr(learned, "available", lambda: there)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(place_views.all_views, "summaries", lambda *_, learned: given("learned"))
+    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1]))
     asked = None, given("sift"), None, False, unreported
     if expected is None:
         with pytest.raises(CalibrationError, match="sift places none"):
-            place_views._with_learned(*asked)
+            place_views._placed(*asked)
         return
-    model, own = place_views._with_learned(*asked)
+    model, own = place_views._placed(*asked)
     assert len(model.poses) == expected
-    said = [rung.reason for rung in model.rungs if rung.name == place_views.LEARNED]
+    said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["learned"]]
     assert bool(said) == (own[0].kind == "learned") == (expected == by_learned)
     if said and by_sift:
-        assert f"place {by_sift} of 10 images" in said[0]
+        assert f"{by_sift} of 10 images are placed without, {expected} with learned" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("count", "by_sift", "by_more", "expected"),
+    [(6000, 8, 9, 9), (6000, 9, 8, 9), (6000, 10, 10, 10), (500, 8, 9, 8), (6000, None, 3, 3)],
+)
+def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
+    monkeypatch, count, by_sift, by_more, expected
+):
+    def solved(evidence, summaries, *rest):
+        placed = by_more if summaries[0].kind == "more" else by_sift
+        if placed is None:
+            raise CalibrationError("none.")
+        return Model(dict.fromkeys(range(placed)))
+
+    monkeypatch.setattr(learned, "available", lambda: False)
+    monkeypatch.setattr(place_views, "_solved", solved)
+    asked = []
+    monkeypatch.setattr(
+        place_views.all_views,
+        "summaries",
+        lambda *given_: asked.append(given_[-1]) or given(given_[-1], count),
+    )
+    model, _ = place_views._placed(None, given("sift", count), None, False, unreported)
+    assert len(model.poses) == expected
+    assert asked == (["more"] if count == 6000 and by_sift != 10 else [])
+    said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["more"]]
+    assert bool(said) == (expected == by_more and asked == ["more"])

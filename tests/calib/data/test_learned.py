@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calib.data import learned
-from calib.data.features import Features, _matched, extract_learned
+from calib.data.features import Features, _matched, find
 
 SIZE = 320, 240
 
@@ -31,13 +31,13 @@ def test_matches_follow_a_known_motion_of_the_picture():
     one = picture()
     # warpPerspective counts pixel centres from 0, features from 0.5.
     other = np.clip(0.6 * cv2.warpPerspective(one, motion, SIZE, borderMode=cv2.BORDER_REFLECT) + 0.1, 0, 1)
-    here, there = extract_learned(one), extract_learned(other.astype(np.float32))
-    assert here.learned
+    here, there = find(one, "learned"), find(other.astype(np.float32), "learned")
+    assert here.kind == "learned"
     pairs = _matched(here, there, (Camera, Camera))
     assert len(pairs) > 100
     moved = cv2.perspectiveTransform((here.points[pairs[:, 0]] - 0.5)[None], motion)[0] + 0.5
     away = np.linalg.norm(moved - there.points[pairs[:, 1]], axis=1)
     assert np.mean(away < 2.0) > 0.9
     assert abs(np.median(moved - there.points[pairs[:, 1]], axis=0)).max() < 0.3
-    nothing = Features(np.empty((0, 2)), np.empty((0, 128), np.float32))
+    nothing = Features(np.empty((0, 2)), np.empty((0, 128), np.float32), "learned")
     assert _matched(here, nothing, (Camera, Camera)).shape == (0, 2)
