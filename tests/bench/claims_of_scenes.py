@@ -11,6 +11,11 @@ EXR, RAW = "merged EXR", "RAW brackets"
 DEMO = partial(cell, "demo")
 
 
+def judged_seconds(name: str) -> list[float]:
+    """Processor seconds of rig and of pycolmap on a set."""
+    return [cell("real_judges", column, name) for column in ("s", "s of pycolmap")]
+
+
 def by_scene(name: str, scene: str, trained: str, coloured: str) -> float:
     """dB of a scene in the table by scene that follows a comparison."""
     (found,) = [
@@ -156,6 +161,38 @@ CLAIMS = (
         lambda: [
             *map(DEMO, ("over the brightest, dB", "stops, median", "darkest tenth", "brightest hundredth"))
         ],
+    ),
+    Claim(
+        r"without EXIF, (\d+) of (\d+) frames stand right",
+        lambda: [cell("real_judges", "placed", "fox"), cell("real_judges", "photographs", "fox")],
+    ),
+    Claim(
+        r"([\d.]+) % of the extent off in the median \(pycolmap ([\d.]+)\), after (\d+) processor "
+        r"seconds for (\d+)",
+        lambda: [
+            *line("real_judges", r"centres off by ([\d.]+) % .*? by pycolmap ([\d.]+) and"),
+            *judged_seconds("fox"),
+        ],
+    ),
+    Claim(
+        r"over a park (\d+) of (\d+) after (\d+) for (\d+), with a focal length of ([\d,]+) px, .*? it "
+        r"([\d,]+)\); of the castle",
+        lambda: [
+            *(cell("real_judges", column, "brighton") for column in ("placed", "photographs")),
+            *judged_seconds("brighton"),
+            *(cell("real_judges", column, "brighton") for column in ("focal length, px", "of pycolmap")),
+        ],
+    ),
+    Claim(
+        r"of the castle (\d+) of (\d+) after (\d+) for (\d+)\.",
+        lambda: [
+            *(cell("real_judges", column, "sceaux") for column in ("placed", "photographs")),
+            *judged_seconds("sceaux"),
+        ],
+    ),
+    Claim(
+        r"ground ([\d.]+) m below the drone .*? axes tilted by ([\d.]+) degrees where its gimbal",
+        lambda: line("real_judges", r"ground ([\d.]+) m below, axes tilted by ([\d.]+) degrees"),
     ),
     Claim(
         r"Its lamps of ([\d,]+) fill .*? percentile, ([\d,]+), lies",
