@@ -255,6 +255,8 @@ def _facts(rig: Mapping[str, Any], peer: Mapping[str, Any]) -> str:
     said = []
     if "wrong" in rig:
         said.append(f"{rig['wrong']} wrong, {peer['wrong']} by pycolmap")
+    if "turn_median" in rig:
+        said.append(f"turns off by {rig['turn_median']:.4f} degrees in the median")
     if "centre_median" in rig:
         said.append(
             f"centres off by {rig['centre_median']:.3f} % of the extent in the median and "

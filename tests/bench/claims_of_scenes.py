@@ -184,10 +184,27 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"of the castle (\d+) of (\d+) after (\d+) for (\d+)\.",
+        r"of the castle (\d+) of (\d+) after (\d+) for (\d+);",
         lambda: [
             *(cell("real_judges", column, "sceaux") for column in ("placed", "photographs")),
             *judged_seconds("sceaux"),
+        ],
+    ),
+    Claim(
+        r"on a carpet (\d+) of (\d+) after (\d+) for (\d+), as many as pycolmap",
+        lambda: [
+            *(cell("real_judges", column, "banana") for column in ("by pycolmap", "photographs")),
+            *judged_seconds("banana"),
+        ],
+    ),
+    Claim(
+        r"28 of (\d+) views stand right, ([\d.]+) degrees off in the median, after (\d+) for (\d+); "
+        r"pycolmap, given the middle exposures, places (\d+)",
+        lambda: [
+            cell("real_judges", "placed", "metal"),
+            line("real_judges", r"turns off by ([\d.]+) degrees in the median")[0],
+            *judged_seconds("metal"),
+            cell("real_judges", "by pycolmap", "metal"),
         ],
     ),
     Claim(
