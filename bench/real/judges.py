@@ -7,7 +7,7 @@ Sets under RIG_DATA, at full size. pycolmap looks for features at its own size, 
 them, with one camera. Camera centres are compared with those that are published (fox), after the similarity
 that fits best; heights and tilts with GPS and gimbal (brighton). EXIF's focal length is that of its
 35 mm equivalent or of the sensor's size, px. One set is made, of path-traced metal and glass, whose poses are
-known: brackets for rig, the middle exposures for pycolmap. What is invented: exposure, white balance or
+known: brackets for rig, fused exposures for pycolmap. What is invented: exposure, white balance or
 falloff that calibration takes. Rows are kept in FOLDER. --quick: sceaux.
 """
 
@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import PIL.Image
 
-from bench.real.made_sets import METAL, MIDDLE, TIMES, judged, metal_and_glass
+from bench.real.made_sets import METAL, fuse, judged, metal_and_glass
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -158,9 +158,11 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
     folder = work / f"judges-{name}-pycolmap"
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "images").mkdir(parents=True)
-    every = photographs(name)
-    for path in every[MIDDLE :: len(TIMES[0])] if name == METAL else every:
-        shutil.copy(path, folder / "images" / path.name)
+    if name == METAL:
+        fuse(photographs(name), folder / "images")
+    else:
+        for path in photographs(name):
+            shutil.copy(path, folder / "images" / path.name)
     began = processor_seconds()
     database = folder / "database.db"
     pycolmap.extract_features(database, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE)
@@ -176,10 +178,9 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
         "focal": [camera.mean_focal_length() for camera in best.cameras.values()],
     }
     if name == METAL:
-        names = sorted(path.name for path in every[MIDDLE :: len(TIMES[0])])
         images = [best.image(index) for index in best.reg_image_ids()]
         poses = {
-            names.index(image.name): np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
+            int(image.name[:4]): np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
             for image in images
         }
         row |= judged(poses, metal_and_glass(WORK / "metal_and_glass")[1])
@@ -256,7 +257,10 @@ def _facts(rig: Mapping[str, Any], peer: Mapping[str, Any]) -> str:
     if "wrong" in rig:
         said.append(f"{rig['wrong']} wrong, {peer['wrong']} by pycolmap")
     if "turn_median" in rig:
-        said.append(f"turns off by {rig['turn_median']:.4f} degrees in the median")
+        said.append(
+            f"turns off by {rig['turn_median']:.4f} degrees in the median, by pycolmap "
+            f"{peer['turn_median']:.4f}"
+        )
     if "centre_median" in rig:
         said.append(
             f"centres off by {rig['centre_median']:.3f} % of the extent in the median and "

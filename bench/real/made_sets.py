@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,8 +15,6 @@ Array = npt.NDArray[np.float64]
 
 METAL = "metal and glass"
 TIMES = ((1 / 125, 1 / 30, 1 / 8, 1 / 2, 2.0),)
-MIDDLE = 2
-"""Of the exposures of a view, the one that a program without brackets is given."""
 
 
 def metal_and_glass(folder: Path) -> tuple[list[Path], Array]:
@@ -32,6 +31,17 @@ def metal_and_glass(folder: Path) -> tuple[list[Path], Array]:
         photograph(folder / "photos", scene.light(), Body(seed=4, well=20_000.0), TIMES, developed=True)
         (folder / "made.json").write_text(json.dumps({"views": len(scene.poses)}))
     return sorted((folder / "photos").glob("*.jpg")), scene.poses
+
+
+def fuse(photographs: list[Path], folder: Path) -> None:
+    """Write a picture of each bracket, as a program without brackets is given them.
+
+    All exposures are fused (Mertens, Kautz and Van Reeth 2007) into `folder`/VIEW.png.
+    """
+    for view, first in enumerate(range(0, len(photographs), len(TIMES[0]))):
+        bracket = [cv2.imread(str(path)) for path in photographs[first : first + len(TIMES[0])]]
+        fused = cv2.createMergeMertens().process([one for one in bracket if one is not None])
+        cv2.imwrite(str(folder / f"{view:04d}.png"), np.clip(255 * fused, 0, 255).round().astype(np.uint8))
 
 
 def judged(poses: dict[int, Array], true: Array) -> dict[str, Any]:

@@ -198,13 +198,12 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"28 of (\d+) views stand right, ([\d.]+) degrees off in the median, after (\d+) for (\d+); "
-        r"pycolmap, given the middle exposures, places (\d+)",
+        r"28 of (\d+) views stand right by both, ([\d.]+) degrees off in the median where pycolmap, given "
+        r"fused exposures, has ([\d.]+), but after (\d+) seconds for (\d+):",
         lambda: [
-            cell("real_judges", "placed", "metal"),
-            line("real_judges", r"turns off by ([\d.]+) degrees in the median")[0],
-            *judged_seconds("metal"),
             cell("real_judges", "by pycolmap", "metal"),
+            *line("real_judges", r"turns off by ([\d.]+) degrees in the median, by pycolmap ([\d.]+)"),
+            *judged_seconds("metal"),
         ],
     ),
     Claim(
