@@ -1,1 +1,1 @@
-"""How a camera is spoken to: the `Camera` protocol, and simulated cameras that follow it."""
+"""Camera drivers: the `Camera` protocol, and simulated cameras that follow it."""

@@ -1,4 +1,4 @@
-"""What every camera can be asked, whatever the bus: the `Camera` protocol."""
+"""The `Camera` protocol, which every camera follows, whatever the bus."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 
 @dataclass(frozen=True)
 class CameraIdentity:
-    """Who a camera is; the serial number is its identity, ports and addresses change."""
+    """Camera identity. The serial number is the key; ports and addresses may change."""
 
     serial: str
     make: str
@@ -20,7 +20,7 @@ class CameraIdentity:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a camera can be set to: times in seconds, ascending.
+    """Settings that a camera offers: times in seconds, ascending.
 
     obstacle: why it cannot shoot for rig, as half a sentence; empty where it can.
     """
@@ -59,9 +59,9 @@ class CameraFile:
     developed: tuple[str, bytes] | None = None
     """Suffix and bytes of the photograph that the camera made of the same exposure beside its RAW file."""
     proven: bool = False
-    """Whether rig wrote it itself and its hash is right: nobody has to decode it to know that it is whole."""
+    """True if rig wrote it itself and its hash is right: it need not be decoded to check that it is whole."""
     host: HostClock | None = None
-    """Where it comes from, if that is another host."""
+    """Host that it comes from, if that is another one."""
 
 
 class Camera(Protocol):
@@ -69,7 +69,7 @@ class Camera(Protocol):
 
     @property
     def where(self) -> str:
-        """Where on its bus it was last seen; empty while that is not known."""
+        """Last known address on its bus; empty if unknown."""
         ...
 
     def verified(self) -> str:
@@ -77,7 +77,7 @@ class Camera(Protocol):
         ...
 
     def identify(self) -> CameraIdentity:
-        """Who it is."""
+        """Query the identity."""
         ...
 
     def capabilities(self) -> Capabilities:
@@ -93,7 +93,7 @@ class Camera(Protocol):
         ...
 
     def trigger(self) -> float:
-        """Expose; the monotonic time, in seconds, at which it was told to.
+        """Expose, and return the monotonic time of the order in seconds.
 
         How much later its shutter opens is not known unless the frame says so, in `FrameMetadata.opened`.
         """
@@ -126,10 +126,10 @@ class ShootsBrackets(Protocol):
     """A camera that may shoot several exposures on one order, each faster than it could be set."""
 
     def bracket(self, exposures: Sequence[Exposure]) -> Iterable[RawMosaic | CameraFile]:
-        """Frames as they come, in the camera's own order; which exposure each is, its own metadata tell.
+        """Yield frames as they come, in the camera's own order; match them to exposures by their metadata.
 
         Some of those asked for may be missing, and others may be among them. CameraRefused, before anything
-        is exposed, if it has no way to do so; other CameraErrors may end it after any frame.
+        is exposed, if it cannot shoot this bracket; other CameraErrors may end it after any frame.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""Which of two drivers a still camera gets: rig's own PTP, or libgphoto2, by what each can do with it."""
+"""Choice between two drivers of a still camera, rig's own PTP and libgphoto2, by what each can do with it."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -19,7 +19,9 @@ NAMED = "libgphoto2, as it is named"
 
 
 class Place(NamedTuple):
-    """Where a PTP/IP camera is, as nothing finds it by itself. library: to be driven by libgphoto2."""
+    """Address of a PTP/IP camera, which discovery cannot find. library: drive it by libgphoto2. library: to
+    be driven by libgphoto2.
+    """
 
     host: str
     port: int

@@ -26,14 +26,14 @@ class Clock(Protocol):
         ...
 
     def wait(self, ready: Callable[[], bool], seconds: float) -> bool:
-        """Wait until `ready()`, looked at with the lock held, or that long, `math.inf` for ever.
+        """Wait until `ready()`, evaluated with the lock held, or that long, `math.inf` for ever.
 
         Returns whether it was ready.
         """
         ...
 
     def changed(self) -> None:
-        """Have waiting threads look at their conditions again."""
+        """Wake waiting threads, which evaluate their conditions again."""
         ...
 
     def worker(self, name: str) -> AbstractContextManager[object]:
@@ -66,14 +66,14 @@ class SystemClock:
             return self._condition.wait_for(ready, min(seconds, threading.TIMEOUT_MAX))
 
     def changed(self) -> None:
-        """Have waiting threads look again."""
+        """Wake waiting threads, which evaluate their conditions again."""
         with self._condition:
             self._condition.notify_all()
 
     def worker(self, name: str) -> AbstractContextManager[object]:
-        """Nothing: the system knows its threads."""
+        """Do nothing: the system knows its threads."""
         return nullcontext()
 
 
 THIS_MACHINE = SystemClock()
-"""The clock of whoever is not given another."""
+"""The default clock."""

@@ -1,4 +1,4 @@
-"""What the driver of a camera has to do, asked of a camera that is connected: `rig doctor --camera`.
+"""Conformance checks of a camera driver against a connected camera: `rig doctor --camera`.
 
 Each examination drives the camera by nothing but the protocol `drivers.camera.Camera` and says what it found.
 Light and linearity are judged by photon transfer (EMVA 1288: the variance between two frames of one exposure
@@ -27,22 +27,22 @@ Verdict = Literal["passed", "failed", "skipped"]
 LONGEST = 1.0
 """Seconds of exposure that an examination takes at most, so that all of them end in a minute or two."""
 SHOTS = 5
-"""Whose timing is told."""
+"""Number of shots over which the timing is reported."""
 LEVELS = 5
 """Exposures a stop apart by which light is judged."""
 BRIGHT = 0.9
 """The share of photosites that are darker than the one which levels are chosen by."""
 FULL, FAINT = 0.6, 0.01
-"""Of the range: what that one has at most in the brightest of them, and below which none is judged."""
+"""Shares of the range: the upper limit of the brightest frame, and the level below which none is judged."""
 UNEVEN_STOPS = 0.1
-"""By which a stop of time may differ from a stop of signal."""
+"""Largest difference between a stop of time and a stop of signal."""
 NOISE_OFF = 0.25
-"""By which the variance of a level may depart from the line through all."""
+"""Largest departure of a level's variance from the line through all."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was asked, what came of it, and in words what was seen or what is wrong."""
+    """Outcome of a check: its subject, its verdict, and in words what was observed or what is wrong."""
 
     name: str
     verdict: Verdict
@@ -50,11 +50,11 @@ class Examination:
 
 
 class Failure(Exception):
-    """What the camera did is not what the protocol promises; the message says what, and what it should be."""
+    """Violation of the protocol by the camera; the message names it and the expected behaviour."""
 
 
 class Skipped(Exception):
-    """It cannot be judged here; the message says why, and what to change."""
+    """Check that is not possible here; the message gives the reason and the fix."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Subject:
     able: Capabilities
 
     def exposure(self, time: float) -> Exposure:
-        """The exposure of that time, at the widest aperture and the lowest ISO that there are."""
+        """The exposure of that time, at the widest aperture and the lowest ISO available."""
         return Exposure(
             time=time,
             f_number=self.able.f_numbers[0] if self.able.f_numbers else None,
@@ -74,7 +74,7 @@ class Subject:
         )
 
     def times(self) -> list[float]:
-        """Seconds that are short enough to be waited for; Skipped where there are none."""
+        """Times short enough to wait for, seconds; Skipped without any."""
         found = [time for time in self.able.times if time <= LONGEST]
         if not found:
             raise Skipped(f"the camera has no exposure time up to {LONGEST:g} s")
@@ -99,7 +99,7 @@ class Subject:
 
 
 def identity(subject: Subject) -> str:
-    """It says who it is, each time alike."""
+    """The identity is stated, each time alike."""
     first, again = subject.camera.identify(), subject.camera.identify()
     if not first.serial:
         raise Failure("it has no serial number, by which a rig file names cameras: make one up that lasts")
@@ -109,7 +109,7 @@ def identity(subject: Subject) -> str:
 
 
 def capabilities(subject: Subject) -> str:
-    """What it can is in order: ascending, positive, and the same when it is asked again."""
+    """Capabilities are valid: ascending, positive, repeatable."""
     able = subject.able
     if able.obstacle:
         raise Failure(f"it cannot shoot for rig: {able.obstacle}")
@@ -160,7 +160,7 @@ def frames(subject: Subject) -> str:
 
 
 def order(subject: Subject) -> str:
-    """What comes out of order is refused by a CameraError or done, and the camera shoots afterwards."""
+    """Calls out of order are refused by a CameraError or carried out, and the camera shoots afterwards."""
     times = subject.times()
     subject.camera.set_exposure(subject.exposure(times[0]))
     refused = 0
@@ -176,7 +176,7 @@ def order(subject: Subject) -> str:
 
 
 def closing(subject: Subject) -> str:
-    """It may be let go twice, and comes back when it is asked again."""
+    """`close` is idempotent and the camera can be reopened."""
     who = subject.camera.identify()
     subject.camera.close()
     subject.camera.close()

@@ -33,7 +33,7 @@ class ConnectedCamera:
 
     @property
     def trouble(self) -> str:
-        """Why it cannot shoot for rig, as a sentence; empty where it can."""
+        """Reason why it cannot shoot for rig, as a sentence; empty if it can."""
         if self.error or self.capabilities is None or not self.capabilities.obstacle:
             return self.error
         assert self.identity is not None  # it was asked before what it can do
@@ -56,7 +56,7 @@ def find_cameras(
 def _by_protocol(
     backend: IBackend, clock: Clock, network: Network | None, places: Sequence[Place]
 ) -> Iterator[tuple[str, Camera | CameraError, str]]:
-    """The protocol, the driver or why there is none, and why it is that one."""
+    """Protocol, driver or the reason for its absence, and the reason for the choice."""
     # A simulated bus has no network, and none of this machine's cameras, beside it.
     yield from choice.find_cameras(backend, clock, places, library=network is not None)
     own = set()

@@ -1,4 +1,4 @@
-"""What can go wrong with a camera; each message is one sentence: what, where, the fix.
+"""Errors of cameras; each message is one sentence: what, where, the fix.
 
 CameraError (imaging.errors)
 ├── CameraNotFound     no such camera is connected
@@ -27,20 +27,20 @@ class CameraClaimed(CameraError):
 
 
 class CameraLost(CameraError):
-    """It was unplugged or switched off."""
+    """Disconnection: unplugged or switched off."""
 
 
 class CameraTimeout(CameraError):
-    """It did not answer in time."""
+    """Missing answer."""
 
 
 class CameraBusy(CameraError):
-    """It answered that it is busy, for longer than we wait."""
+    """Camera busy for longer than the wait allows."""
 
 
 class CameraRefused(CameraError):
-    """It answered that it cannot or may not do what was asked."""
+    """Refusal: the camera cannot or may not do what was requested."""
 
 
 class CameraProtocol(CameraError):
-    """What it sent makes no sense."""
+    """Invalid data from the camera."""

@@ -1,4 +1,4 @@
-"""Which programs hold a USB device open, as Linux shows it."""
+"""Programs that hold a USB device open, as Linux shows them."""
 
 import os
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ PROCESSES = Path("/proc")
 
 
 def node_of(device: Any) -> Path:
-    """The file that stands for a device on Linux."""
+    """Device file on Linux."""
     return NODES / f"{device.bus or 0:03d}" / f"{device.address or 0:03d}"
 
 

@@ -1,4 +1,4 @@
-"""What this machine allows: libusb, permissions, memory for transfers, and who holds a camera."""
+"""Host checks: libusb, permissions, memory for transfers, and programs that hold a camera."""
 
 import os
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ MEMORY = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at; `fix` is empty where nothing has to be done."""
+    """Result of one check; `fix` is empty if nothing has to be done."""
 
     name: str
     says: str

@@ -23,7 +23,7 @@ from drivers.holders import holders
 from imaging.errors import CameraError
 
 RULES = "70-hdr-rig.rules"
-"""The udev rules that let users of group `plugdev`, and whoever sits at the machine, open cameras."""
+"""The udev rules that let users of group `plugdev`, and the user at the machine, open cameras."""
 
 
 class EndpointStalled(CameraProtocol):
@@ -62,7 +62,7 @@ def find(kind: InterfaceKind, backend: IBackend) -> list["UsbDevice"]:
 
 
 def _interfaces(device: Any, kind: InterfaceKind) -> Iterator[Any]:
-    """Its interfaces of the kind, each once."""
+    """Interfaces of the kind, each once."""
     wanted = (kind.number, kind.subclass, kind.protocol)
     for configuration in device:
         for interface in configuration:
@@ -85,7 +85,7 @@ class UsbDevice:
 
     @property
     def where(self) -> str:
-        """For messages: `USB 001:007 (04b0:0444)`."""
+        """Name of the place for messages: `USB 001:007 (04b0:0444)`."""
         device = self.device
         place = f"{device.bus or 0:03d}:{device.address or 0:03d}"
         return f"USB {place} ({device.idVendor:04x}:{device.idProduct:04x})"

@@ -1,4 +1,4 @@
-"""What public functions are given, looked at before they begin: a value of a wrong type is a sentence."""
+"""Argument checks of public functions: a value of a wrong type gives one sentence before any work begins."""
 
 import functools
 import inspect
@@ -47,7 +47,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def fits(value: object, kind: Any) -> bool:
-    """Return whether a value is of a type of an annotation, as far as that can be told."""
+    """Return whether a value fits the type of an annotation, as far as that can be checked."""
     origin = typing.get_origin(kind)
     if origin in (types.UnionType, typing.Union):
         return any(fits(value, one) for one in typing.get_args(kind))

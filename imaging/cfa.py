@@ -48,7 +48,7 @@ class Cfa:
 
     @classmethod
     def of(cls, text: str) -> "Cfa":
-        """The table whose text this is; ValueError if it is none."""
+        """The table with this text; ValueError if it is not a table."""
         return cls(tuple(text.split("/")))
 
     @classmethod
@@ -71,7 +71,7 @@ class Cfa:
 
     @property
     def letters(self) -> str:
-        """Its channels, in the order in which `pattern` counts them: RGB, RGBW or W."""
+        """Channels, in the order in which `pattern` counts them: RGB, RGBW or W."""
         seen = {letter for row in self.rows for letter in row}
         return "".join(sorted(seen, key=lambda letter: "RGBW".find(letter)))
 
@@ -93,17 +93,17 @@ class Cfa:
 
     @property
     def bayer(self) -> bool:
-        """Whether it is one of the four Bayer phases."""
+        """True for the four Bayer phases."""
         return self in BAYER
 
     @property
     def mono(self) -> bool:
-        """Whether all photosites see the same."""
+        """True if all photosites have the same spectral response."""
         return self.letters == "W"
 
     @property
     def densest(self) -> int:
-        """The channel that has most photosites, which tells detail best."""
+        """The channel with the most photosites, which resolves detail best."""
         return int(np.argmax(np.bincount(self.pattern.reshape(-1))))
 
     @cached_property
@@ -246,7 +246,9 @@ def _around(
 
 
 def tents(cfa: Cfa) -> Iterable[npt.NDArray[np.float64]]:
-    """Of each channel the narrowest tent, 1 at its middle, that reaches a photosite from everywhere."""
+    """Interpolation kernels: for each channel the narrowest tent, 1 at its middle, that reaches a photosite
+    from everywhere.
+    """
     for channel in range(len(cfa.letters)):
         reach = 0
         while not ndimage.maximum_filter(cfa.pattern == channel, 2 * reach + 1, mode="wrap").all():

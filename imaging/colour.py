@@ -33,7 +33,7 @@ XYZ_FROM_REC709 = xyz_from_rgb(PRIMARIES["rec709"])
 REC709_FROM_XYZ = np.linalg.inv(XYZ_FROM_REC709)
 
 Space = Literal["rec709", "acescg", "aces2065-1"]
-"""Of files of linear light, under the names that their users know."""
+"""Colour spaces of files of linear light, by their common names."""
 SPACE_PRIMARIES: dict[Space, str] = {"rec709": "rec709", "acescg": "ap1", "aces2065-1": "ap0"}
 SPACE_NAMES: dict[Space, str] = {"rec709": "Rec.709", "acescg": "ACEScg", "aces2065-1": "ACES2065-1"}
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
@@ -81,7 +81,7 @@ def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:
 
 
 def unmeasured(channels: int) -> Matrix3:
-    """Linear Rec.709 to a camera whose colour nothing tells, float64 [channels, 3].
+    """Matrix from linear Rec.709 to a camera of unknown colour response, float64 [channels, 3].
 
     R, G and B are taken for Rec.709's; what has no filter (W) for their sum; mono for the mean, so that a
     scene that it alone sees is grey.
@@ -120,7 +120,7 @@ def rec709_from_camera(matrix: npt.ArrayLike) -> Matrix3:
 def balanced(light: npt.NDArray[np.float32], neutral: Sequence[float] | None) -> npt.NDArray[np.float32]:
     """Camera light [..., channels] as RGB in which a neutral surface is grey: W left out, mono repeated.
 
-    neutral: what the camera sees of such a surface; None: the same in all channels.
+    neutral: what the camera sees of such a surface; default: the same in all channels.
     """
     if light.shape[-1] == 1:
         return np.repeat(light, 3, axis=-1)

@@ -1,4 +1,4 @@
-"""How far apart two colours look: CIE Lab and CIEDE2000."""
+"""Colour differences: CIE Lab and CIEDE2000."""
 
 import numpy as np
 import numpy.typing as npt

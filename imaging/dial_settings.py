@@ -1,4 +1,4 @@
-"""What a still camera does when its dials show round numbers: powers of two, in thirds of a stop."""
+"""Nominal dial settings of still cameras: powers of two, in thirds of a stop."""
 
 from collections.abc import Iterable
 from fractions import Fraction
@@ -29,7 +29,8 @@ F_NUMBERS = {name: 2.0 ** (index / 6) for index, name in enumerate(_WIDE + _NARR
 
 
 def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
-    """Return what each exposure stands for, round names of times and f-numbers taken for their powers of two.
+    """Return the exact setting behind each rounded one: nominal times and f-numbers become their powers of
+    two.
 
     Times are taken so only if all of them are names of the standard series, and so are f-numbers: a
     camera that states others, as a phone or an industrial camera does, means them as they are. ISO stays

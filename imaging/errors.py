@@ -4,7 +4,7 @@
     ├── InputError          a file, folder or option that cannot be used
     ├── StorageError        the disk refused: full, read-only, no permission
     ├── PartialError        exit 3: done in part, what is there stays
-    ├── CameraError         (drivers) a camera did not do what it was told
+    ├── CameraError         (drivers) a camera failed to carry out an order
     ├── CaptureError        (capture)
     ├── CalibrationError    (calib)
     └── ReconstructionError (recon)
@@ -36,7 +36,7 @@ class PartialError(RigError):
 
 
 class CameraError(RigError):
-    """A camera did not do what it was told."""
+    """Failure of a camera to carry out an order."""
 
 
 class CaptureError(RigError):

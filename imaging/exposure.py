@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Exposure(BaseModel):
-    """What a camera was told, or says, about one exposure.
+    """Settings of one exposure, as ordered or as the camera reports them.
 
     `time` in seconds, `f_number` dimensionless, `iso` arithmetic ISO speed. An f-number or ISO
     that is not known is None and counts as 1 and as ISO 100: it then has to be the same in every shot.

@@ -47,12 +47,12 @@ class Lens(Record):
 
     @property
     def fisheye(self) -> bool:
-        """Whether the terms are those of the angle from the axis, not of its tangent."""
+        """True if the terms apply to the angle from the axis, not to its tangent."""
         return self.model in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the eight `terms` are called."""
+        """Names of the eight `terms`."""
         return FISHEYE_TERMS if self.fisheye else BROWN_TERMS
 
     @property
@@ -78,11 +78,11 @@ class Lens(Record):
 Array = npt.NDArray[np.float64]
 
 WIDEST = math.radians(88.0)
-"""From the axis. Tangents x/z end at a right angle, and near it they have no digits left."""
+"""Largest angle from the axis. Tangents x/z end at a right angle, and near it they lose all digits."""
 _ROUNDS = 80
-"""Of bisection at worst, where the slope of a lens ends; a handful elsewhere."""
+"""Bisection steps at worst, where the slope of a lens ends; a handful elsewhere."""
 _MISS = 1e-10
-"""In focal lengths, by which a ray found for a place may miss it."""
+"""Largest miss of an inverted ray, in focal lengths."""
 
 
 def project(lens: Lens, points: npt.ArrayLike) -> Array:
@@ -101,7 +101,7 @@ def rays(lens: Lens, pixels: npt.ArrayLike) -> Array:
 
 
 def distort(tangents: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
-    """Where a lens puts rays of tangents (x/z, y/z) [..., 2], in focal lengths from the principal point.
+    """Project rays of tangents (x/z, y/z) [..., 2]; the result is in focal lengths from the principal point.
 
     terms: k1, k2, p1, p2, or of a fisheye k1, k2, k3, k4.
     """
@@ -236,7 +236,7 @@ def _first_root(*terms: float) -> float:
 
 
 def widest_angle(lens: Lens) -> float:
-    """How far from the axis the farthest corner of an image lies, radians; inf where it lies beyond the fold.
+    """Angle of the farthest image corner from the axis, radians; inf if it lies beyond the fold.
 
     Of a fisheye, which is refused where this is more than WIDEST.
     """

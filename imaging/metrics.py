@@ -1,4 +1,4 @@
-"""How far a prediction is from the truth, in the units that papers report (METHODS, Metrics).
+"""Image metrics, in the units that papers report (METHODS, Metrics).
 
 Every function takes arrays of one shape and raises ValueError for other shapes, for empty arrays
 and for values that are not finite. Every result is a finite number, also for black images.
@@ -13,9 +13,9 @@ from scipy import ndimage
 Array = npt.NDArray[np.float64]
 
 PSNR_CAP = 150.0
-"""dB given for images that are equal or closer than float32 can tell: JSON has no infinity.
+"""PSNR in dB for images that are equal or closer than float32 resolves: JSON has no infinity.
 
-The negative of it is the least that is given.
+Its negative is the lower bound.
 """
 
 STOPS_CAP = 32.0
@@ -58,7 +58,8 @@ def psnr(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float = 1.0) -> 
 
 SSIM_RADIUS = 5
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
-"""Of SSIM (Wang et al. 2004): half of a window of 11 taps; K1 and K2, squared, for values on 0..1."""
+"""Constants of SSIM (Wang et al. 2004): half of a window of 11 taps; K1 and K2, squared, for values on 0..1.
+"""
 
 
 def ssim_taps() -> Array:
@@ -72,10 +73,10 @@ def ssim(
 ) -> float | None:
     """Mean structural similarity of images on 0..1, [H, W] or [H, W, C] (channels apart, then averaged).
 
-    Wang et al. 2004: Gaussian window of 11 taps, sigma 1.5, K1 0.01, K2 0.03, in float64, mean
-    over the windows that lie wholly inside. valid: bool of the same shape; only windows without a sample
-    that is not are averaged, so that whatever a masked image is filled with has no part in it, and None
-    comes back if there are none. ValueError if the image is smaller than the window.
+    Wang et al. 2004: Gaussian window of 11 taps, sigma 1.5, K1 0.01, K2 0.03, in float64, mean over the
+    windows that lie wholly inside. valid: bool of the same shape; only windows without a sample that is not
+    are averaged, so that whatever a masked image is filled with has no part in it; None without such windows.
+    ValueError if the image is smaller than the window.
     """
     a, b = _pair(prediction, truth)
     if a.ndim not in (2, 3) or min(a.shape[:2]) < 11:
@@ -147,9 +148,9 @@ def hdr_psnr_mu_below(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: flo
 
 
 def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
-    """The factor on `prediction` that makes the median log ratio to `truth` zero.
+    """Factor on `prediction` that makes the median log ratio to `truth` zero.
 
-    Over the values that are positive in both; 1 if there are none.
+    Over the values that are positive in both; 1 without such values.
     """
     a, b = _pair(prediction, truth)
     lit = (a > 0) & (b > 0)
@@ -162,7 +163,7 @@ def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
 def stops_median(
     prediction: npt.ArrayLike, truth: npt.ArrayLike, among: tuple[float, float] = (0.0, 1.0)
 ) -> float:
-    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 if there are none.
+    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 without any.
 
     among: quantiles of those values of the truth, 0..1, between which they count; (0, 0.1): the darkest
     tenth.

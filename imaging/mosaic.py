@@ -22,8 +22,8 @@ def as_matrix(values: npt.ArrayLike) -> Matrix:
 
 @dataclass(frozen=True)
 class GpsPosition:
-    """Latitude and longitude of WGS84, degrees, and height, m; error: horizontal, and altitude_error: of the
-    height, m. None: not told.
+    """Position in WGS84: latitude and longitude, degrees, and height, m; error: horizontal, and
+    altitude_error: of the height, m. None: not stated.
     """
 
     latitude: float
@@ -35,17 +35,16 @@ class GpsPosition:
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """What a file says about the camera and the exposure; None where it says nothing.
+    """Metadata of a file on its camera and exposure; None where the file is silent.
 
-    captured_at: what the camera's clock showed, without a zone. lens: its name. digital_zoom: by how much
-    the picture was cut and enlarged. orientation: as in EXIF, 1 to 8.
-    opened: when the shutter opened, in seconds of the clock that the driver was given, as a camera that
-    stamps its frames tells; no file holds it.
-    unknown: what its driver could not learn of the frame and took a value for, a sentence each; in no file.
-    sensor_mm: the longer side of what the pixels of the picture cover on the sensor.
-    manual_white_balance: it was set, and not chosen by the camera for this frame. balance: by how much the
-    camera raised red and blue over green. gimbal: yaw, clockwise from north, pitch, up, and roll of a drone's
-    camera, degrees. height: m above where a drone took off.
+    captured_at: what the camera's clock showed, without a zone. lens: its name. digital_zoom: by how much the
+    picture was cut and enlarged. orientation: as in EXIF, 1 to 8. opened: when the shutter opened, in seconds
+    of the clock that the driver was given, for cameras that stamp their frames; no file holds it. unknown:
+    what its driver could not learn of the frame and took a value for, a sentence each; in no file. sensor_mm:
+    the longer side of what the pixels of the picture cover on the sensor. manual_white_balance: it was set,
+    and not chosen by the camera for this frame. balance: by how much the camera raised red and blue over
+    green. gimbal: yaw, clockwise from north, pitch, up, and roll of a drone's camera, degrees. height: m
+    above where a drone took off.
     """
 
     make: str = ""
@@ -72,17 +71,14 @@ class FrameMetadata:
 class RawMosaic:
     """A mosaic of any colour filter array, mono, or light that was demosaicked before it was stored.
 
-    pixels: uint16 [H, W], DN, as stored, black not subtracted; [H, W, 3] where `cfa` is None.
-    black: DN of the sites of a tile that repeats, of its own period.
-    black_offset: float32 [H, W], DN, by which black departs from `black` at each photosite, on average 0
-    over every site of the tile; None: nowhere.
-    white: DN at and above which a photosite counts as saturated.
-    neutral: what each channel sees of a neutral surface, largest 1 (DNG AsShotNeutral); None if unknown.
-    camera_from_xyz: a row for each channel, XYZ to camera under D65 (DNG ColorMatrix), scale free; None if
-    unknown.
-    noise_profile: (S, O), variance = S * signal + O on 0..1 (DNG NoiseProfile); None if unknown.
-    noise_shares: by how much the variance of each channel is greater than that, of light without a CFA; None:
-    by nothing.
+    pixels: uint16 [H, W], DN, as stored, black not subtracted; [H, W, 3] where `cfa` is None. black: DN of
+    the sites of a tile that repeats, of its own period. black_offset: float32 [H, W], DN, by which black
+    departs from `black` at each photosite, on average 0 over every site of the tile; None: 0 everywhere.
+    white: DN at and above which a photosite counts as saturated. neutral: response of each channel to a
+    neutral surface, largest 1 (DNG AsShotNeutral); None if unknown. camera_from_xyz: a row for each channel,
+    XYZ to camera under D65 (DNG ColorMatrix), scale free; None if unknown. noise_profile: (S, O), variance =
+    S * signal + O on 0..1 (DNG NoiseProfile); None if unknown. noise_shares: by how much the variance of each
+    channel is greater than that, of light without a CFA; None: equal.
     """
 
     pixels: npt.NDArray[np.uint16]
@@ -98,7 +94,7 @@ class RawMosaic:
 
     @property
     def noise(self) -> SensorNoise | None:
-        """What `noise_profile` says, in DN; None if it says nothing."""
+        """Noise model of `noise_profile`, in DN; None without one."""
         if self.noise_profile is None:
             return None
         return SensorNoise.from_profile(self.noise_profile, float(np.mean(self.black)), self.white)

@@ -1,4 +1,4 @@
-"""What a notebook shows of a value that is the last line of a cell: pictures with a line below each."""
+"""HTML representation for Jupyter: pictures with a caption below each."""
 
 import base64
 import html

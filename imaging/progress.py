@@ -1,4 +1,4 @@
-"""How a stage says how far it is, to whoever called it."""
+"""Progress callbacks of a stage."""
 
 from collections.abc import Callable
 
@@ -8,4 +8,4 @@ not known."""
 
 
 def unreported(message: str, done: int, total: int) -> None:
-    """Progress that nobody looks at."""
+    """Discard progress."""

@@ -1,4 +1,4 @@
-"""What was measured of a sensor at one ISO: the record in calibration.json, and how frames are read by it."""
+"""Sensor measurements at one ISO: the record in calibration.json, and how frames are read with it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ class Defect(Record):
 
 
 class SensorCalibration(Record):
-    """One sensor at one ISO (EMVA 1288 terms); what could not be determined is None."""
+    """Measurements of one sensor at one ISO (EMVA 1288 terms); None for what could not be determined."""
 
     iso: float | None = None
-    """None: the files do not tell."""
+    """ISO speed; None if the files do not state it."""
     black: tuple[tuple[Measured, ...], ...] | None = None
     """DN of the sites of a tile that repeats, row by row: 2x2 of Bayer and mono, 6x6 of X-Trans."""
     gain: Measured | None = None
@@ -62,9 +62,9 @@ class SensorCalibration(Record):
     nonlinearity: Measured | None = None
     """Share of the signal that is missing at white: `signal = light (1 - nonlinearity light)`."""
     linear: bool | None = None
-    """Whether the response is a straight line as far as the data tell; None: not tested."""
+    """True if the response is a straight line within the error of the data; None if untested."""
     defects: tuple[Defect, ...] | None = None
-    """None: not looked for."""
+    """Defective photosites; None if not searched."""
     transfer: tuple[tuple[float, float], ...] = ()
     """Points of the photon transfer curve, where darks and flats gave some: mean above black, DN, and
     variance in time, DN^2."""
@@ -93,7 +93,7 @@ class SensorCalibration(Record):
 
 @dataclass(frozen=True)
 class Levels:
-    """Levels of a RAW file as they were measured, in place of what the file claims; None: as it claims.
+    """Measured levels of a RAW file, in place of those it states; None: as stated.
 
     black: DN of the sites of a tile; white: DN at and above which a photosite counts as saturated; noise: of
     the photosites; defects: column and row of photosites that hold no number; bend: share of the signal that
@@ -107,7 +107,7 @@ class Levels:
     bend: float = 0.0
 
     def straight(self, signal: Float) -> Float:
-        """The light that a signal stands for, both relative to white; the inverse of `x (1 - bend x)`."""
+        """Linearise a signal relative to white; the inverse of `x (1 - bend x)`."""
         if self.bend == 0.0:
             return signal
         # Beyond the parabola's top no light has that signal; no sensor bends that far below white.
@@ -125,5 +125,5 @@ class Levels:
 
 
 def at_iso(sensors: Sequence[SensorCalibration], iso: float | None) -> SensorCalibration | None:
-    """The calibration at an ISO, None where there is none: another ISO's never stands in."""
+    """The calibration at an ISO, or None: another ISO's is never substituted."""
     return next((sensor for sensor in sensors if sensor.iso == iso), None)

@@ -7,15 +7,15 @@ from typing import Any, Literal, Self
 
 @dataclass(frozen=True)
 class StressCase:
-    """How wrong the worst number of a case is, and how wrong it may be.
+    """Worst error of a stress test, and its tolerance.
 
-    error: relative to the number itself, unless `what` says otherwise; None: something is not finite.
+    error: relative to the number itself, unless `what` says otherwise; None if not finite.
     """
 
     part: Literal["splatting", "calibration", "methods"]
     case: str
     what: str
-    """Which numbers."""
+    """The numbers that were tested."""
     against: Literal["float64", "truth"]
     error: float | None
     limit: float
@@ -30,14 +30,14 @@ class StressCase:
         error: float,
         limit: float,
     ) -> Self:
-        """As it is measured: an error that is no finite number is None."""
+        """Make a case from a measured error; a non-finite error becomes None."""
         return cls(part, case, what, against, error if math.isfinite(error) else None, limit)
 
     @property
     def ok(self) -> bool:
-        """Whether it is within the limit."""
+        """True within the tolerance."""
         return self.error is not None and self.error <= self.limit
 
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """Record for JSON."""
         return vars(self) | {"ok": self.ok}

@@ -58,19 +58,19 @@ class GenicamCamera:
         self._chunks = True
         self._applied: Exposure | None = None
         self._expected: list[Exposure] = []
-        """What the camera was set to for each frame that is to come."""
+        """Settings of each frame that is still to come."""
         self._before: Latch | None = None
-        """Its clock, just before it was told to wait for its trigger."""
+        """Device clock just before the camera was armed."""
         self._surest: Latch | None = None
-        """Of all times that its clock was read, the one that is known best."""
+        """The most certain of all readings of its clock."""
 
     @property
     def where(self) -> str:
-        """Where on the bus it is; empty while it is not opened."""
+        """Address on the bus; empty while closed."""
         return "" if self._session is None else self._session.where
 
     def identify(self) -> CameraIdentity:
-        """Who it is: the serial number that it was found by, maker and model from its registers."""
+        """Read maker and model from the registers; the serial number is the one that selects the camera."""
         make, model = self._again(lambda session: (session.make, session.model))
         return CameraIdentity(self.serial, make, model, "raw")
 
@@ -91,7 +91,9 @@ class GenicamCamera:
         return applied
 
     def limit_throughput(self, bytes_per_second: int) -> int:
-        """Have it send no faster, so that several share a bus; returns what it reads back. CameraRefused."""
+        """Limit the throughput, so that several cameras share a bus; returns the value read back.
+        CameraRefused.
+        """
 
         def apply(session: Session) -> int:
             nodes = session.nodes
@@ -143,7 +145,7 @@ class GenicamCamera:
         return (began + self._clock.now()) / 2 + ahead
 
     def collect(self) -> RawMosaic:
-        """The frame, with its exposure time and the moment that it opened where the camera tells."""
+        """Return the frame, with its exposure time and the moment of opening where the camera reports them."""
         session = self._must_be(_Stage.EXPOSED, "trigger")
         self._stage = _Stage.IDLE
         return self._once(lambda: self._take(session)[0])
@@ -204,14 +206,14 @@ class GenicamCamera:
         return self._session
 
     def _again(self, act: Callable[[Session], ResultT]) -> ResultT:
-        """Do what can be done twice; a camera that is lost meanwhile is found again first."""
+        """Run an idempotent action; if the camera is lost meanwhile, reopen it and repeat."""
         try:
             return self._once(lambda: act(self._opened()))
         except CameraLost:
             return self._once(lambda: act(self._opened()))
 
     def _once(self, act: Callable[[], ResultT]) -> ResultT:
-        """Do something; a camera that is lost is let go."""
+        """Run an action once; close a camera that is lost."""
         try:
             return act()
         except CameraLost:
@@ -250,7 +252,7 @@ class GenicamCamera:
             raise
 
     def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
-        """Have the camera wait for its trigger, and then send a frame for each exposure."""
+        """Arm the camera: wait for its trigger, then send a frame for each exposure."""
         if self._runs:
             settings.stop(session.nodes)
         self._expected, self._runs = list(expected), True
@@ -281,7 +283,7 @@ class GenicamCamera:
         return [self._timed(mosaic, stamp, after) for stamp, mosaic in taken]
 
     def _latched(self, session: Session) -> Latch | None:
-        """Its clock now, about as sure as ever since it was opened."""
+        """Latch its clock, with about the least uncertainty since it was opened."""
         reading = latch(session.device_clock, session.nodes, self._clock, self._surest)
         if reading is not None and (self._surest is None or reading.uncertainty < self._surest.uncertainty):
             self._surest = reading

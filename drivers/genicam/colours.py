@@ -1,8 +1,8 @@
-"""Gains of single colours, made alike: the white balance of a camera, and its Gain by colour.
+"""Gains of single colours, made equal: the white balance of a camera, and its Gain by colour.
 
 Makers say that both act on raw mosaics (Basler dart: "effective on all pixel data output formats including
-raw"). A ratio that is a factor does nothing at 1. In whole numbers the maker chooses what does nothing (64,
-256, 1024, 4096), and only green, to which the others are ratios, tells it.
+raw"). A ratio that is a factor does nothing at 1. For integer ratios the maker chooses the neutral value (64,
+256, 1024, 4096); only green, the reference of the ratios, shows it.
 """
 
 from collections.abc import Iterator
@@ -17,14 +17,15 @@ _WHOLE = ("BalanceRatio", "BalanceRatioAbs", "BalanceRatioRaw")
 _SWITCHES = ("BalanceWhiteEnable", "BalanceRatioEnable")
 _GREEN = ("Green", "GreenRed", "GreenBlue")
 _COLOURS = (*_GREEN[1:], "Red", "Green", "Blue")
-"""How entries of GainSelector end that are colours; the longer of two comes first."""
+"""Suffixes of the entries of GainSelector that are colours; the longer of two comes first."""
 _ALIKE = 0.005
-"""By which gains may differ where a camera counts in steps: half a percent of a factor."""
+"""Relative tolerance of equal gains where a camera counts in steps."""
 _DECIBEL = 0.05
 
 
 def even_out(nodes: NodeMap, name: str) -> None:
-    """Have every colour amplified alike, and read that back. CameraRefused: one is not.
+    """Set equal gains for all colours, and read them back. CameraRefused if one differs. CameraRefused: one
+    is not.
 
     name: of the camera, for messages.
     """
@@ -60,7 +61,7 @@ def _balance(nodes: NodeMap, name: str) -> None:
 
 
 def _gains(nodes: NodeMap, name: str) -> None:
-    """Those that a camera has by colour, beside the one of all; once for each stage, analog or digital."""
+    """Gains by colour beside the common one, for each stage, analog or digital."""
     neutral = {"dB": 0.0, "factor": 1.0, None: None}[units.gain_unit(nodes)]
     stages: dict[str, dict[str, str]] = {}
     for entry in nodes.entries("GainSelector"):
@@ -88,7 +89,7 @@ def _put(nodes: NodeMap, amount: str, goal: float) -> float:
 
 
 def _each(nodes: NodeMap, selector: str, entries: tuple[str, ...]) -> Iterator[str]:
-    """Each entry, chosen, as the beginning of what is said of it; once, as "", where there are none."""
+    """Each entry, chosen, as the beginning of what is said of it; once, as "", without entries."""
     if not entries:
         yield ""
     for entry in entries:
@@ -97,7 +98,7 @@ def _each(nodes: NodeMap, selector: str, entries: tuple[str, ...]) -> Iterator[s
 
 
 def _chosen(nodes: NodeMap, selector: str, entry: str) -> bool:
-    """Choose an entry; False where it is none for this format of pixels."""
+    """Select an entry; False where this pixel format does not support it."""
     try:
         nodes.set(selector, entry)
     except CameraRefused:

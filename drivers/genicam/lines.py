@@ -1,4 +1,4 @@
-"""What makes a camera expose, software or the rising edge of an input; and the output that a leader raises.
+"""Trigger source, software or the rising edge of an input; and the output that a leader raises.
 
 Names of the Standard Features Naming Convention. The trigger is off while its source is changed, as Spinnaker
 demands; a Blackfly S drops pulses during readout unless TriggerOverlap is ReadOut. ExposureActive is a line
@@ -19,7 +19,7 @@ _PULSES = ("Line", "Action")
 
 @dataclass(frozen=True)
 class Wiring:
-    """Lines by the camera's names, None for none: the input that triggers it, the output that it drives."""
+    """Lines by the camera's names, or None: the input that triggers it, the output that it drives."""
 
     listens_to: str | None = None
     drives: str | None = None
@@ -42,7 +42,7 @@ def apply(nodes: NodeMap, name: str, wiring: Wiring) -> None:
 
 
 def _listen(nodes: NodeMap, name: str, line: str) -> None:
-    """Have the rising edge of an input line start each frame."""
+    """Start each frame at the rising edge of an input line."""
     offered = tuple(source for source in nodes.entries("TriggerSource") if source.startswith(_PULSES))
     if line not in offered:
         raise CameraRefused(f"{name} cannot be triggered by {line}: {_choice(offered)}.")
@@ -56,7 +56,7 @@ def _listen(nodes: NodeMap, name: str, line: str) -> None:
 
 
 def _drive(nodes: NodeMap, name: str, line: str) -> None:
-    """Have an output line be high while the sensor is exposed."""
+    """Raise an output line while the sensor is exposed."""
     lines = nodes.entries("LineSelector")
     if line in lines:
         nodes.set("LineSelector", line)
@@ -82,7 +82,7 @@ def _disable(nodes: NodeMap) -> None:
 
 
 def enable(nodes: NodeMap, source: str) -> None:
-    """Have the selected trigger, which is off, wait for `source`; some show sources only while it is on."""
+    """Select `source` for the current trigger, which is off; some cameras list sources only while it is on."""
     chosen = set_if_there(nodes, "TriggerSource", source)
     set_if_there(nodes, "TriggerActivation", "RisingEdge")
     set_if_there(nodes, "TriggerOverlap", "ReadOut")

@@ -11,7 +11,9 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 
 
 class Mosaics:
-    """Of one session with the camera of that serial number; levels are read once for each pixel format."""
+    """Mosaics of one session with the camera of that serial number; levels are read once for each pixel
+    format.
+    """
 
     def __init__(self, session: Session, serial: str) -> None:
         self._session, self._serial = session, serial
@@ -59,7 +61,9 @@ class Mosaics:
         )
 
     def _stated(self, name: str) -> int:
-        """What a leader of version 1 of GigE Vision leaves out: by a chunk, else as the camera is set."""
+        """Complete what a leader of version 1 of GigE Vision omits: from a chunk, else from the camera's
+        settings.
+        """
         nodes = self._session.nodes
         chunk = f"Chunk{name}"
         return int(nodes.number(chunk if nodes.available(chunk) else name))

@@ -1,4 +1,4 @@
-"""What a camera computes into its values before it sends them, switched off and read back.
+"""In-camera processing that is switched off, and read back.
 
 Makers say of gamma (Blackfly: "available in all pixel formats"), lookup tables and more that they act on raw
 mosaics too, and Basler's ProcessedRawEnable sends a mosaic that is made of a developed picture. Each would
@@ -23,7 +23,7 @@ _OFF = ("off", "disabled", "disable", "false", "none", "linear")
 _OFF_OF = {"ExposureMode": ("timed",), "ExposureModeValue": ("timed",)}
 """The same of enumerations whose entries have names of their own."""
 _ALIKE = 0.005
-"""By which an amount may be off where a camera counts in steps: half a percent of a factor."""
+"""Relative tolerance of an amount where a camera counts in steps."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,9 @@ STAGES = (
 _MAY_STAY = frozenset(
     ("correction of defective pixels", "shading correction", "adjustment of hue and saturation")
 )
-"""Not worth a camera where it cannot be switched off: few pixels change, or all by a fixed factor, or none
-of a mosaic."""
+"""Processing that is no reason to refuse a camera that cannot switch it off: it changes few pixels, all by a
+fixed factor, or none of a mosaic.
+"""
 
 
 def switch_off(nodes: NodeMap, name: str) -> None:

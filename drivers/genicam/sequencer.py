@@ -8,7 +8,7 @@ from drivers.genicam.nodemap import NodeMap
 from imaging.exposure import Exposure
 
 _NEXT = ("FrameEnd", "FrameStart", "ExposureActive")
-"""What may lead from one set to the next, as cameras offer it; the first is preferred."""
+"""Triggers that may lead from one set to the next; the first is preferred."""
 
 
 def can_sequence(nodes: NodeMap) -> bool:

@@ -1,4 +1,4 @@
-"""What a transport, USB3 Vision or GigE Vision, gives to the camera above it."""
+"""Interface between a transport, USB3 Vision or GigE Vision, and the camera above it."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,7 +11,7 @@ from drivers.genicam.nodemap import NodeMap
 
 
 class Leader(Protocol):
-    """What came before a frame. timestamp: of the device's clock; padding: bytes after each row."""
+    """Header of a frame. timestamp: of the device's clock; padding: bytes after each row."""
 
     @property
     def block(self) -> int:
@@ -25,12 +25,12 @@ class Leader(Protocol):
 
     @property
     def timestamp(self) -> int:
-        """Of the device's clock, in its unit."""
+        """Timestamp in units of the device's clock."""
         ...
 
     @property
     def pixel_format(self) -> int:
-        """Its code."""
+        """PFNC code."""
         ...
 
     @property
@@ -99,7 +99,7 @@ class Session(Protocol):
 
     @property
     def where(self) -> str:
-        """For messages: where on its bus or network it is."""
+        """Address on its bus or network, for messages."""
         ...
 
     @property
@@ -114,17 +114,17 @@ class Session(Protocol):
 
     @property
     def nodes(self) -> NodeMap:
-        """Its features."""
+        """Features."""
         ...
 
     @property
     def stream(self) -> FrameStream:
-        """Its frames."""
+        """Stream of frames."""
         ...
 
     @property
     def device_clock(self) -> DeviceClock:
-        """Its clock."""
+        """Device clock."""
         ...
 
     @property

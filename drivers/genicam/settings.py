@@ -1,8 +1,8 @@
-"""What rig sets on a machine vision camera, in the names of the Standard Features Naming Convention.
+"""Settings of a machine vision camera, in the names of the Standard Features Naming Convention.
 
 A gain of 1, which is 0 dB, is ISO 100, and the ISO goes with the gain as a factor. That is arithmetic, so
-that exposures scale as the signal does; it is not the speed of the sensor by ISO 12232. A gain whose unit
-nobody tells has no ISO.
+that exposures scale as the signal does; it is not the speed of the sensor by ISO 12232. A gain of unknown
+unit has no ISO.
 """
 
 import math
@@ -50,7 +50,7 @@ def prepare(nodes: NodeMap, name: str) -> PixelFormat:
 
 
 def switch_chunks(nodes: NodeMap, on: bool) -> None:
-    """Have frames say how long they were exposed, where the camera can; else nothing comes with them."""
+    """Enable the exposure time chunk where the camera has it, and disable all others."""
     wanted = on and "ExposureTime" in nodes.entries("ChunkSelector")
     # In this order: what follows may be locked without.
     steps: tuple[tuple[str, str | bool], ...] = (

@@ -1,4 +1,4 @@
-"""When a shutter opened: a camera's own timestamps, on the clock of the host.
+"""Shutter openings: a camera's own timestamps, on the clock of the host.
 
 A machine vision camera stamps the leader of each frame with its own clock, such as ns since it was
 switched on. That
@@ -36,7 +36,7 @@ class Latch:
 
 @dataclass(frozen=True)
 class Opening:
-    """When a shutter opened: s of the host's clock, right to within `uncertainty` s."""
+    """Moment of a shutter's opening: s of the host's clock, right to within `uncertainty` s."""
 
     time: float
     uncertainty: float

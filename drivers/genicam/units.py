@@ -1,7 +1,6 @@
-"""What 1 of a camera's numbers is: the `Unit` that its description states, or what its maker's documents say.
+"""Units of a camera's numbers: the `Unit` in its description, or the one in its maker's documents.
 
-A number whose unit neither tells is unknown, and is not taken for a usual one: a gain of 12 may be 12 dB or a
-factor of 12.
+Without either the unit is unknown, and none is assumed: a gain of 12 may be 12 dB or a factor of 12.
 """
 
 import math
@@ -33,7 +32,7 @@ _GAIN_OF_MAKER: dict[str, GainUnit] = {
     # docs.chromasens.de, Analog Control: "the linear gain".
     "chromasens": "factor",
 }
-"""By how a maker's name begins, for descriptions that state no unit."""
+"""Units of Gain by the beginning of the maker's name, for descriptions without units."""
 _PERCENT = ("%", "percent", "pct")
 _LEVELS = ("dn", "adu", "lsb", "gray", "grey", "gray level", "gray levels", "grey level", "grey levels")
 _BYTES = {
@@ -54,7 +53,7 @@ def _unit(nodes: NodeMap, name: str) -> str:
 
 
 def per_second(nodes: NodeMap, name: str) -> float:
-    """How many of a time's unit are a second; us where none is stated, as SFNC has it. CameraRefused."""
+    """Units of a time in a second; us where none is stated, as SFNC has it. CameraRefused."""
     unit = _unit(nodes, name)
     if unit not in _PER_SECOND and unit:
         raise _unknown(nodes, name, "s, ms, us and ns")
@@ -62,7 +61,7 @@ def per_second(nodes: NodeMap, name: str) -> float:
 
 
 def bytes_per_second(nodes: NodeMap, name: str) -> float:
-    """How many bytes a second 1 of a rate is; where nothing is stated 1, as SFNC has it. CameraRefused."""
+    """Bytes a second in 1 of a rate; where nothing is stated 1, as SFNC has it. CameraRefused."""
     unit = _stated(nodes, name)
     if unit not in _BYTES and unit:
         raise _unknown(nodes, name, "Bps, kBps, MBps and GBps, and the same in bits")
@@ -70,7 +69,7 @@ def bytes_per_second(nodes: NodeMap, name: str) -> float:
 
 
 def gain_unit(nodes: NodeMap) -> GainUnit | None:
-    """The unit of Gain; None where neither the description nor the maker's documents tell."""
+    """Unit of Gain; None if neither the description nor the maker's documents state it."""
     unit = _unit(nodes, "Gain")
     if unit:
         return _GAINS.get(unit)
@@ -89,7 +88,7 @@ def gain_of(iso: float, unit: GainUnit) -> float:
 
 
 def black_scale(nodes: NodeMap, white: int) -> float | None:
-    """DN that 1 of BlackLevel is, white being the largest value; None where its unit is not told."""
+    """DN in 1 of BlackLevel, white being the largest value; None if its unit is unknown."""
     unit = _unit(nodes, "BlackLevel")
     if unit in _PERCENT:
         return white / 100.0

@@ -129,7 +129,7 @@ _ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "DSStopAcquisition": (_HANDLE, c_int32),
     "DSGetBufferInfo": (_HANDLE, _HANDLE, c_int32, _TYPE, c_void_p, _SIZE),
 }
-"""What is called, and with what; every function returns a GC_ERROR."""
+"""Signatures of the functions in use; every function returns a GC_ERROR."""
 
 
 class Library:

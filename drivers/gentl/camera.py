@@ -10,7 +10,7 @@ from imaging.errors import CameraError
 
 
 class GentlCamera(GenicamCamera):
-    """The camera with that serial number, as its producer tells it."""
+    """The camera with that serial number, as its producer lists it."""
 
     def __init__(self, serial: str, library: Producer, clock: Clock) -> None:
         super().__init__(serial, lambda patience: open_session(library, serial, clock, patience), clock)

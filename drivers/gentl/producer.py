@@ -42,7 +42,7 @@ class Producer:
         self._interfaces: dict[str, int] = {}
 
     def cameras(self) -> list[Found]:
-        """Who is there now, in the producer's order."""
+        """Cameras currently listed, in the producer's order."""
         changed, count = ctypes.c_ubyte(), ctypes.c_uint32()
         self.library.call("TLUpdateInterfaceList", self._system, ctypes.byref(changed), _PATIENCE)
         self.library.call("TLGetNumInterfaces", self._system, ctypes.byref(count))
@@ -92,4 +92,6 @@ def installed() -> list[Path]:
 
 
 producer = cache(Producer)
-"""That of a file: a library is initialised once in a process. CameraRefused: it is none."""
+"""Load the producer of a file, once per process: a library is initialised once. CameraRefused if it is not
+one.
+"""

@@ -19,7 +19,7 @@ _LOCAL = re.compile(
     r"local:(?:///)?(?P<file>[^;]*);(?P<address>[0-9a-f]+);(?P<size>[0-9a-f]+)", re.IGNORECASE
 )
 _ORDERS: dict[str, ByteOrder] = {"GEV": "big", "U3V": "little"}
-"""Of the tags between chunks, by transport."""
+"""Byte orders of the tags between chunks, by transport."""
 _AT_ONCE = 1 << 16
 """Bytes that are read in one call."""
 

@@ -25,7 +25,7 @@ _NOT_GIVEN_BACK: list[npt.NDArray[np.uint8]] = []
 
 @dataclass(frozen=True)
 class Leader:
-    """What GenTL tells of a frame, as `drivers.genicam.session.Leader` has it."""
+    """Header of a frame from GenTL, as `drivers.genicam.session.Leader`."""
 
     block: int
     payload_type: int
@@ -46,7 +46,7 @@ class GentlStream:
     """A data stream of a device."""
 
     def __init__(self, library: Library, handle: int, nodes: NodeMap, where: str, *, chunks: bool) -> None:
-        """nodes: the features of the device; chunks: whether those of its transport can be told apart."""
+        """nodes: the features of the device; chunks: whether those of its transport can be parsed."""
         self._library, self._handle, self._nodes, self._where = library, handle, nodes, where
         self._chunks = chunks
         self._buffers: dict[int, npt.NDArray[np.uint8]] = {}
@@ -66,7 +66,7 @@ class GentlStream:
         self._call("DSStartAcquisition", self._handle, 0, NO_LIMIT)
 
     def stop(self) -> None:
-        """Have no more buffers filled; what is in one is dropped."""
+        """Stop filling buffers; a buffer in progress is dropped."""
         if self._runs:
             self._runs = False
             self._call("DSStopAcquisition", self._handle, 0)

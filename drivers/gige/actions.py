@@ -1,7 +1,7 @@
-"""Several cameras triggered by one command over the network, at once or at a time on which they agree.
+"""Triggering of several cameras by one network command, at once or at a common time.
 
 An ACTION command makes every camera expose that knows its keys. Cameras that are synchronised by IEEE 1588
-(PTPv2) are told when: the command then may come a little sooner or later, or twice, to one or the other, and
+(PTPv2) get a time: the command then may come a little sooner or later, or twice, to one or the other, and
 what is left between their shutters is what is left between their clocks. Names of features as in SFNC, with
 those of version 1 of GigE Vision where they differ. Verified against the simulator.
 """
@@ -23,11 +23,11 @@ from drivers.gige.gvcp import Action, Answer, Code
 from drivers.gige.registers import CAN_SCHEDULE, NANOSECONDS, Bootstrap, Registers
 
 DEVICE_KEY, GROUP_KEY, GROUP_MASK = 0x52494721, 1, 1
-"""Of all cameras that rig sets up."""
+"""Keys of all cameras that rig sets up."""
 AHEAD = 0.05
 """Seconds from a command to the time that it names."""
 _ATTEMPTS, _PATIENCE = 5, 0.005
-"""Times that a camera is told, and seconds that its answer may take: they end before the time."""
+"""Attempts at ordering a camera, and seconds to wait for its answer: they end before the time."""
 _NEW_ANCHOR = 10.0
 """Seconds after which the times of host and network are compared anew: the host's clock drifts."""
 _SAME_TIME, _DRIFT = 1e-3, 2e-4
@@ -43,7 +43,7 @@ def action_source(nodes: NodeMap, where: str) -> str:
 
 
 def heed(nodes: NodeMap, source: str) -> None:
-    """Have the camera take our commands for its action, and follow the time of the network."""
+    """Configure the camera for our action command and for the network time."""
     set_if_there(nodes, "ActionSelector", int(source.removeprefix("Action")))
     nodes.set("ActionDeviceKey", DEVICE_KEY)
     nodes.set("ActionGroupKey", GROUP_KEY)
@@ -72,8 +72,8 @@ def can_schedule(control: Registers) -> bool:
 class NetworkTime:
     """The time of synchronised cameras, on the clock of the host; for any thread.
 
-    It is compared with the host's at one camera and then taken to run as fast, for all cameras alike: what
-    they tell of a shot differs by what their shutters did, not by how well each was compared.
+    It is compared with the host's at one camera and then taken to run as fast, for all cameras alike: their
+    reports of a shot differ by their shutters, not by how well each was compared.
     """
 
     def __init__(self) -> None:
@@ -104,9 +104,9 @@ class NetworkTime:
 
 
 def fire(addresses: Sequence[str], host: str, when: int | None) -> None:
-    """Have the cameras at these addresses expose: at `when`, ns of the network's time, or at once.
+    """Trigger the cameras at these addresses: at `when`, ns of the network's time, or at once.
 
-    Those that do not answer are told again; one that is not reached has no frame. host: our address.
+    Those that do not answer get the command again; one that is not reached has no frame. host: our address.
     """
     ids = itertools.count(1)
     action = Action(DEVICE_KEY, GROUP_KEY, GROUP_MASK, when)

@@ -43,7 +43,7 @@ class _Building:
     last: int | None = None
     """The number of the trailer, once that has come."""
     rows: int = 0
-    """How many rows its trailer says that it has; 0 where that does not."""
+    """Number of rows in its trailer; 0 if that has none."""
     filled: int = 0
     gone: int = 0
     refused: str | None = None
@@ -54,7 +54,7 @@ class _Building:
 
 
 class Assembler:
-    """Takes packets and gives frames; times are those of any clock, s.
+    """Assembler of packets to frames; times are those of any clock, s.
 
     payload: bytes of a frame at most; packet_size: as the device was told.
     """
@@ -70,7 +70,9 @@ class Assembler:
         self._done: deque[int] = deque(maxlen=_REMEMBERED)
 
     def feed(self, data: memoryview, now: float) -> Frame | None:
-        """Take a datagram; the frame that it completes. CameraProtocol if it is none of ours."""
+        """Take a datagram; return the frame that it completes. CameraProtocol if it is invalid.
+        CameraProtocol if it is none of ours.
+        """
         header = PacketHeader.parse(data)
         if header.block in self._done:
             return None

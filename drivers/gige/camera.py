@@ -28,7 +28,7 @@ class GigeCamera(GenicamCamera):
 
     @property
     def where(self) -> str:
-        """Where it was discovered, or is opened; empty while neither."""
+        """Address by discovery, or of the open session; empty without either."""
         return super().where or (f"GigE {self._address}" if self._address else "")
 
     def join(self, team: ActionTeam, *, leads: bool) -> None:
@@ -69,7 +69,7 @@ class GigeCamera(GenicamCamera):
             self._note(session)
 
     def _note(self, session: Session) -> bool | None:
-        """Tell the team where this camera is, and whether it shares the others' time; as `keeps_time`."""
+        """Report to the team this camera's address, and whether it shares the others' time; as `keeps_time`."""
         assert self._team is not None
         told, control = keeps_time(session.nodes), _control(session)
         if told and not self._schedules:

@@ -37,7 +37,7 @@ class ControlChannel:
     """Reads and writes of any length, for any thread.
 
     Errors: CameraBusy after half a second, CameraProtocol after five attempts, CameraRefused at once;
-    CameraLost if it does not answer five times, or has given the control of it to nobody or to another.
+    CameraLost if it does not answer five times, or its control was released or taken over by another host.
     """
 
     def __init__(self, address: str, clock: Clock) -> None:
@@ -241,7 +241,9 @@ class ControlChannel:
                 continue
 
     def _confirm(self) -> None:
-        """Ask for the control, which tells the device that we are there. CameraLost if it is ours no more."""
+        """Renew the control privilege, which keeps the connection alive. CameraLost if it was taken over.
+        CameraLost if it is ours no more.
+        """
         if not self.read_number(Bootstrap.CONTROL_PRIVILEGE, 4) & CONTROL:
             self._lost = f"{self.where} let go of this host, which it did not hear from: set it up again."
             raise CameraLost(self._lost)

@@ -11,7 +11,7 @@ from enum import IntEnum
 from drivers.errors import CameraProtocol
 
 PORT = 3956
-"""Where devices listen."""
+"""Port of devices."""
 _KEY = 0x42
 ACKNOWLEDGE = 0x01
 """The flag of a command that wants an answer."""
@@ -24,7 +24,7 @@ MOST_MEMORY = 536
 
 
 class Code(IntEnum):
-    """What a datagram is."""
+    """Packet type."""
 
     DISCOVERY = 0x0002
     DISCOVERY_ACK = 0x0003
@@ -43,7 +43,7 @@ class Code(IntEnum):
 
 
 class Status(IntEnum):
-    """How a command went, or what became of a packet of the stream."""
+    """Status of a command, or of a packet of the stream."""
 
     SUCCESS = 0x0000
     RESENT = 0x0100
@@ -79,7 +79,7 @@ class Command:
 
     @classmethod
     def parse(cls, data: bytes) -> "Command":
-        """The command in a datagram. CameraProtocol if it is none."""
+        """Parse the command in a datagram. CameraProtocol if it is invalid."""
         if len(data) < HEADER_SIZE:
             raise CameraProtocol(f"a GVCP command of {len(data)} bytes has no header")
         key, flags, code, size, request_id = _HEADER.unpack_from(data)
@@ -90,7 +90,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a device answers."""
+    """Answer of a device."""
 
     status: int
     code: int
@@ -103,7 +103,7 @@ class Answer:
 
     @classmethod
     def parse(cls, data: bytes) -> "Answer":
-        """The answer in a datagram. CameraProtocol if it is none."""
+        """Parse the answer in a datagram. CameraProtocol if it is invalid."""
         if len(data) < HEADER_SIZE:
             raise CameraProtocol(f"a GVCP answer of {len(data)} bytes has no header")
         status, code, size, request_id = _ANSWER.unpack_from(data)
@@ -128,7 +128,7 @@ def refusal_payload(code: int) -> bytes:
 
 
 def parse_number_payload(payload: bytes) -> int:
-    """The number of such an answer. CameraProtocol if it is none."""
+    """Parse the number in such an answer. CameraProtocol if it is invalid."""
     if len(payload) != 4:
         raise CameraProtocol(f"an answer of {len(payload)} bytes should have 4")
     return int.from_bytes(payload[2:], "big")
@@ -152,7 +152,7 @@ class Resend:
 
     @classmethod
     def parse(cls, command: Command) -> "Resend":
-        """From the command. CameraProtocol if its payload is none."""
+        """Parse the command. CameraProtocol if its payload is invalid."""
         extended = bool(command.flags & EXTENDED_ID)
         if len(command.payload) != (20 if extended else 12):
             raise CameraProtocol(f"a RESEND of {len(command.payload)} bytes")
@@ -165,9 +165,9 @@ class Resend:
 
 @dataclass(frozen=True)
 class Action:
-    """What all devices do whose device key is equal, whose group key is, and whose mask has a bit of ours.
+    """Action command, for all devices of this device key and group key whose mask shares a bit.
 
-    time: when, ns of IEEE 1588 time; None: at once.
+    time: when, ns of IEEE 1588 time; None: immediately.
     """
 
     device_key: int
@@ -185,7 +185,7 @@ class Action:
 
     @classmethod
     def parse(cls, command: Command) -> "Action":
-        """From the command. CameraProtocol if its payload is none."""
+        """Parse the command. CameraProtocol if its payload is invalid."""
         scheduled = bool(command.flags & SCHEDULED)
         if len(command.payload) != (20 if scheduled else 12):
             raise CameraProtocol(f"an ACTION of {len(command.payload)} bytes")

@@ -22,7 +22,7 @@ _UDP = 28
 
 
 class Kind(IntEnum):
-    """What a packet carries."""
+    """Content type of a packet."""
 
     LEADER = 1
     TRAILER = 2
@@ -77,7 +77,7 @@ class PacketHeader:
 
 @dataclass(frozen=True)
 class Leader:
-    """What comes before a frame. timestamp: ticks of the device's clock; padding: bytes after each row.
+    """Header of a frame. timestamp: ticks of the device's clock; padding: bytes after each row.
 
     An image among chunks of version 1 has neither format nor size here: they are 0.
     """
@@ -101,7 +101,7 @@ class Leader:
 
     @classmethod
     def parse(cls, block: int, data: bytes) -> "Leader":
-        """From what a packet carries. CameraProtocol if it is too short."""
+        """Parse the content of a packet. CameraProtocol if it is too short."""
         if len(data) < _LEADER.size:
             raise CameraProtocol(f"a leader of {len(data)} bytes")
         _, kind, timestamp = _LEADER.unpack_from(data)
@@ -126,7 +126,7 @@ def rows(data: bytes) -> int:
 
 
 def trailer(payload_type: int, height: int, payload: int) -> bytes:
-    """What the last packet of a frame of that many bytes carries; more where chunks come with the image."""
+    """Content of the last packet of a frame of that many bytes; more where chunks come with the image."""
     if payload_type in (CHUNKS_ALONE, EXTENDED_CHUNKS):
         long = payload_type == EXTENDED_CHUNKS
         return _TRAILER.pack(0, payload_type, payload) + (struct.pack(">II", height, 0) if long else b"")

@@ -42,7 +42,7 @@ def interfaces() -> tuple[Interface, ...]:
 
 
 class Network:
-    """Where cameras are looked for: everywhere that a broadcast reaches, and at named addresses."""
+    """Networks to search: those that a broadcast reaches, and named addresses."""
 
     def __init__(self, addresses: Sequence[str] = (), broadcast: Sequence[Interface] | None = None) -> None:
         """addresses: IPv4; broadcast: from these addresses, None for all of this machine."""
@@ -50,7 +50,7 @@ class Network:
         self._broadcast = broadcast
 
     def discover(self) -> list[About]:
-        """Who answers, in the order of addresses."""
+        """Return the devices that answer, in the order of addresses."""
         places = interfaces() if self._broadcast is None else self._broadcast
         found: dict[str, About] = {}
         if not places and not self._addresses:

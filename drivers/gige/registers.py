@@ -56,7 +56,7 @@ class Bootstrap(IntEnum):
     STREAM_SOURCE_PORT = 0x0D1C
     ACTION_GROUP_KEY = 0x9800
     ACTION_GROUP_MASK = 0x9804
-    """Of action 0; those of the next are 16 bytes further."""
+    """Mask of action 0; those of the next are 16 bytes further."""
 
 
 CAN_RESEND, CAN_SCHEDULE = 1 << 2, 1 << 17
@@ -106,7 +106,7 @@ class BootstrapClock:
 
 @dataclass(frozen=True)
 class About:
-    """What a device says of itself when it is discovered. serial: its MAC address where it tells none."""
+    """Device description in a discovery answer. serial: its MAC address if it states none."""
 
     address: str
     serial: str
@@ -115,7 +115,7 @@ class About:
 
     @classmethod
     def parse(cls, data: bytes, address: str) -> "About":
-        """From an answer to DISCOVERY that came from `address`. CameraProtocol if it is too short."""
+        """Parse an answer to DISCOVERY that came from `address`. CameraProtocol if it is too short."""
         if len(data) < DISCOVERY_SIZE:
             raise CameraProtocol(f"{address} describes itself in {len(data)} bytes")
         mac = data[Bootstrap.MAC_HIGH + 2 : Bootstrap.MAC_LOW + 4].hex(":")

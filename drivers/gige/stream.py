@@ -31,7 +31,8 @@ _TICK = 0.002
 
 
 class StreamChannel:
-    """Has the device send to this host, and gives frame after frame; errors are those of `ControlChannel`.
+    """Stream receiver: configures the device to send to this host, and yields frames; errors as
+    `ControlChannel`.
 
     What is lost on the way is asked for again, also from devices that do not say that they can do that.
     """
@@ -115,10 +116,10 @@ class StreamChannel:
         return frame
 
     _heard = float("-inf")
-    """When a packet came last."""
+    """Time of the last packet."""
 
     def _receive(self, assembler: Assembler, frames: queue.Queue[Frame]) -> None:
-        """Until `stop`: packets to frames, and requests for what is missing."""
+        """Assemble packets to frames and request missing ones, until `stop`."""
         buffer = memoryview(bytearray(_LARGEST_DATAGRAM))
         self._socket.settimeout(_TICK)
         look = time.monotonic()

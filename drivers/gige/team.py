@@ -18,18 +18,18 @@ class ActionTeam:
         self._lock = threading.Lock()
 
     def note(self, serial: str, address: str, *, synchronised: bool) -> None:
-        """Where a camera is now, and whether it keeps the time that the others keep."""
+        """Record a camera's address, and whether it keeps the common time."""
         with self._lock:
             self._addresses[serial], self._synchronised[serial] = address, synchronised
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where all cameras are."""
+        """Addresses of all cameras."""
         with self._lock:
             return tuple(self._addresses.values())
 
     @property
     def synchronised(self) -> bool:
-        """Whether all cameras keep one time."""
+        """True if all cameras keep one time."""
         with self._lock:
             return bool(self._synchronised) and all(self._synchronised.values())

@@ -46,7 +46,7 @@ class Body:
         return self._shoots
 
     def text(self, name: str, otherwise: str = "") -> str:
-        """Return what a setting is at; `otherwise` where there is none of the name."""
+        """Return the value of a setting, or `otherwise` if there is no setting of that name."""
         if name not in self._names:
             return otherwise
         with errors_translated(self._where):
@@ -84,7 +84,7 @@ class Body:
         return any(dials.says_raw(line) for line in lines)
 
     def shoot(self) -> Place:
-        """Expose, wait until the picture is stored, and tell where."""
+        """Expose, wait until the picture is stored, and return its place."""
         with errors_translated(self._where):
             path = self._camera.capture(self._gp.GP_CAPTURE_IMAGE)
         return str(path.folder), str(path.name)

@@ -17,7 +17,7 @@ from imaging.exposure import Exposure
 from imaging.files import photo, raw
 
 NETWORK = "PTP/IP Camera"
-"""What libgphoto2 calls any camera on a port `ptpip:`."""
+"""Model name that libgphoto2 gives any camera on a port `ptpip:`."""
 
 ResultT = TypeVar("ResultT")
 
@@ -62,7 +62,7 @@ class Gphoto2Camera:
         return "simulated Canon, Nikon, Sony and plain PTP bodies, and libgphoto2's virtual camera"
 
     def identify(self) -> CameraIdentity:
-        """Who it is; its port where it has no serial number."""
+        """Query the identity; the port stands in for a missing serial number."""
         if self._identity is None:
             self._identity = self._again(self._identified)
         return self._identity
@@ -122,7 +122,7 @@ class Gphoto2Camera:
         )
 
     def _again(self, act: Callable[[BodyProcess], ResultT]) -> ResultT:
-        """Do what can be done twice; a camera that is lost meanwhile is opened again first."""
+        """Run an idempotent action; if the camera is lost meanwhile, reopen it and repeat."""
         if self._body is not None:
             try:
                 return self._once(self._body, act)
@@ -131,7 +131,7 @@ class Gphoto2Camera:
         return self._once(self._opened(), act)
 
     def _once(self, body: BodyProcess, act: Callable[[BodyProcess], ResultT]) -> ResultT:
-        """Do something; a camera that is lost is let go."""
+        """Run an action once; close a camera that is lost."""
         try:
             return act(body)
         except CameraLost:
@@ -191,7 +191,7 @@ class Gphoto2Camera:
 
 
 def _suffix(place: Place) -> str:
-    """Of a picture's name, in lower case; empty if it is none that rig reads."""
+    """Suffix of a picture's name, in lower case; empty if rig does not read such files."""
     found = PurePosixPath(place[1]).suffix.lower()
     return found if found in raw.SUFFIXES or found in photo.SUFFIXES else ""
 

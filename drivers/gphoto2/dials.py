@@ -1,4 +1,4 @@
-"""What libgphoto2 calls the settings of a body, and its choices as numbers.
+"""Names of a body's settings in libgphoto2, and its choices as numbers.
 
 The names are those of libgphoto2's `camlibs/ptp2/config.c`; a choice is text that differs from make to make:
 `1/250`, `0.0040s`, `13/10`, `30s`, `1/2.5s`, `2m`, `f/2.8`, `Auto`. Of its translations, some write a decimal
@@ -16,7 +16,7 @@ TIMES = ("shutterspeed2", "shutterspeed", "exptime")
 F_NUMBERS = ("aperture", "f-number")
 ISOS = ("iso",)
 FORMATS = ("imageformat", "imagequality")
-"""What a body saves."""
+"""File formats of a body."""
 _RAW_WORDS = ("raw", "nef", "arw", "cr2", "cr3", "crw", "dng", "orf", "raf", "rw2", "pef")
 
 Decode = Callable[[str], float | None]
@@ -26,7 +26,7 @@ _SECONDS = (
     *("", "s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde", "secondes"),
     *("seg", "segundo", "segundos", "secondo", "secondi", "gy", "с", "сек", "ث", "წმ", "秒", "초", *_INCHES),
 )
-"""As libgphoto2's translations, and cameras themselves, write them."""
+"""Words for seconds, as libgphoto2's translations and cameras themselves write them."""
 _UNITS: dict[str, float] = {
     **dict.fromkeys(_SECONDS, 1.0),
     **dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0),
@@ -49,7 +49,7 @@ _TICKS = re.compile(r"\d+\.\d{4}")
 
 
 def seconds(choice: str) -> float | None:
-    """Read an exposure time in seconds; None for bulb, automatic and what is no time.
+    """Read an exposure time in seconds; None for bulb, automatic and anything else.
 
     Without a unit it is seconds. Four decimals and a unit, as `0.0001s`, are ticks of 100 us, that cut off or
     round what the dial has: they stand for the mark nearest.

@@ -16,7 +16,7 @@ from drivers.errors import (
 from imaging.errors import CameraError
 
 SCHEME = "gphoto2:"
-"""In front of a port of libgphoto2 where one is named: `gphoto2:ptpip:192.168.1.2`."""
+"""Prefix of a port of libgphoto2 in a camera's name: `gphoto2:ptpip:192.168.1.2`."""
 INSTALL = "pip install -e '.[gphoto2]'"
 
 _ERRORS: dict[int, tuple[type[CameraError], str]] = {
@@ -32,7 +32,7 @@ _ERRORS: dict[int, tuple[type[CameraError], str]] = {
     -105: (CameraLost, "plug it in, and switch it on"),
     -110: (CameraBusy, "wait until it has stored its pictures"),
 }
-"""By the codes of gphoto2-result.h and gphoto2-port-result.h: what an error is, and the fix."""
+"""Errors by the codes of gphoto2-result.h and gphoto2-port-result.h: the message, and the fix."""
 
 
 def is_installed() -> bool:

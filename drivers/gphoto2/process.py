@@ -1,4 +1,4 @@
-"""A camera of libgphoto2 in a process of its own, which is asked over pipes.
+"""A libgphoto2 camera in a separate process, driven over pipes.
 
 libgphoto2 2.5.34 closes file 0 whenever it lets go of a camera on the network, whoever's that is by then, and
 the package gphoto2 stops all threads for some questions: neither may happen where frames are written.
@@ -29,7 +29,7 @@ class BodyProcess:
     """A `Body` elsewhere, for one thread."""
 
     def __init__(self, model: str, port: str, where: str) -> None:
-        """As for `Body`; errors are the same."""
+        """Start as `Body`, with the same errors."""
         library()  # where it is missing, no process need be started to say so
         self._where = where
         code = _CODE.format(path=sys.path)
@@ -80,7 +80,7 @@ class BodyProcess:
 
 
 def serve() -> None:
-    """The other process: answers until nobody asks any more."""
+    """Answer requests in the other process until the pipe closes."""
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)  # whatever a library prints is no answer

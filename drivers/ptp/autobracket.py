@@ -14,7 +14,7 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class AutoBracket:
-    """What a body offers: frames around the set exposure, `thirds` of a stop between two of them.
+    """Automatic bracket of a body: frames around the set exposure, `thirds` of a stop apart.
 
     code: the number by which the body knows it.
     """

@@ -12,9 +12,9 @@ from imaging.errors import InputError
 
 
 def stand(body: StandardBody, bracket: AutoBracket | None) -> None:
-    """Have the next release shoot that bracket, None: a single frame; nothing is said that holds already.
+    """Set the bracket of the next release, None: a single frame; settings that already hold are not sent.
 
-    CameraErrors, after which it may stand at either.
+    CameraErrors, after which either may be set.
     """
     if body.standing != bracket:
         body.standing = body.standing or bracket

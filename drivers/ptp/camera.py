@@ -64,11 +64,11 @@ class PtpCamera:
 
     @property
     def where(self) -> str:
-        """Where on the bus or the network it was last seen."""
+        """Last known place on the bus or the network."""
         return self._connection.where
 
     def identify(self) -> CameraIdentity:
-        """Who it is, also where it then refuses to be taken control of."""
+        """Query the identity, also of a camera that then refuses remote control."""
         if self._connection.identity is None:
             try:
                 self._again(lambda body: None)
@@ -87,7 +87,9 @@ class PtpCamera:
         return self._again(lambda body: body.knows_make)
 
     def capabilities(self) -> Capabilities:
-        """What it can be set to now; sizes and bits are 0 where it does not say before its first picture."""
+        """Current choices of the settings; sizes and bits are 0 if it does not state them before its first
+        picture.
+        """
         return self._again(self._capabilities)
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
@@ -102,7 +104,7 @@ class PtpCamera:
         return applied
 
     def arm(self) -> None:
-        """Wait until the camera takes orders, and forget what it told of earlier shots."""
+        """Wait until the camera accepts orders, and discard its events of earlier shots."""
         self._must(self._wanted is not None, "be armed")
 
         def ready(body: StandardBody) -> None:
@@ -240,7 +242,7 @@ class PtpCamera:
             )
 
     def _again(self, act: Callable[[StandardBody], T]) -> T:
-        """Do something with the camera, a second time if it was unplugged and came back."""
+        """Run an action; once more if the camera was unplugged and came back."""
         for last in (False, True):
             try:
                 return act(self._connected())
@@ -322,7 +324,7 @@ class PtpCamera:
         return frame
 
     def _developed(self, body: StandardBody, best: Download, stored: StoredShot) -> tuple[str, bytes] | None:
-        """The photograph beside the RAW file; None if there is none, or the camera does not give it whole.
+        """The photograph beside the RAW file; None if it is missing or incomplete.
 
         A camera that is lost over it is asked for all of the shot again.
         """

@@ -21,7 +21,7 @@ Value = int | str | tuple[int, ...]
 
 
 class ContainerType(IntEnum):
-    """What a container carries."""
+    """Container type."""
 
     COMMAND = 1
     DATA = 2
@@ -52,7 +52,7 @@ class Header:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From the beginning of `data`; CameraProtocol if it is too short or of no known type."""
+        """Parse the beginning of `data`; CameraProtocol if it is too short or of unknown type."""
         if len(data) < HEADER_SIZE:
             raise damaged(f"a container of {len(data)} bytes, shorter than its header")
         length, kind, code, transaction = struct.unpack_from("<IHHI", data)
@@ -94,7 +94,7 @@ class _WithParameters:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From exactly one container."""
+        """Parse exactly one container."""
         header, payload = _unpack(data, cls.KIND)
         if len(payload) % 4 or len(payload) > 4 * cls.MOST:
             raise damaged(f"a {cls.KIND.name.lower()} with {len(payload)} bytes of parameters")
@@ -138,7 +138,7 @@ class Data:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From exactly one container."""
+        """Parse exactly one container."""
         header, payload = _unpack(data, ContainerType.DATA)
         return cls(header.code, header.transaction, payload)
 

@@ -16,7 +16,7 @@ UNKNOWN_LENGTH = 0xFFFFFFFF
 
 
 class Operation(IntEnum):
-    """What a camera can be told to do."""
+    """Operation codes."""
 
     GET_DEVICE_INFO = 0x1001
     OPEN_SESSION = 0x1002
@@ -87,7 +87,7 @@ class SonyOperation(IntEnum):
 
 
 class ResponseCode(IntEnum):
-    """What a camera answers."""
+    """Response codes."""
 
     OK = 0x2001
     GENERAL_ERROR = 0x2002
@@ -115,7 +115,7 @@ class ResponseCode(IntEnum):
 
 
 class EventCode(IntEnum):
-    """What a camera tells unasked."""
+    """Event codes."""
 
     CANCEL_TRANSACTION = 0x4001
     OBJECT_ADDED = 0x4002
@@ -206,9 +206,9 @@ class NikonProperty(IntEnum):
 
     ISO_EX = 0xD0B4
     BRACKET_SET = 0xD078
-    """What a bracket changes: 1 is exposure alone."""
+    """Quantity that a bracket varies: 1 is exposure alone."""
     MANUAL_BRACKET = 0xD079
-    """By what it does so at manual exposure: 0 is time."""
+    """Setting that it varies at manual exposure: 0 is time."""
     BRACKET_ENABLE = 0xD0C0
     BRACKET_STEP = 0xD0C1
     BRACKET_PROGRAM = 0xD0C2
@@ -230,7 +230,7 @@ class SonyProperty(IntEnum):
 
 
 class FormatCode(IntEnum):
-    """What an object is; vendors call their RAW formats what they like, so a file's name decides."""
+    """Object format; vendors name their RAW formats freely, so a file's name decides."""
 
     UNDEFINED = 0x3000
     ASSOCIATION = 0x3001
@@ -245,7 +245,7 @@ class FormatCode(IntEnum):
 
 
 class VendorId(IntEnum):
-    """DeviceInfo's vendor extension; some bodies say MICROSOFT or 0xFFFFFFFF whoever made them."""
+    """Vendor extension in DeviceInfo; some bodies state MICROSOFT or 0xFFFFFFFF whatever their maker."""
 
     MICROSOFT = 0x6
     NIKON = 0xA
@@ -285,7 +285,7 @@ class DataType(IntEnum):
 
     @property
     def is_array(self) -> bool:
-        """Whether it is an array of integers."""
+        """True for arrays of integers."""
         return self != DataType.STRING and bool(self & 0x4000)
 
     @property
@@ -295,5 +295,5 @@ class DataType(IntEnum):
 
     @property
     def is_signed(self) -> bool:
-        """Whether its integers may be negative."""
+        """True for signed integers."""
         return bool(self & 1)

@@ -24,11 +24,11 @@ _LOOK_EVERY = 0.1
 
 
 _NAMES = {"nikon": VendorId.NIKON, "canon": VendorId.CANON, "sony": VendorId.SONY}
-"""By the first word of DeviceInfo's manufacturer."""
+"""Display names of makers by the first word of DeviceInfo's manufacturer."""
 
 
 class Connection(Protocol):
-    """The way to one camera, wherever it is now. `identity` is None before it was first opened."""
+    """Connection to one camera, at whatever address. `identity` is None before it was first opened."""
 
     where: str
     identity: CameraIdentity | None
@@ -112,9 +112,9 @@ class UsbConnection:
             self._clock.sleep(_LOOK_EVERY)
 
     def _may_be(self, device: usb.UsbDevice) -> bool:
-        """Return whether it looks the same from outside; others may be in use and are left alone.
+        """Return whether it looks the same from outside; others may be in use and are not touched.
 
-        One that never told its serial number in any way cannot be told from its likes.
+        A camera that never stated a serial number cannot be distinguished from others of its model.
         """
         same = (device.device.idVendor, device.device.idProduct) == self._usb
         if self._usb_serial is None:

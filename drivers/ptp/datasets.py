@@ -16,7 +16,7 @@ _U8, _U16, _U32, _U64 = DataType.UINT8, DataType.UINT16, DataType.UINT32, DataTy
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Who a camera is and what it can do; the numbers of operations, events and so on are as sent."""
+    """Identity and abilities of a camera; the numbers of operations, events and so on are as sent."""
 
     standard_version: int = 100
     vendor_extension: int = 0
@@ -34,7 +34,7 @@ class DeviceInfo:
     serial: str = ""
 
     def pack(self) -> bytes:
-        """As GetDeviceInfo sends it."""
+        """Pack as the answer to GetDeviceInfo."""
         lists = (self.operations, self.events, self.properties, self.capture_formats, self.image_formats)
         names = (self.manufacturer, self.model, self.device_version, self.serial)
         return b"".join(
@@ -51,7 +51,7 @@ class DeviceInfo:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From the answer to GetDeviceInfo."""
+        """Unpack the answer to GetDeviceInfo."""
         reader = Reader(data)
         return cls(
             reader.u16(),
@@ -85,7 +85,7 @@ class StorageInfo:
     label: str = ""
 
     def pack(self) -> bytes:
-        """As GetStorageInfo sends it."""
+        """Pack as the answer to GetStorageInfo."""
         return b"".join(
             (
                 pack_value(_U16, self.storage_type),
@@ -101,7 +101,7 @@ class StorageInfo:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From the answer to GetStorageInfo."""
+        """Unpack the answer to GetStorageInfo."""
         reader = Reader(data)
         return cls(
             reader.u16(),
@@ -141,7 +141,7 @@ class ObjectInfo:
     keywords: str = ""
 
     def pack(self) -> bytes:
-        """As GetObjectInfo sends it."""
+        """Pack as the answer to GetObjectInfo."""
         sizes = (self.thumb_size, self.thumb_width, self.thumb_height, self.width, self.height)
         return b"".join(
             (
@@ -163,7 +163,7 @@ class ObjectInfo:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From the answer to GetObjectInfo."""
+        """Unpack the answer to GetObjectInfo."""
         reader = Reader(data)
         return cls(
             reader.u32(),
@@ -222,7 +222,7 @@ class DevicePropDesc:
     form: RangeForm | EnumForm | None = None
 
     def pack(self) -> bytes:
-        """As GetDevicePropDesc sends it."""
+        """Pack as the answer to GetDevicePropDesc."""
         head = (
             pack_value(_U16, self.code)
             + pack_value(_U16, self.data_type)
@@ -242,7 +242,7 @@ class DevicePropDesc:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From the answer to GetDevicePropDesc."""
+        """Unpack the answer to GetDevicePropDesc."""
         reader = Reader(data)
         code, number = reader.u16(), reader.u16()
         if number not in DataType.__members__.values():

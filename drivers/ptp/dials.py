@@ -10,7 +10,7 @@ from imaging.exposure import Exposure
 
 @dataclass(frozen=True)
 class Setting:
-    """Where dials were set to. asked: by property, the value that was wanted of it."""
+    """Dial positions that were set. asked: the requested value of each property."""
 
     choices: list[tuple[Dial, DialChoice]] = field(default_factory=list)
     asked: dict[int, float] = field(default_factory=dict)
@@ -20,13 +20,13 @@ class Dials:
     """Exposure settings, written as rarely as the pictures allow.
 
     setting: the last. confirmed: whether the file last looked at was exposed as the camera had read back, by
-    its own metadata. certain: whether what was last set has one meaning, or a file has told which one it is.
+    its own metadata. certain: whether what was last set has one meaning, or a file has shown which one it is.
     """
 
     def __init__(self) -> None:
         self.setting = Setting()
         self._proven: dict[tuple[int, float], DialChoice] = {}
-        """By property and value asked for: where the last picture shows a dial to have stood."""
+        """Proven dial positions by property and requested value: those that the last picture shows."""
         self.confirmed = self.certain = False
 
     def forget(self) -> None:

@@ -69,12 +69,12 @@ SONY_TIME, SONY_ISO = (SonyProperty.SHUTTER_SPEED, SONY_QUOTIENT), (SonyProperty
 SAME = 1 / 6
 """Stops within which two values are one: half of the third in which cameras are set."""
 _READ_BACKS = 5
-"""Times that a setting is looked at before it counts as not taken."""
+"""Read-backs of a setting before it counts as refused."""
 _READ_BACK_PAUSE = 0.02
 
 
 class Properties(Protocol):
-    """How a make's properties are reached."""
+    """Access to a make's properties."""
 
     def describe(self, code: int) -> DevicePropDesc:
         """A property as it is now."""
@@ -102,7 +102,7 @@ class Dial:
         self._confirmed: dict[int, float] = {}
 
     def choices(self) -> tuple[DialChoice, ...]:
-        """What it can be set to, ascending; only what it is now if the camera says that it cannot be set."""
+        """Settable values, ascending; only the current one if the camera says that it cannot be set."""
         return self._choices(self._properties.describe(self.code))
 
     def learn(self, choice: DialChoice, value: float) -> None:

@@ -17,7 +17,7 @@ _SUFFIXES = {
 
 
 def suffix(file: Download) -> str:
-    """What the file is, by its name, by its format where the name does not say; empty if neither does."""
+    """File suffix by the name, or by the format where the name has none; empty without either."""
     named = PurePath(file.info.filename).suffix.lower()
     if named in raw.SUFFIXES or named in photo.SUFFIXES:
         return named
@@ -40,7 +40,7 @@ def has_raw(objects: list[Download]) -> bool:
 
 
 def developed_beside(best: Download, objects: list[Download]) -> Download | None:
-    """The photograph of a shot that has a RAW file too; None if there is none."""
+    """The photograph of a shot that has a RAW file too, or None."""
     if suffix(best) not in raw.SUFFIXES:
         return None
     return next((file for file in objects if suffix(file) in photo.SUFFIXES), None)

@@ -21,7 +21,8 @@ from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost, T
 
 SESSION = 1
 QUICK_TIMEOUT = 8.0
-"""Seconds for the first command, which tells whether anybody is there, and for what needs no thought."""
+"""Timeout in seconds of the first command, which shows whether the camera responds, and of other quick ones.
+"""
 PROMPT_TIMEOUT = 2.0
 """Seconds after which what needs no thought is asked once more: an answer was lost. Cards block some bodies
 for more than a second."""
@@ -59,9 +60,9 @@ _QUICK = frozenset(
         Operation.SET_DEVICE_PROP_VALUE,
     }
 )
-"""What a camera answers out of its head."""
+"""Operations that a camera answers immediately."""
 _SLOW = frozenset({Operation.GET_OBJECT, Operation.GET_PARTIAL_OBJECT, Operation.GET_OBJECT_HANDLES})
-"""What takes a camera long: reading a card."""
+"""Operations that take a camera long: reading a card."""
 _GONE = {ResponseCode.SESSION_NOT_OPEN, ResponseCode.INVALID_TRANSACTION_ID}
 _TORN = {ResponseCode.INCOMPLETE_TRANSFER, ResponseCode.TRANSACTION_CANCELLED}
 

@@ -38,9 +38,9 @@ CANON_TIMES: dict[int, Fraction] = {
 
 @dataclass(frozen=True)
 class Coding:
-    """How a property's number tells a value; `decode` gives None for bulb, automatic and unknown codes.
+    """Encoding of a property's values; `decode` gives None for bulb, automatic and unknown codes.
 
-    candidates: all that a number may stand for, more than one where the camera has rounded it away.
+    candidates: all values of a number, more than one where the camera has rounded it away.
     standard: what to try where a camera lists no choices.
     """
 
@@ -66,7 +66,7 @@ def _as_ticks(labels: tuple[Fraction, ...], code: int) -> tuple[float, ...]:
 
 @lru_cache(maxsize=4096)
 def _ticks(code: int) -> float | None:
-    """The label nearest to a number of ticks of 100 us, or the ticks themselves where there is none."""
+    """The label nearest to a number of ticks of 100 us, or the ticks themselves without a label."""
     if not 0 < code < 0xFFFFFFF0:
         return None
     ticks = code * 1e-4

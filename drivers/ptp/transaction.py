@@ -15,7 +15,7 @@ MOST_BYTES = 16 << 20
 
 @dataclass(frozen=True)
 class Answer:
-    """How a transaction ended, and the data that came before; None if there was no data phase."""
+    """Outcome of a transaction and its data; None without a data phase."""
 
     response: Response
     data: bytes | None
@@ -51,7 +51,7 @@ class Transport(Protocol):
         ...
 
     def reset(self) -> None:
-        """Have the camera drop its session and all it was doing."""
+        """Reset the camera: it drops its session and all pending work."""
         ...
 
     def events(self, timeout: float) -> list[Event]:

@@ -107,9 +107,9 @@ class UsbTransport:
         self._clear_halts()
 
     def events(self, timeout: float) -> list[Event]:
-        """The events that have come, or the first to come within `timeout` seconds; perhaps none.
+        """Return pending events, or the first to come within `timeout` seconds; perhaps none.
 
-        Bytes that are no event are dropped: events only ever hasten what asking also tells. CameraLost.
+        Bytes that are no event are dropped: events only hasten what polling also finds. CameraLost.
         """
         events: list[Event] = []
         if self._interrupt is None:

@@ -73,7 +73,7 @@ def _asked(session: PtpSession) -> tuple[int, ...]:
 
 
 def _files(session: PtpSession, handle: int) -> list[Download]:
-    """The object if it is a file; a folder that the shot made, or a handle that is none, gives nothing."""
+    """The object if it is a file; nothing for a folder that the shot made, or for an invalid handle."""
     try:
         info = session.object_info(handle)
     except CameraRefused:

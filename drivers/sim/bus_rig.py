@@ -21,9 +21,9 @@ VISION = "usb3-vision"
 class BusRig:
     """The cameras of a rig as devices: `backend` and `clock` are what drivers are given.
 
-    model: a profile of PTP, or VISION. bandwidth: of the bus, see there. clock: its timeline; None: virtual.
-    faults: what goes wrong, and when; mix: what goes wrong at random, by the rig's seed; `plan.log` lists
-    what did.
+    model: a profile of PTP, or VISION. bandwidth: of the bus, see there. clock: its timeline; None: a virtual
+    one. faults: planned faults and their times; mix: random faults, by the rig's seed; `plan.log` lists those
+    that occurred.
     """
 
     def __init__(

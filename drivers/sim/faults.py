@@ -1,6 +1,6 @@
-"""What goes wrong with a simulated camera: written down beforehand, or drawn with a seed.
+"""Faults of a simulated camera: planned, or drawn with a seed.
 
-A device asks its plan at every operation, `plan.strike(serial, operation, able)`, and does what it is told.
+A device asks its plan at every operation, `plan.strike(serial, operation, able)`, and acts on the answer.
 Draws depend on (seed, serial, operation, nth time) alone, so neither threads nor other cameras change them.
 """
 
@@ -26,9 +26,9 @@ class Kind(Enum):
     LOST_EVENT = "lost event"
     """The first `count` events of the operation (at least one) are never sent."""
     LATE_EVENT = "late event"
-    """Its events come `seconds` late."""
+    """Events come `seconds` late."""
     REORDERED_EVENTS = "reordered events"
-    """Its events come in the opposite order."""
+    """Events come in the opposite order."""
     STALL = "stall"
     """The endpoint halts instead of the answer."""
     TIMEOUT = "time-out"
@@ -42,7 +42,7 @@ class Kind(Enum):
     EXPOSURE_OFF = "exposure off"
     """The shutter opens for 1 + `share` times what is set, to the nearest time there is; the file says so."""
     STORE_FULL = "store full"
-    """Nothing can be stored until something is deleted."""
+    """Storage is full until something is deleted."""
     SLOW_CARD = "slow card"
     """Storing takes `seconds` longer."""
     SPLIT_HEADER = "header split from payload"
@@ -147,7 +147,7 @@ ROUGH = Mix(
 
 @dataclass
 class FaultPlan:
-    """Which faults there will be, and which there were."""
+    """Planned faults, and the log of those that occurred."""
 
     clock: Clock
     faults: Sequence[Fault] = ()

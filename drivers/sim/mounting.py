@@ -1,4 +1,4 @@
-"""How a simulated rig is built and moved: four cameras on one plate, the plate on an arc.
+"""Geometry and motion of a simulated rig: four cameras on one plate, the plate on an arc.
 
 The plate's cameras stand half an arc step apart, so that all views together form two even rows.
 """
@@ -98,7 +98,7 @@ def mounts(
     lens: LensKind = "normal",
     cfa: Cfa | None = None,
 ) -> tuple[Mount, ...]:
-    """The cameras of a rig; cfa: of all, which each begins at a place of its own; None: Bayer's."""
+    """The cameras of a rig; cfa: of all, which each begins at a place of its own; None: a Bayer one."""
     rig_from_plate = _cam_from_plate(seed, 0)
     plate_from_rig: Array = np.asarray(np.linalg.inv(rig_from_plate), np.float64)
     return tuple(

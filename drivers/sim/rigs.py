@@ -37,16 +37,16 @@ EVEN = 700.0
 
 @dataclass(frozen=True)
 class RigSettings:
-    """What can be overridden of a rig.
+    """Settings of a rig that can be overridden.
 
-    scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files;
-    samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
-    effects: jitter, flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which
-    the sensors differ from what their files say, such as prnu. even: soft light alone, which fits into one
-    exposure, instead of lamps; gloss: of all surfaces, None as they are. distortion, vignetting, gains:
-    factors on how far lenses and sensitivities are from ideal ones, 0 for just that. curve: of a camera
-    that develops its photographs. cfa: of all sensors, begun at a place of its own by each; None: Bayer.
-    glare: share of the light that lenses scatter.
+    scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files; samples:
+    rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames; effects: jitter,
+    flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which the sensors differ
+    from their files, such as prnu. even: soft light alone, which fits into one exposure, instead of lamps;
+    gloss: of all surfaces; None keeps theirs. distortion, vignetting, gains: factors on how far lenses and
+    sensitivities are from ideal ones, 0 for just that. curve: of a camera that develops its photographs. cfa:
+    of all sensors, begun at a place of its own by each; None: a Bayer one. glare: share of the light that
+    lenses scatter.
     """
 
     kind: Literal["raw", "ldr"]
@@ -98,7 +98,8 @@ def names() -> tuple[str, ...]:
 def simulate(
     name: str, seed: int = 0, *, clock: Callable[[], float] | None = None, **overrides: Any
 ) -> "SimulatedRig":
-    """A simulated rig. InputError for a name that is none, listing those that are.
+    """Simulate a rig. InputError for an unknown name, with the list of names. InputError for a name that is
+    none, listing those that are.
 
     seed: of lenses, colours, sensors, noise and the arm's small errors; the scene is always the same.
     overrides: any field of `RigSettings` but `kind`.
@@ -158,7 +159,7 @@ class SimulatedRig:
             self.turn_to(settings.wheel[0].name)
 
     def turn_to(self, band: str) -> None:
-        """Have every camera look through that filter of its wheel."""
+        """Turn the filter wheels of all cameras to that filter."""
         chosen = next(each for each in self.settings.wheel if each.name == band)
         for device in self._devices:
             device.body = behind(device.body, chosen)
@@ -175,7 +176,7 @@ class SimulatedRig:
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """What each camera is, in the order of `records`."""
+        """Properties of each camera, in the order of `records`."""
         return tuple(device.body for device in self._devices)
 
     def records(self) -> tuple[CameraRecord, ...]:
@@ -193,7 +194,7 @@ class SimulatedRig:
         )
 
     def show(self, kind: Subject) -> None:
-        """What the cameras look at from now on: the scene, nothing, a grey surface, or the board.
+        """Set the subject from now on: the scene, nothing, a grey surface, or the board.
 
         dark: the lenses are covered; flat: all that each lens sees has the one radiance
         `drivers.sim.scene.subjects.LIGHT`; board: it is held anew at every frame. The rig rests for these at

@@ -1,10 +1,10 @@
-"""`truth/` of a simulated session: what only an evaluation may read.
+"""Ground truth of a simulated session in `truth/`, which only an evaluation may read.
 
 truth.json names lenses, poses, colours, vignetting, noise, the response and the exposures really applied;
-<frame>/<camera>.exr is the true radiance, linear Rec.709 float32, on the camera's own distorted pixel
-grid, averaged over each pixel, without vignetting and noise; of frames of the scene only. Of a
-filter wheel it has a channel a band. Darks, flats and the board are told in truth.json: which frames they
-are, how bright, where the board was held.
+<frame>/<camera>.exr is the true radiance, linear Rec.709 float32, on the camera's own distorted pixel grid,
+averaged over each pixel, without vignetting and noise; of frames of the scene only. Of a filter wheel it has
+a channel a band. truth.json lists the frames of darks, flats and the board, their brightness and the board's
+poses.
 """
 
 from collections.abc import Sequence
@@ -120,7 +120,7 @@ def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Ban
 
 
 def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:
-    """Return what was shown in the frames that do not show the scene; nothing where there are none."""
+    """Return the subjects of the frames that do not show the scene; empty without such frames."""
     frames = {
         kind: sorted({shot.frame for shot in shots if shot.kind == kind})
         for kind in ("dark", "flat", "board")
@@ -168,7 +168,7 @@ def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
 
 
 def _photosites(body: Body) -> dict[str, Any]:
-    """Return what only darks and flats tell of a sensor; defects by column and row."""
+    """Return the sensor properties that only darks and flats measure; defects by column and row."""
     model, lens = body.sensor, body.optics.lens
     sensor = SimulatedSensor(model, lens.width, lens.height, body.seed, body.serial, 0)
     return {

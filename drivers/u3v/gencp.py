@@ -20,7 +20,7 @@ WRITE_OVERHEAD = HEADER_SIZE + 8
 
 
 class Code(IntEnum):
-    """What a packet is."""
+    """Packet type."""
 
     READ = 0x0800
     READ_ACK = 0x0801
@@ -30,7 +30,7 @@ class Code(IntEnum):
 
 
 class Status(IntEnum):
-    """How a command went."""
+    """Status of a command."""
 
     SUCCESS = 0x0000
     NOT_IMPLEMENTED = 0x8001

@@ -67,7 +67,7 @@ class Sirm(IntEnum):
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """What a device says of itself before its XML is read. sirm: address, None where it cannot stream."""
+    """Device description before its XML is read. sirm: address, None where it cannot stream."""
 
     manufacturer: str
     model: str
@@ -118,7 +118,7 @@ class AbrmClock:
 
 @dataclass(frozen=True)
 class ManifestEntry:
-    """Where an XML lies. version: major, minor, subminor; sha1: of the bytes there, zeros if not given."""
+    """Location of an XML. version: major, minor, subminor; sha1: of the bytes there, zeros if not given."""
 
     version: tuple[int, int, int]
     zipped: bool
@@ -136,7 +136,7 @@ class ManifestEntry:
 
     @classmethod
     def parse(cls, data: bytes) -> "ManifestEntry":
-        """From its 64 bytes. CameraProtocol if the file type is neither raw nor zipped XML."""
+        """Parse its 64 bytes. CameraProtocol if the file type is neither raw nor zipped XML."""
         kind = int.from_bytes(data[4:8], "little") >> 10 & 0x3F
         if len(data) != ENTRY or kind > 1:
             raise CameraProtocol(f"a manifest entry of {len(data)} bytes and file type {kind} is unknown")

@@ -30,7 +30,7 @@ _STALE = 1.0
 
 @dataclass(frozen=True)
 class Leader:
-    """What comes before a frame. timestamp: ns of the device's clock; padding: bytes after each row."""
+    """Header of a frame. timestamp: ns of the device's clock; padding: bytes after each row."""
 
     block: int
     payload_type: int
@@ -50,7 +50,7 @@ class Leader:
 
     @classmethod
     def parse(cls, data: bytes) -> "Leader | None":
-        """The leader at the beginning of `data`; None if there is none."""
+        """Parse the leader at the beginning of `data`, or return None."""
         if len(data) < LEADER_SIZE or data[:4] != LEADER_MAGIC:
             return None
         _, _, _, block, _, kind, timestamp, *image, _ = _LEADER.unpack_from(data)
@@ -59,7 +59,9 @@ class Leader:
 
 @dataclass(frozen=True)
 class Trailer:
-    """What comes after a frame. status: 0 if all is well; valid: bytes of payload that count."""
+    """Trailer of a frame. status: 0 on success; valid: valid bytes of payload. status: 0 if all is well;
+    valid: bytes of payload that count.
+    """
 
     block: int
     status: int
@@ -73,7 +75,7 @@ class Trailer:
 
     @classmethod
     def parse(cls, data: bytes) -> "Trailer | None":
-        """The trailer at the beginning of `data`; None if there is none."""
+        """Parse the trailer at the beginning of `data`, or return None."""
         if len(data) < TRAILER_SIZE or data[:4] != TRAILER_MAGIC:
             return None
         _, _, _, block, status, _, valid, height = _TRAILER.unpack_from(data)
@@ -82,7 +84,7 @@ class Trailer:
 
 @dataclass(frozen=True)
 class TransferPlan:
-    """How a payload is cut into USB transfers: `count` of `size` bytes and one of `last`, if not 0."""
+    """Division of a payload into USB transfers: `count` of `size` bytes and one of `last`, if not 0."""
 
     size: int
     count: int
@@ -108,7 +110,7 @@ class StreamChannel:
         self._buffers: dict[int, array[int]] = {}
         self._plan = TransferPlan.of(0, 1)
         self._payload = 0
-        """Bytes of the frames that the device was told of; 0 before."""
+        """Payload bytes for which the device is configured; 0 before."""
         self._early: Leader | None = None
         self._may_send = True
 
@@ -124,7 +126,7 @@ class StreamChannel:
         self._enable(True)
 
     def stop(self) -> None:
-        """Have it send no more; AcquisitionStop comes before."""
+        """Stop the stream; AcquisitionStop comes before."""
         self._enable(False)
 
     def next_frame(self, timeout: float) -> Frame:
@@ -164,7 +166,7 @@ class StreamChannel:
         return Frame(leader, payload[:filled], problem)
 
     def _agree(self, payload: int) -> None:
-        """Choose the transfers for frames of that many bytes, and tell the device."""
+        """Choose the transfers for frames of that many bytes, and configure the device."""
         number = self._control.read_number
         if not 0 < payload <= _LARGEST_PAYLOAD:
             raise CameraProtocol(f"{self._pipe.where} announces frames of {payload} bytes: reset the camera.")

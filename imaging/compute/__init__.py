@@ -1,1 +1,1 @@
-"""What the machine gives: compiled kernels, threads and memory. Nothing here knows of cameras or scenes."""
+"""Resources of the machine: compiled kernels, threads and memory. Nothing here knows of cameras or scenes."""

@@ -1,4 +1,4 @@
-"""How many processor cores there are to work with."""
+"""The number of processor cores to work with."""
 
 import os
 
@@ -9,7 +9,7 @@ GIVEN = "RIG_CORES"
 def available_cores() -> int:
     """Cores that this process may run on; all of the machine where the system does not restrict processes.
 
-    Only Linux tells which cores a process may use.
+    Only Linux reports which cores a process may use.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     given = os.environ.get(GIVEN, "")

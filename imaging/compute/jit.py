@@ -1,4 +1,4 @@
-"""How this project's Numba code is compiled: strict floats, and cached on disk.
+"""Numba compilation of this project's kernels: strict floats, and cached on disk.
 
 * No fast-math flag that assumes away NaN or infinities, or reorders sums: results do not depend on the
   thread count. In kernels contraction to FMA is allowed (`contract`), zeros may lose their sign, division
@@ -53,7 +53,7 @@ def _usable_folder() -> Path | None:
 
 
 def _compile(function: FunctionT, **options: Any) -> FunctionT:
-    """As numba.njit does, cached in the folder of this project."""
+    """Compile like numba.njit, with the cache in this project's folder."""
     folder, before = _usable_folder(), numba.config.CACHE_DIR
     try:
         if folder is not None:

@@ -50,7 +50,7 @@ def check_picture(name: str, width: int, height: int, channels: int = 3) -> None
 
 
 def check(what: str, need: int) -> None:
-    """InputError unless so many bytes are free, or they are few; `what` begins its sentence."""
+    """Raise InputError unless that many bytes are free, or they are few; `what` begins its sentence."""
     if need <= UNASKED:
         return
     free = available()
@@ -62,7 +62,7 @@ def check(what: str, need: int) -> None:
 
 
 def _machine() -> int | None:
-    """Return what the system would give without swapping, else all that there is."""
+    """Return what the system would give without swapping, else all of its memory."""
     try:
         for line in _MEMINFO.read_text("ascii").splitlines():
             if line.startswith("MemAvailable:"):
@@ -73,7 +73,7 @@ def _machine() -> int | None:
 
 
 def _group() -> int | None:
-    """Return what the limit of a container leaves, file caches not counted; None: there is none."""
+    """Return what the limit of a container leaves, file caches not counted, or None without one."""
     left = []
     for folder in (_GROUPS / "memory", _GROUPS, *_own_groups()):
         for limit, usage in (
@@ -102,7 +102,7 @@ def _own_groups() -> list[Path]:
 
 
 def _own() -> int | None:
-    """What `ulimit -v` leaves of the address space; None: there is no such limit, as always on Windows."""
+    """Bytes that `ulimit -v` leaves of the address space; None without such a limit, as always on Windows."""
     try:
         import resource
     except ImportError:
@@ -117,7 +117,7 @@ def _own() -> int | None:
 
 
 def _given() -> int | None:
-    """Return what is left of the share that whoever started this process gave it; None: it has no share."""
+    """Return what is left of the share that the starting process granted; None if it granted none."""
     given = os.environ.get(GIVEN, "")
     return int(given) - resident() if given.isdecimal() else None
 

@@ -51,13 +51,13 @@ class _Process:
         return function(*arguments)
 
     def kill(self) -> None:
-        """Nothing that it is at is wanted any more."""
+        """Kill the process, and drop what it computes."""
         self._unwanted = True
         if self._child is not None:
             self._child.kill()
 
     def close(self) -> None:
-        """Nobody waits for it any more."""
+        """Close the pipe to a process whose results are no longer awaited."""
         if self._child is not None:
             self._child.wait()
             for pipe in (self._child.stdin, self._child.stdout):
@@ -84,7 +84,7 @@ class _Process:
 
 
 def serve() -> None:
-    """In such a process: answer calls until nobody is there to ask."""
+    """Answer calls, in a process of the pool, until the other end of the pipe closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that asks is told, and ends this
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what is printed is no answer

@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 @intrinsic  # type: ignore[untyped-decorator]
 def take_number(typing_context: Any, counter: Any) -> Any:
-    """In kernels: add 1 to counter[0] (int64), atomically, and return its old value."""
+    """Add 1 to counter[0] (int64) atomically inside a kernel, and return its old value."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -83,7 +83,7 @@ def _help_forever(jobs: "SimpleQueue[_Job]") -> None:
 
 
 def _forget_helpers() -> None:
-    """In a forked child there are none."""
+    """Forget the helper threads in a forked child, which has none."""
     global _jobs, _helpers
     _jobs, _helpers = SimpleQueue(), 0
 
@@ -128,7 +128,7 @@ def share(kernel: Kernel, work: float, *arguments: Any) -> None:
 
 @contextmanager
 def one_thread_a_product() -> Iterator[None]:
-    """Until the block or the function ends, products of numpy are made on the thread that asks for them.
+    """Run numpy's matrix products on the calling thread until the block or the function ends.
 
     BLAS would share each small one among all cores, whose threads then spin until the next: on two busy
     cores a calibration took twice the processor time, and no less of the clock's.
@@ -151,7 +151,7 @@ def in_turn(count: int, work: Callable[[int], T]) -> Iterator[T]:
 
 
 def in_order(pool: ThreadPoolExecutor, count: int, work: Callable[[int], T], ahead: int) -> Iterator[T]:
-    """`work(number)` of 0..count-1 in their order, each found by the pool, at most so many of them ahead."""
+    """Yield `work(number)` for 0..count-1 in order, computed by the pool with a bounded number in flight."""
     begun: deque[Future[T]] = deque()
     for number in range(count):
         begun.append(pool.submit(work, number))

@@ -17,9 +17,9 @@ from imaging.compute.cores import available_cores
 from imaging.errors import InputError, RigError
 
 ATTEMPTS = 2
-"""Of a task whose process was killed, as by a machine that went down or ran out of memory."""
+"""Attempts at a task whose process was killed, as by a machine that went down or ran out of memory."""
 KEPT = 0.9
-"""Of the free memory, what tasks may take together."""
+"""Share of the free memory that tasks may take together."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -31,7 +31,7 @@ class WorkerLost(RigError):
 
 @dataclass(frozen=True)
 class Task:
-    """What a task is forecast to take. memory: bytes at its peak; gpu: a GPU, where there are any."""
+    """Forecast demand of a task. memory: bytes at its peak; gpu: whether it uses a GPU, if there is one."""
 
     memory: int
     gpu: bool = False
@@ -39,10 +39,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Share:
-    """What a task may take of its machine.
+    """Resources that a task may use on its machine.
 
     cores: how many; pinned: which ones, if not any; room: bytes, that its own decisions keep to as the
-    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: whatever there is. own: the process
+    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: no limit. own: the process
     that the task is called in is there for tasks alone.
     """
 
@@ -53,7 +53,7 @@ class Share:
     own: bool = False
 
     def environment(self) -> dict[str, str]:
-        """Of a process that keeps to it."""
+        """Environment variables of a process that keeps to the share."""
         given = {core_count.GIVEN: self.cores, memory.GIVEN: self.room, "CUDA_VISIBLE_DEVICES": self.gpu}
         return {name: str(value) for name, value in given.items() if value is not None}
 
@@ -63,13 +63,13 @@ class Share:
             os.sched_setaffinity(process, self.pinned)
 
     def take(self) -> None:
-        """Have this process keep to it."""
+        """Restrict this process to the share."""
         os.environ.update(self.environment())
         self.pin(0)
 
 
 class Workers(Protocol):
-    """Where tasks run.
+    """Executor of tasks.
 
     room: bytes that a single one may take; cores: that it has. at_once: how many are worth having under way;
     beside: how many may share a machine.
@@ -92,9 +92,9 @@ class Workers(Protocol):
 
 
 def apart(share: Share, function: Callable[..., T], *arguments: Any) -> T:
-    """Return what a function of a module returns in a process of its own; again where that was killed.
+    """Return what a function of a module returns in a separate process; retry where that was killed.
 
-    WorkerLost: each time. Where this process is the task's own, whoever began it sees to that.
+    WorkerLost if each attempt was killed. In a process that serves tasks alone, its parent retries instead.
     """
     if share.own:
         share.take()
@@ -110,7 +110,7 @@ def apart(share: Share, function: Callable[..., T], *arguments: Any) -> T:
 
 
 def _begun(share: Share) -> None:
-    """In the new process: keep to the share, and end with the one that began it, however that ends."""
+    """Keep to the share in the new process, and end with the parent, however that ends."""
     share.take()
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -158,7 +158,7 @@ class LocalWorkers:
     def submit(
         self, task: Task, function: Callable[Concatenate[Share, P], T], *arguments: P.args, **named: P.kwargs
     ) -> "Future[T]":
-        """As `Workers.submit`. What fits nowhere runs alone, and says so itself."""
+        """Submit as `Workers.submit`. What fits nowhere runs alone, and reports a lack of memory itself."""
 
         def run() -> T:
             with self._admitted(task) as share:
@@ -167,7 +167,7 @@ class LocalWorkers:
         return self._pool.submit(run)
 
     def close(self) -> None:
-        """As `Workers.close`."""
+        """Close as `Workers.close`."""
         with self._change:
             self._closed = True
             self._change.notify_all()

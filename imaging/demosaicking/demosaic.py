@@ -33,7 +33,7 @@ rows or along columns, whichever is less: along an edge of two colours it is eve
 path-traced light the squared error is 0.6 to 1.9 of the variance however much colour changes, on that of the
 demo and the gallery 0.6 to 1.4."""
 SEEN = 0.7
-"""Of the noise of the photosites, what is in how uneven interpolated colour is."""
+"""Share of the photosites' noise that remains in the unevenness of interpolated colour."""
 
 QUARTER = 0.3186
 """A quarter of a normal distribution of deviation 1 lies within this of its mean."""
@@ -107,7 +107,7 @@ def demosaic(
 
 
 def _recorded(values: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[Any]:
-    """Of every photosite its value in its own channel, [H, W, channels], and 0 in the others."""
+    """Scatter each photosite's value into its own channel, [H, W, channels], with 0 in the others."""
     found = np.zeros((*values.shape, len(cfa.letters)), values.dtype)
     (height, width), pattern = cfa.period, cfa.channels(*cfa.period)
     for (row, column), channel in np.ndenumerate(pattern):
@@ -235,7 +235,7 @@ def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> floa
 
 
 def _stand_in(image: npt.NDArray[np.floating], trusted: Bool) -> Float:
-    """The mean of the nearest photosites of the same colour, 0 where there is none."""
+    """Mean of the nearest photosites of the same colour, 0 where there are none."""
     kernel = np.zeros((5, 5), np.float32)
     kernel[::2, ::2] = 1
     weight = _filtered(trusted.astype(np.float32), kernel)

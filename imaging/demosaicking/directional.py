@@ -15,7 +15,9 @@ from imaging.cfa import Bool, Float
 from imaging.compute.jit import inlined, kernel
 
 REFINEMENTS = 2
-"""Of the paper's second part, which has one. The other gains 0.8 dB on the demo, 0.1 dB on the gallery."""
+"""Passes of the paper's second part, which has one. The other gains 0.8 dB on the demo, 0.1 dB on the
+gallery.
+"""
 _MARGIN = 16
 """px beyond the image, even; a pixel depends on others up to 13 px away."""
 
@@ -23,7 +25,7 @@ Channels = npt.NDArray[np.uint8]
 
 
 def greens(code: Float, own: Channels) -> tuple[Bool, Float, Float]:
-    """Where rows are followed, how far rows are from columns, and green, all [H, W].
+    """Mask of the interpolation along rows, difference of rows and columns, and green, all [H, W].
 
     code: a mosaic [H, W], float32; own: the channel of each photosite.
     """

@@ -48,11 +48,11 @@ def refuse_hdr(transfer: int, where: str) -> None:
 def space_of(
     body: bytes, bits: int, where: str = "cICP chunk"
 ) -> tuple[str, Array, npt.NDArray[np.float64]] | None:
-    """Name, light of each of 65536 codes, 0..1, and matrix [3, 3] to linear Rec.709; None: not specified.
+    """Name, light of each of 65536 codes, 0..1, and matrix [3, 3] to linear Rec.709, or None if unspecified.
 
     Where only the curve or only the primaries are not specified, those of sRGB count. body: the four numbers.
-    bits: of a sample, 8 or 16. where: what of the file has the numbers. InputError, without the name of the
-    file, for what is not read.
+    bits: of a sample, 8 or 16. where: the part of the file that holds the numbers. InputError, without the
+    name of the file, for what is not read.
     """
     if len(body) != 4:
         raise InputError(f"has a {where} of other than four bytes: write it again")

@@ -25,8 +25,8 @@ _FIX = "export it again"
 def read_depth(path: Path) -> tuple[Float, bool]:
     """Depth along the axis of the camera, float32 [H, W], and whether the file has whole numbers.
 
-    In the unit of the file. What is not known is 0: zeros, negative and other numbers that are none, and the
-    largest of 16 bits, at which sensors stop. InputError when the file is missing, damaged or no depth map.
+    In the unit of the file. Unknown depth is 0: zeros, negative and non-finite numbers, and the largest
+    16-bit code, where sensors saturate. InputError when the file is missing, damaged or no depth map.
     """
     name = f"The depth map {path}"
     try:

@@ -51,7 +51,7 @@ _MAGIC = b"\x76\x2f\x31\x01"
 class ExrImage:
     """Channels, each float32 [H, W], by name, and the attributes that are text or numbers.
 
-    light: names of the channels of the part that holds the light; None: all.
+    light: names of the channels of the part that holds the light; None: all channels.
     """
 
     channels: dict[str, npt.NDArray[np.float32]]
@@ -72,9 +72,9 @@ class ExrImage:
 
     @property
     def alpha(self) -> npt.NDArray[np.float32] | None:
-        """How opaque each pixel is, 0..1, float32 [H, W]; None where all is opaque.
+        """Opacity of each pixel, 0..1, float32 [H, W]; None where all is opaque.
 
-        The light of an EXR is multiplied by it: what is transparent stands before black. InputError as `rgb`.
+        The light of an EXR is multiplied by it: premultiplied, over black. InputError as `rgb`.
         """
         name = exr_layers.alpha_channel(self._names)
         if not name:
@@ -95,7 +95,7 @@ class ExrImage:
 
     @property
     def exposure(self) -> Exposure | None:
-        """From `expTime`, `aperture` and `isoSpeed`; None if the file names no time."""
+        """Exposure from `expTime`, `aperture` and `isoSpeed`; None if the file names no time."""
         time, f_number, iso = (self._positive(name) for name in ("expTime", "aperture", "isoSpeed"))
         return None if time is None else Exposure(time=time, f_number=f_number, iso=iso)
 
@@ -121,13 +121,13 @@ def write_exr(
 ) -> None:
     """Write linear light, ZIP compressed, whole or not at all; StorageError when the disk refuses.
 
-    `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
-    as float16 with `half`. NaN and infinities are kept; a finite value too large for the type is
-    an InputError. `primaries` of R, G, B are an entry of `imaging.files.exr_colour.IDS`, or None: not
-    known, which the file says. `attributes` are written under their names (`rig:...` for our own, or
-    OpenEXR's, as `whiteLuminance`); numbers become float32, as do those of `exposure`. data: channels
-    that are no light, by the name of the part that holds them, each of the size of the light; the light is
-    then in a part `light` before them. ValueError for other shapes or names.
+    `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or as float16
+    with `half`. NaN and infinities are kept; a finite value too large for the type is an InputError.
+    `primaries` of R, G, B are an entry of `imaging.files.exr_colour.IDS`, or None if unknown, which the file
+    states. `attributes` are written under their names (`rig:...` for our own, or OpenEXR's, as
+    `whiteLuminance`); numbers become float32, as do those of `exposure`. data: channels other than light, by
+    the name of the part that holds them, each of the size of the light; the light is then in a part `light`
+    before them. ValueError for other shapes or names.
     """
     path = Path(path)
     light = _planes(channels)
@@ -171,7 +171,7 @@ def white_luminance(value: float, error: float) -> dict[str, float]:
 
 @checked
 def read_exr(path: str | Path) -> ExrImage:
-    """An EXR file; InputError if it is none, is damaged, deep or subsampled.
+    """Read an EXR file; InputError if it is damaged, deep, subsampled or no EXR.
 
     The pixels are those of the display window; what the data window leaves out of it is 0. Of several parts
     the attributes are those of the one that holds the light, else of the first, and the channels those of

@@ -1,4 +1,4 @@
-"""Which light the numbers of an EXR are, as its attributes say.
+"""Colour encoding of an EXR, from its attributes.
 
 By the recommendation of the ASWF Color Interop Forum, "Identifying the Color Space of OpenEXR Files" (version
 1.0.0 of 14 July 2026): the attribute `colorInteropID` names the space, and no `chromaticities` stand beside
@@ -23,7 +23,7 @@ IDS = {
     "ap0": "lin_ap0_scene",
     "ap1": "lin_ap1_scene",
 }
-"""Of linear light in the primaries of `imaging.colour.PRIMARIES`."""
+"""Identifiers of linear light in the primaries of `imaging.colour.PRIMARIES`."""
 _D65 = PRIMARIES["rec709"][3]
 _LINEAR: dict[str, tuple[tuple[float, float], ...]] = {
     **{IDS[name]: PRIMARIES[name] for name in IDS},
@@ -38,15 +38,16 @@ _ENCODED = ("srgb_", "g18_", "g22_", "g24_", "g26_", "pq_", "hlg_")
 
 @dataclass(frozen=True)
 class ExrColour:
-    """matrix: from the R, G, B of a file to linear Rec.709, float64 [3, 3]; None: they are that. doubt: a
-    sentence about attributes that contradict each other or say nothing; empty: there is no doubt."""
+    """matrix: from the R, G, B of a file to linear Rec.709, float64 [3, 3], or None for the identity. doubt:
+    a sentence about attributes that contradict each other or say nothing; empty if there are none.
+    """
 
     matrix: npt.NDArray[np.float64] | None
     doubt: str = ""
 
 
 def colour_of(attributes: Mapping[str, object]) -> ExrColour:
-    """What the attributes of a file with R, G and B say; InputError if these are data, or no linear light.
+    """Read the colour encoding of a file with R, G and B; InputError if these are data, or no linear light.
 
     Without any the primaries are those of Rec.709, as OpenEXR has it.
     """

@@ -1,4 +1,4 @@
-"""Which channels of an EXR are its light: of layers, views and passes the picture itself.
+"""Selection of the light among an EXR's layers, views and passes.
 
 Names are those of OpenEXR ("Standard channel names"): R, G, B, or Y alone; before them LAYER and a dot.
 """

@@ -32,7 +32,7 @@ _BACK = {6: 1, 8: -1}
 
 @dataclass(frozen=True)
 class Wrapped:
-    """What such a file holds. codes: uint8 [H, W, C]; icc: its colour profile, b"" for none."""
+    """Contents of a HEIF or WebP file. codes: uint8 [H, W, C]; icc: its colour profile, b"" for none."""
 
     codes: npt.NDArray[np.uint8]
     metadata: FrameMetadata
@@ -86,7 +86,7 @@ def decode_heif(data: bytes, name: str) -> Wrapped:
 
 
 def heif_metadata(data: bytes) -> FrameMetadata:
-    """What the EXIF and the XMP of a HEIF file say, with the orientation of the picture as it is laid."""
+    """Read the EXIF and XMP of a HEIF file, with the orientation of the stored picture."""
     return _laid_back(_heif(data))[0]
 
 

@@ -36,7 +36,7 @@ SAME = 1.5 / 255
 SAME_POINT = 2e-3
 """CIE xy by which white and primaries may differ from those of sRGB and count as them."""
 EXACT = 2e-3
-"""Of linear light: by so much may primaries and curves miss a profile that they stand for."""
+"""Largest miss of primaries and curves for a profile of linear light to count as exact."""
 
 _WHITE, _REC709 = [0.3127, 0.3290], [0.64, 0.33, 0.30, 0.60, 0.15, 0.06]
 _ICC_TAG, _APP2 = 34675, 0xE2
@@ -44,7 +44,7 @@ _BITS, _PHOTOMETRIC, _TRANSFER, _WHITE_POINT, _PRIMARIES, _TRANSFER_RANGE = 258,
 _PNG_COLOUR = (b"IHDR", b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM")
 _NOTHING = (b"", "")
 _SRGB_GAMMA = 0.45455
-"""Told beside the sRGB chunk, for readers that do not know that."""
+"""Gamma written beside the sRGB chunk, for readers that do not know that one."""
 _ROWS, _TOP = 64, 65535
 _CICP, _NCLX = "cICP chunk", "nclx colour"
 _SRGB_CURVE = np.rint(_TOP * srgb_decode(np.linspace(0, 1, 4096))).astype(np.uint16)
@@ -74,9 +74,9 @@ class Profile:
 
 
 def profile_of(data: bytes) -> Profile | None:
-    """That of a JPEG, PNG or TIFF file; None where it is sRGB, says nothing or is damaged.
+    """The colour profile of a JPEG, PNG or TIFF file; None where it is sRGB, absent or damaged.
 
-    InputError, without the name of the file, where it says that its samples are none that rig reads.
+    InputError, without the name of the file, if it declares samples that rig does not read.
     """
     icc, name = _embedded(data)
     if name in (_CICP, _NCLX):
@@ -218,9 +218,9 @@ def _of_tiff(tags: Directory) -> tuple[bytes, str]:
 
 
 def _curve_of(tags: Directory) -> npt.NDArray[np.uint16] | None:
-    """TransferFunction as three rows of light, 0..65535, of codes from black to white; None: none.
+    """TransferFunction as three rows of light, 0..65535, over codes from black to white; None if it has none.
 
-    InputError, without the name of the file, for one that is of other codes than those of the photograph.
+    InputError, without the name of the file, if its codes differ from those of the photograph.
     """
     told = integers(tags, _TRANSFER)
     if not told:
@@ -282,7 +282,9 @@ def _of_png(data: bytes) -> tuple[bytes, str]:
 
 
 def _made(points: list[float], gamma: float | npt.NDArray[np.uint16] | None) -> bytes:
-    """A profile of white, red, green and blue, CIE xy, and a power or a table; None: the curve of sRGB."""
+    """Build a profile from white, red, green and blue, CIE xy, and a power or a table; None: the curve of
+    sRGB.
+    """
     table = _SRGB_CURVE if gamma is None else gamma
     curve = {"gamma": table} if isinstance(table, float) else {"transferfunction": table}
     return bytes(imagecodecs.cms_profile("rgb", whitepoint=points[:2], primaries=points[2:], **curve))

@@ -1,4 +1,4 @@
-"""What surrounds the pixels of JPEG and PNG files: sizes, EXIF, XMP, and whether the end is there.
+"""Container of JPEG and PNG files: size, EXIF, XMP, and whether the end of the file is present.
 
 The decoders fill what is missing with grey, so completeness is checked here.
 """
@@ -15,7 +15,7 @@ from imaging.files.xmp import MARK
 JPEG_MAGIC, PNG_MAGIC = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-"""In entropy-coded data: anything but a stuffed 0xFF, a restart and a fill byte."""
+"""Marker in entropy-coded data: anything but a stuffed 0xFF, a restart and a fill byte."""
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _SCAN, _END, APP1 = 0xDA, 0xD9, 0xE1
@@ -24,7 +24,9 @@ _PNG_XMP = b"XML:com.adobe.xmp\0"
 
 @dataclass(frozen=True)
 class Shell:
-    """width, height: px, 0 if not told; exif: the EXIF block, xmp: the XMP packet, b'' if there is none."""
+    """Container data. width, height: px, 0 if unknown; exif: the EXIF block, xmp: the XMP packet, b'' if
+    absent.
+    """
 
     width: int = 0
     height: int = 0

@@ -47,7 +47,7 @@ from imaging.mosaic import FrameMetadata
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
 
 PNG_LEVEL = 1
-"""Of deflate: the higher ones take three times as long for files that are 7 % smaller."""
+"""Deflate level: the higher ones take three times as long for files that are 7 % smaller."""
 _ROWS = 64
 """Rows that are computed with at a time: copies of a large picture would fill the memory."""
 _MOST_DEFLATED = 1032
@@ -61,8 +61,8 @@ class Photo:
     """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
 
     The pixel grid is as stored: the orientation of the metadata is not applied. alpha: float32 [H, W], how
-    opaque each pixel is, 0..1, None where all is opaque; what is transparent stands before black. profile:
-    name of the colour space that the file is in, and the pixels were; "": sRGB, or not told. doubt: the end
+    opaque each pixel is, 0..1, None where all is opaque; colours are over black. profile:
+    name of the colour space that the file is in, and the pixels were; "": sRGB, or not stated. doubt: the end
     of a sentence about what of the file was not read, or "".
     """
 
@@ -80,14 +80,14 @@ class Photo:
 
 
 def is_photo(path: Path) -> bool:
-    """Whether the suffix is one of JPEG, PNG, TIFF or WebP, or of HEIF where its package is installed."""
+    """Return whether the suffix is one of JPEG, PNG, TIFF or WebP, or of HEIF where its package is installed."""
     suffix = path.suffix.lower()
     return suffix in SUFFIXES or (suffix in HEIF_SUFFIXES and heif_is_read())
 
 
 @checked
 def read_photo(path: str | Path) -> Photo:
-    """The first image of a JPEG, PNG or TIFF file, told by its content.
+    """Read the first image of a JPEG, PNG or TIFF file, recognised by its content.
 
     Grey becomes three equal channels. A photograph in another colour space (`imaging.files.icc`) becomes what
     it is in sRGB. What alpha makes transparent is mixed with black, in linear light as the PNG specification
@@ -165,7 +165,7 @@ def decode_codes(data: bytes, name: str, fix: str = "copy it again from the came
 
 
 def read_metadata(path: Path) -> FrameMetadata:
-    """What any supported file (photograph, RAW, EXR, HDR) says about camera and exposure, without its pixels.
+    """Read camera and exposure of any supported file (photograph, RAW, EXR, HDR), without its pixels.
 
     InputError if there is no such file or it is of no kind that rig reads.
     """

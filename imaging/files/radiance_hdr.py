@@ -24,7 +24,8 @@ _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
 @dataclass(frozen=True, eq=False)
 class Light:
     """pixels: linear Rec.709, float32 [H, W, 3]; alpha: how opaque each is, 0..1, float32 [H, W], None where
-    all is opaque. What is transparent stands before black."""
+    all is opaque. Colours are over black.
+    """
 
     pixels: npt.NDArray[np.float32]
     alpha: npt.NDArray[np.float32] | None = None
@@ -52,7 +53,7 @@ def read_with_alpha(path: Path) -> Light:
 
 
 def read_hdr(path: Path) -> npt.NDArray[np.float32]:
-    """Linear Rec.709, float32 [H, W, 3]: the exposure and colour correction that the file tells divided out.
+    """Read linear Rec.709, float32 [H, W, 3]: the file's exposure and colour correction are divided out.
 
     Other primaries that it names are converted; without any they are those of Rec.709. InputError if it is
     no such file, is damaged, larger than the memory, in XYZE, or not in rows from the top left.
@@ -97,7 +98,7 @@ def _scale(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32]:
 
 
 def _rec709_from_own(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32] | None:
-    """From the primaries that the file names; None where there are none, or they are nonsense."""
+    """Matrix from the primaries that the file names to Rec.709; None without any, or with nonsense."""
     for name, _, value in lines:
         if name == "PRIMARIES":
             try:

@@ -43,7 +43,7 @@ def is_raw(path: Path) -> bool:
 
 @checked
 def read_raw(path: str | Path) -> RawMosaic:
-    """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
+    """Read the mosaic of a RAW file, cut to its active area; InputError if it is damaged or no RAW.
 
     Orientation is not applied. Black, white, colour and noise are those that the file states: real
     clipping may lie below its white level. A DNG whose tags make its samples something else is refused by the
@@ -86,7 +86,7 @@ def decode_raw(data: bytes, suffix: str) -> RawMosaic:
 
 @dataclass(frozen=True)
 class RawHeader:
-    """What a RAW file says before its pixels. white: the largest code, as far as it is told there."""
+    """Header of a RAW file. white: its largest code, as far as the header states it."""
 
     width: int
     height: int
@@ -115,7 +115,7 @@ def read_raw_header(data: bytes, suffix: str) -> RawHeader:
 
 
 def read_raw_metadata(path: Path) -> FrameMetadata:
-    """What a RAW file says about camera and exposure, its pixels left alone; InputError as `read_raw`."""
+    """Read camera and exposure of a RAW file without its pixels; InputError as `read_raw`."""
     tags, metadata = _read_tags(path)
     if metadata is not None:
         return metadata
@@ -137,7 +137,7 @@ def _undecodable(path: Path, tags: Directory | None) -> InputError:
 
 
 def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
-    """The tags of a DNG and the EXIF of a TIFF-shaped file, None where it is none.
+    """Read the tags of a DNG and the EXIF of a TIFF-shaped file; None for any other.
 
     InputError if the file cannot be read or is cut off.
     """

@@ -1,4 +1,4 @@
-"""What RAW files say about camera and exposure that are no TIFF: CR3, RAF, ORF, RW2."""
+"""EXIF of RAW files that are no TIFF: CR3, RAF, ORF, RW2."""
 
 import logging
 import struct
@@ -59,7 +59,7 @@ def spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
 
 
 def _exif_of_raf(file: BinaryIO) -> FrameMetadata | None:
-    """EXIF of a file of Fuji's, in the photograph that its head leads to; None: it is no such file."""
+    """EXIF of a Fujifilm file, from the photograph that its head points to; None for any other file."""
     head = file.read(92)
     file.seek(0)
     if not head.startswith(b"FUJIFILMCCD-RAW") or len(head) < 92:

@@ -10,11 +10,11 @@ Array = npt.NDArray[np.float64]
 _HIGH, _WIDE = 8, 16
 """Photosites of one colour in a block, rows and columns."""
 _MOST = 32
-"""Rows of blocks that are looked at, spread over the picture."""
+"""Number of rows of blocks examined, spread over the picture."""
 _FEWEST = 16
 """Blocks with light below which nothing is concluded."""
 _LIT, _FLOOR = 0.02, 0.002
-"""Of the range: a block above the first has light; what is below the second counts as it."""
+"""Shares of the range: a block above the first is lit; values below the second are raised to it."""
 _CLEAR = 0.4
 """Stops beyond which a block differs."""
 _ALIKE = 0.9
@@ -43,7 +43,7 @@ def row_stops(mosaic: RawMosaic) -> float:
 
 
 def _stops(plane: npt.NDArray[np.uint16], black: float, span: float) -> Array:
-    """Of the blocks of one colour that have light: log2 of its even rows over its odd ones, float64 [N]."""
+    """Log2 of even over odd rows for each lit block of one colour, float64 [N]."""
     even, odd = (_blocks(plane[first::2], black, span) for first in (0, 1))
     count = min(len(even), len(odd))
     even, odd = even[:count], odd[:count]

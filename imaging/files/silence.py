@@ -24,7 +24,7 @@ class _Sink(io.TextIOBase):
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Nothing that is printed inside the block reaches stdout or stderr, natively or from Python.
+    """Suppress what is printed inside the block, natively or from Python, on stdout and stderr.
 
     Both belong to the process: what other threads print meanwhile is lost too, so keep the block
     as short as one library call. Blocks of several threads may overlap.

@@ -46,7 +46,7 @@ _FIXES = {
 
 
 def refused(path: Path | str, error: OSError) -> StorageError:
-    """Return what to tell of a disk that refused to write a path: what, where, and the fix by the reason."""
+    """Return the message for a disk that refused to write a path: what, where, and the fix by the reason."""
     reason = (error.strerror or str(error)).lower()
     fix = _FIXES.get(error.errno or 0, "check the disk and run again")
     return StorageError(f"{path} could not be written ({reason}): {fix}.")
@@ -177,7 +177,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
-    """Write a whole file, or nothing, from pieces that nobody needs to join in memory.
+    """Write a whole file, or nothing, from pieces without joining them in memory.
 
     For large files that are not read soon: the system's cache drops them.
     """

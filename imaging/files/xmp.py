@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 from imaging.mosaic import FrameMetadata, GpsPosition
 
 MARK = b"http://ns.adobe.com/xap/1.0/\0"
-"""What a JPEG's segment begins with that holds a packet."""
+"""Prefix of a JPEG segment that holds a packet."""
 _FIXED = 50.0
 """RtkFlag of a position that is known to centimetres."""
 
 
 @dataclass(frozen=True)
 class DroneNote:
-    """gimbal: yaw, clockwise from north, pitch, up, and roll of the camera, degrees. height: m above where it
-    took off, by its barometer. position: where its receiver was, without errors. error, altitude_error:
-    standard errors of a position that a base station corrected, m. None: not said.
+    """gimbal: yaw, clockwise from north, pitch, up, and roll of the camera, degrees. height: m above the
+    take-off point, by its barometer. position: of its receiver, without errors. error, altitude_error:
+    standard errors of a position that a base station corrected, m. None: not stated.
     """
 
     gimbal: tuple[float, float, float] | None = None
@@ -31,7 +31,7 @@ class DroneNote:
 
 
 def drone_note(packet: bytes) -> DroneNote:
-    """Return what a packet says; nothing where it is none of a drone, or damaged."""
+    """Return the content of a drone's packet; an empty note for any other packet, or a damaged one."""
     if b"drone-dji" not in packet:
         return DroneNote()
     angles = [_number(packet, f"Gimbal{axis}Degree") for axis in ("Yaw", "Pitch", "Roll")]

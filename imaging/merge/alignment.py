@@ -1,4 +1,4 @@
-"""Whether the camera moved between the exposures of a bracket: the shift of each against the next."""
+"""Camera motion between the exposures of a bracket: the shift of each against the next."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,18 +18,20 @@ SHAKEN = 0.5
 FEWEST = 0.02
 """Share of the pixels that have to be well exposed in both."""
 SURE = 0.1
-"""Height of the peak, of 1, below which two pictures have too little in common to tell a shift."""
+"""Peak height, of 1, below which two pictures have too little in common to measure a shift."""
 SPECK = 5
 """Places in a row, along both axes, that make a hole of what is not valid."""
 FADE = 12
 """Places, from a hole on, over which a picture comes to count."""
 FAINT, FULL = 0.01, 0.9
-"""Signals between which a picture tells of the scene: in the shorter exposure, in the longer."""
+"""Signals between which a picture is usable: the lower bound in the shorter exposure, the upper in the
+longer.
+"""
 
 
 @dataclass(frozen=True)
 class Shift:
-    """How far, px, the picture of a longer exposure lies from that of the next shorter; +x right, +y down.
+    """Shift, px, of a longer exposure's picture against the next shorter one; +x right, +y down.
 
     k: of the two exposures.
     """
@@ -40,15 +42,15 @@ class Shift:
 
     @property
     def size(self) -> float:
-        """Its length, px."""
+        """Length, px."""
         return float(np.hypot(self.x, self.y))
 
 
 def shifts(frames: Sequence[LinearFrame]) -> list[Shift]:
-    """Shifts between exposures that are neighbours in k; pairs that share too little are left out.
+    """Measure the shift between exposures that are neighbours in k; pairs that share too little are left out.
 
     Phase correlation (Kuglin and Hines 1975) of the logarithms of both, each cut off at what the other
-    can see, so that what is saturated in one looks alike in both. What is not valid in either tells nothing.
+    can see, so that what is saturated in one looks alike in both. Pixels invalid in either do not count.
     """
     ordered = sorted(frames, key=lambda frame: frame.k)
     found = [_shift(short, long) for short, long in pairwise(ordered)]

@@ -92,7 +92,7 @@ def _alone(
     sigma: Float,
     masks: Bool,
 ) -> None:
-    """What each photosite [N] of one frame tells, written into the last three; masks [3, N]."""
+    """Merge each photosite [N] of a single frame into the last three arguments; masks [3, N]."""
     for place in range(len(signal)):
         value = signal[place]
         number = valid[place] and np.isfinite(value)

@@ -1,4 +1,4 @@
-"""What the error of a measured response adds to the sigma of merged photographs."""
+"""Error that a measured response adds to the sigma of merged photographs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def with_curve_error(merged: Merged, frames: Sequence[LinearFrame], response: Re
 
 
 def _weight(frame: LinearFrame, light: Float, rows: slice) -> Float:
-    """Of an exposure in the mean, up to a factor: nothing where it only bounds the light."""
+    """Weight of an exposure in the mean, up to a factor: 0 where it only bounds the light."""
     assert frame.noise is not None
     usable = frame.valid[rows] & ~frame.saturated[rows] & ~frame.dark[rows]
     variance = frame.noise.variance(light * np.float32(frame.k))

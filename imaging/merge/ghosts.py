@@ -1,4 +1,4 @@
-"""What moved while a bracket was shot: found where its exposures disagree, and shown as one saw it."""
+"""Removal of motion between the exposures of a bracket."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -39,10 +39,10 @@ class Deghosted:
 def without_ghosts(
     frames: Sequence[LinearFrame], tolerance: float = TOLERANCE, hidden: Bool | None = None
 ) -> Deghosted:
-    """Merge a bracket (see `merge_bracket`), but show what moved as the best single exposure saw it.
+    """Merge a bracket (see `merge_bracket`), but take what moved from the best single exposure.
 
-    tolerance: disagreement of exposures, relative, that is no motion. hidden: bool [H, W], where masks ask
-    that nobody look. Without a noise model, or with one exposure, nothing can be told and nothing is.
+    tolerance: relative disagreement of exposures that does not count as motion. hidden: bool [H, W], pixels
+    excluded by masks. Without a noise model, or with one exposure, motion cannot be detected.
     """
     merged = merge_bracket(frames)
     ghost, noise = find_ghosts(frames, merged, tolerance, hidden)
@@ -79,10 +79,10 @@ def find_ghosts(
     tolerance: float = TOLERANCE,
     hidden: Bool | None = None,
 ) -> tuple[Bool, float]:
-    """Where the exposures contradict the merged value, bool of its shape, and the noise over its model.
+    """Find where the exposures contradict the merged value, bool of its shape, and the noise over its model.
 
-    The chi-square of the rates is summed over the channels of a pixel, or the cell of a mosaic. Its
-    median over the picture tells how much noisier than their model the frames are, which is allowed for.
+    The chi-square of the rates is summed over the channels of a pixel, or the cell of a mosaic. Its median
+    over the picture measures how much noisier than their model the frames are; the threshold scales with it.
     hidden: as of `without_ghosts`.
     """
     shape = merged.radiance.shape

@@ -32,7 +32,7 @@ CODE_NOISE = 1 / 255
 
 
 class Noise(Protocol):
-    """How noisy a linear signal is."""
+    """Noise model of a linear signal."""
 
     def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
         """Variance of the signal where its mean is `mean`; same shape, or broadcast to it; positive."""
@@ -43,7 +43,7 @@ class Noise(Protocol):
 class SensorSignalNoise:
     """Shot and read noise of a signal in 0..1, as a DNG NoiseProfile: `slope * mean + floor`.
 
-    shares: by what this is multiplied in each channel of a signal [..., channels]; None: by nothing.
+    shares: by what this is multiplied in each channel of a signal [..., channels]; None: 1.
     """
 
     slope: float
@@ -128,11 +128,11 @@ def read_linear(
 
 
 def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()) -> LinearFrame:
-    """The black-subtracted mosaic, by the levels that were measured at its ISO, else by those of the file.
+    """Read the black-subtracted mosaic, with the levels measured at its ISO, else those of the file.
 
-    The signal is 1 at the file's white level, wherever the sensor really ends: `saturated` and `ceiling`
-    tell. A response that was found bent is straightened. Without a measurement the noise is that of the
-    file's NoiseProfile, if it has one.
+    The signal is 1 at the file's white level, wherever the sensor saturates (`saturated`, `ceiling`). A
+    response that was found bent is straightened. Without a measurement the noise is that of the file's
+    NoiseProfile, if it has one.
     """
     iso = raw.metadata.exposure.iso if raw.metadata.exposure else None
     measured = at_iso(sensors, iso)

@@ -28,15 +28,15 @@ def masked(session: Session, shots: Sequence[ShotRecord], frames: Sequence[Linea
 
 
 def without(frame: LinearFrame, counts: Bool | None) -> LinearFrame:
-    """The frame, not valid where pixels do not count; counts: bool [H, W], None: all do."""
+    """The frame, invalid where pixels are excluded; counts: bool [H, W], None: all count."""
     if counts is None:
         return frame
     return replace(frame, valid=frame.valid & (counts if frame.valid.ndim == 2 else counts[..., None]))
 
 
 def read_mask(path: Path, height: int, width: int) -> Bool:
-    """Which pixels count, bool [height, width]: those that are neither black, as COLMAP and nerfstudio have
-    it, nor wholly transparent.
+    """Read the mask of pixels that count, bool [height, width]: neither black, as COLMAP and nerfstudio have
+    it, nor fully transparent.
 
     InputError when the file is missing, is no JPEG, PNG or TIFF, is damaged or not of the photograph's size.
     """

@@ -20,24 +20,26 @@ from imaging.mosaic import RawMosaic
 COUNT = 4
 """Exposures of a group. Those of 8 and 16, by half photosites, are refused."""
 MOST_MOVED = 0.25
-"""Share of the picture above which a group in which something moved is none."""
+"""Share of moved pixels above which a group is rejected."""
 
 Number = TypeVar("Number", bound=np.generic)
 Shift = tuple[int, int]
 _STEPS: tuple[Shift, ...] = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1))
 _CLASSES = {(0, 1), (1, 0), (1, 1)}
-"""By which the others have to differ from the first, odd or even in rows and columns."""
+"""Offsets by which the other frames have to differ from the first, odd or even in rows and columns."""
 _PLACING, _RESPONDING = 0.1, 0.01
-"""What makes two samples of one place differ beside noise: photosites by which a sensor misses its place, and
-by how much photosites respond unlike each other."""
+"""Differences of two samples of one place beside noise: positioning error of the sensor in photosites, and
+non-uniformity of their response.
+"""
 _WINDOW, _UNLIKELY, _HOT = 5, 4.0, 25.0
-"""Photosites across that are looked at together, the mean of squares over variance that noise does not reach
-in so many (1, with a standard deviation of 0.3; 2, where a file states half of its noise), and the most that
-one counts: a hot photosite is no motion."""
+"""Window width in photosites, the mean of squares over variance that noise does not reach in a window (1,
+with a standard deviation of 0.3; 2, where a file states half of its noise), and the cap for one photosite: a
+hot one is no motion.
+"""
 
 
 class Combined(NamedTuple):
-    """What a group saw together. moved: the share of the picture that only its first frame tells of."""
+    """Merged pixel-shift group. moved: the share of the picture taken from its first frame only."""
 
     light: RawMosaic
     moved: float

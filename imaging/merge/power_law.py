@@ -1,7 +1,7 @@
-"""Whether RAW was bent before it was written: a gamma that a camera applies to its mosaics.
+"""Detection of a gamma that a camera applied to its RAW mosaics.
 
 Where signal = light ** p, two exposures of a view differ by the same factor at every level, r ** p, as those
-of a straight line with other exposures do: only the labels of the exposures tell one from the other. Labels
+of a straight line with other exposures do: only the labels of the exposures distinguish them. Labels
 are rounded by a few percent each, and p shows in all pairs in proportion to their distance in stops.
 """
 

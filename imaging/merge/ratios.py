@@ -21,7 +21,7 @@ LOWEST, HIGHEST = 0.05, 0.9
 """Levels of the longer exposure, relative to white, between which photosites are compared."""
 LEVELS = 8
 TILES = 16
-"""Each image is cut into 16x16 tiles, so that what moved or flickered in one part can be told apart."""
+"""Number of tiles is 16x16 per image, so that what moved or flickered in one part stays apart."""
 FEWEST = 500
 """Photosites that two exposures must share."""
 LABEL_SIGMA = 0.05
@@ -43,7 +43,7 @@ class Overlap:
 
     @property
     def photosites(self) -> float:
-        """How many there are."""
+        """Number of photosites."""
         return float(self.tiles[:, 4].sum())
 
 
@@ -68,7 +68,7 @@ def overlap(longer: LinearFrame, shorter: LinearFrame) -> Overlap:
 
 @dataclass(frozen=True)
 class Ratio:
-    """How much more light one exposure got than another: natural log, and its standard error.
+    """Log ratio of the light of two exposures, and its standard error.
 
     noise: how many times its model (or the shape that stands in for one) the real noise is.
     """
@@ -116,7 +116,7 @@ def solve(
     """Log exposure scales [N] and their standard errors from log labels [N] and ratios between them.
 
     `edges[i, j]` is log scale i minus log scale j. Labels are trusted to `prior`, relative, and one far
-    off the others counts less (Cauchy): they fix the common scale, which no ratio tells, and bridge
+    off the others counts less (Cauchy): they fix the common scale, which no ratio contains, and bridge
     exposures that share no photosites. The errors do not count that of the common scale.
     """
     count = len(labels)
@@ -143,7 +143,7 @@ def solve(
 
 @dataclass(frozen=True)
 class Linearity:
-    """How far a response is from a straight line.
+    """Deviation of a response from a straight line.
 
     deviation: largest relative departure of a level from the pooled ratio that is not explained by
     noise at two standard errors; raw: the same without allowing for noise; levels: [n, 3] level

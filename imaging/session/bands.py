@@ -15,7 +15,7 @@ _VISIBLE = 450.0, 630.0
 
 
 def channels(bands: Sequence[Band]) -> tuple[str, ...]:
-    """Names of the channels of an EXR of these bands; R, G and B where there are none.
+    """Names of the EXR channels of these bands; R, G and B without bands.
 
     A band of a known wavelength is the emissive layer of a spectral EXR, `S0.650,000000nm`; else its name.
     """
@@ -28,7 +28,7 @@ def channels(bands: Sequence[Band]) -> tuple[str, ...]:
 
 
 def in_order(bands: Sequence[Band]) -> tuple[Band, ...]:
-    """By wavelength, then by name; those without a wavelength behind."""
+    """Sort by wavelength, then by name; bands of unknown wavelength last."""
     return tuple(
         sorted(bands, key=lambda band: (band.wavelength_nm is None, band.wavelength_nm or 0.0, band.name))
     )

@@ -40,10 +40,13 @@ class LensError(Record):
     k3: float = 0.0
     k4: float = 0.0
     focal_untold: bool = False
-    """Whether the scene does not tell the focal length, so that its error is that of what is used instead."""
+    """True if the scene does not determine the focal length, so that its error is that of the value used
+    instead.
+    """
     projection: tuple[tuple[float | None, ...], ...] = ()
-    """[rows][columns], px: how far a far point's projection may be off, at places evenly spread over the
-    image, when the camera's own turn is not counted; None: not known at all."""
+    """[rows][columns], px: error of a far point's projection at places evenly spread over the image, the
+    camera's own rotation excluded; None if unknown.
+    """
 
     def projection_map(self) -> npt.NDArray[np.float64]:
         """`projection` as an array [rows, columns], inf where it is not known."""
@@ -58,7 +61,7 @@ class PoseError(Record):
 
 
 class BoardPlace(Record):
-    """Where a board stood at a frame, seen from the first of the cameras that saw it together; metres."""
+    """Pose of a board at a frame, relative to the first of the cameras that saw it together; metres."""
 
     frame: int = Field(ge=0)
     cameras: tuple[Name, ...] = Field(min_length=1)
@@ -66,7 +69,7 @@ class BoardPlace(Record):
 
 
 class BoardEvidence(Record):
-    """What views of a board gave: how many, and how well the corners fit, px."""
+    """Views of a board: their number, and the corners' residuals, px."""
 
     board: Board
     printed: str
@@ -77,11 +80,11 @@ class BoardEvidence(Record):
     outliers: tuple[str, ...] = ()
     """A sentence for each view or camera that fits much worse than the others."""
     places: tuple[BoardPlace, ...] = ()
-    """By frame; cameras that never saw it together have places of their own."""
+    """Poses by frame; cameras that never saw the board together have poses of their own."""
 
 
 class Response(Record):
-    """How a camera turns exposure into code values.
+    """Response of a camera: code values as a function of exposure.
 
     linear: RAW, or linear EXR. srgb: assumed, not measured. curve: `ln E + ln k` at each of
     `codes` (0..1), per channel, up to one constant that the rig shares.
@@ -107,7 +110,7 @@ class ChartPatch(Record):
     """
 
     number: int = Field(ge=1)
-    """On the chart, row by row."""
+    """Number on the chart, row by row."""
     measured: tuple[float, float, float]
     published: tuple[float, float, float]
     delta_e: float
@@ -124,9 +127,11 @@ class ChartEvidence(Record):
     delta_e_p95: float
     delta_e_max: float
     delta_e_files: float | None = None
-    """The mean with the matrix of the camera's files and the chart's white; None: they name none."""
+    """Mean colour difference with the matrix of the camera's files and the chart's white; None if they state
+    none.
+    """
     corners: tuple[tuple[float, float], ...] = ()
-    """Of the chart in the image, px: of patches 1, 6, 24 and 19."""
+    """Corners of the chart in the image, px: of patches 1, 6, 24 and 19."""
 
 
 class CameraCalibration(Record):
@@ -139,24 +144,28 @@ class CameraCalibration(Record):
     cam_from_rig: Pose | None = None
     cam_from_rig_error: PoseError | None = None
     noise: SensorNoise | None = None
-    """At the ISO of the shots; None: not known."""
+    """Noise model at the ISO of the shots; None if unknown."""
     sensors: tuple[SensorCalibration, ...] = ()
-    """What was measured of the sensor, once for each ISO; empty: all is as the files say."""
+    """Measurements of the sensor, one for each ISO; empty: all is as the files state."""
     response: Response
     vignetting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """`V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner of the image from its centre."""
     gain: float = Field(default=1.0, gt=0)
     """Sensitivity relative to the rig's mean, divided out by later stages."""
     camera_from_rec709: tuple[tuple[float, float, float], ...] | None = None
-    """Linear Rec.709 to camera (RAW only), a row of three for R, G, B and W, green summing to 1; None: not
-    known. A row of W that no file states is the sum of the others; mono has none, and sees grey."""
+    """Linear Rec.709 to camera (RAW only), a row of three for R, G, B and W, green summing to 1; None if
+    unknown. A row of W that no file states is the sum of the others; mono has none, and sees grey.
+    """
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Sensitivities of red, green and blue relative to the rig and to green, as shared scene points tell
-    them: part of `camera_from_rec709` already, kept to be known when that is measured anew."""
+    """Sensitivities of red, green and blue relative to the rig and to green, measured on shared scene points:
+    part of `camera_from_rec709` already, stored so that a new measurement of that keeps it.
+    """
     white_balance_error: tuple[float, float, float] | None = None
-    """Their standard errors, relative; None: not measured."""
+    """Their standard errors, relative; None if unmeasured."""
     chart: ChartEvidence | None = None
-    """None: this camera's colour comes from its files, or from the chart that another of its model saw."""
+    """Evidence of the colour chart; None if this camera's colour comes from its files, or from a chart seen
+    by another of its model.
+    """
 
 
 class ViewCalibration(Record):
@@ -169,17 +178,19 @@ class ViewCalibration(Record):
     """Scene points seen by it."""
     error: PoseError | None = None
     exposure: float = Field(default=1.0, gt=0)
-    """Of a photograph: factor on the exposure that its label tells, in the scales of its shots already."""
+    """Factor on the labelled exposure of a photograph, already in the scales of its shots."""
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of a photograph: factors on red, green and blue light that it was developed with, relative to green and
-    to the mean of all photographs."""
+    """Factors on red, green and blue light with which a photograph was developed, relative to green and to
+    the mean of all photographs.
+    """
     by_rig: bool = False
-    """Nothing was recognised in its picture, or what was is contradicted: the other cameras of its rig alone
-    tell where it was."""
+    """True if the pose comes from the rig's other cameras alone: nothing was recognised in this picture, or
+    what was is contradicted.
+    """
 
     @property
     def id(self) -> ViewId:
-        """Which view it is."""
+        """Identity of the view."""
         return ViewId(self.frame, self.camera)
 
 
@@ -188,7 +199,9 @@ COLOUR = "camera_colour"
 MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
 FOCAL_UNTOLD = "lens_focal_untold"
-"""The rung that says whether the photographs tell the focal length of a lens, and what is used where not."""
+"""Name of the rung that records whether the photographs determine a lens's focal length, and what is used
+where not.
+"""
 RAW_CURVE = "raw_curve"
 """The rung that names cameras which bent their RAW before they sent it."""
 _DOUBTS = frozenset(
@@ -203,18 +216,18 @@ class CalibrationRecord(Record):
     created: datetime
     versions: dict[str, str]
     shots_sha256: str
-    """Of shots.jsonl as it was calibrated; another value later means stale."""
+    """Hash of shots.jsonl as it was calibrated; another value later means stale."""
     cameras: tuple[CameraCalibration, ...]
     views: tuple[ViewCalibration, ...]
     unregistered: tuple[ViewText, ...] = ()
-    """Views that were looked at for their poses and got none."""
+    """Views that could not be registered."""
     contradicted: tuple[ViewText, ...] = ()
     """Views that match others, which contradict each other about where these stand: nothing in their own
     pictures placed them."""
     unit: Literal["relative", "m"] = "relative"
-    """Of all lengths: metres where a board, a known distance, surveyed points or GPS gave the scale."""
+    """Unit of all lengths: metres where a board, a known distance, surveyed points or GPS gave the scale."""
     coordinates: CoordinateSystem | None = None
-    """What poses and points are in; None: coordinates of the scene's own."""
+    """Coordinate system of poses and points; None: coordinates of the scene's own."""
     board: BoardEvidence | None = None
     points: int = 0
     reprojection_px: float | None = None
@@ -222,19 +235,19 @@ class CalibrationRecord(Record):
     exposure_scale: dict[str, Annotated[float, Field(gt=0)]]
     """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
     luminance: LuminanceScale | None = None
-    """What the light is in cd/m2; None: it is relative."""
+    """Scale of the light in cd/m2; None if it is relative."""
     rungs: tuple[Rung, ...] = ()
 
     @property
     def coordinate_note(self) -> str:
-        """What poses and points are in, in one line of ASCII, as headers of files have it."""
+        """Coordinate system of poses and points in one line of ASCII, for headers of files."""
         if self.coordinates is not None:
             return f"{self.coordinates.note}, {'m' if self.unit == 'm' else 'without a unit'}"
         return "the scene's own, m" if self.unit == "m" else "the scene's own, without a unit"
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why poses may be wrong that no view contradicts, and light that is bent."""
+        """Reasons why poses may be wrong that no view contradicts, and why light may be bent."""
         return tuple(rung.reason for rung in self.rungs if rung.taken and rung.name in _DOUBTS)
 
     def camera(self, name: str) -> CameraCalibration:
@@ -246,7 +259,7 @@ class CalibrationRecord(Record):
 
 
 def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
-    """Where the colours of RAW cameras come from that no chart told; matrices: what the files of each say."""
+    """Rung on the colour source of RAW cameras without a chart; matrices: those of each camera's files."""
     known = sum(matrix is not None for matrix in matrices)
     reason = f"matrix from XYZ as the files of {known} of {len(matrices)} cameras say; not measured"
     if not known:
@@ -259,7 +272,7 @@ def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
 
 @checked
 def read_calibration(session: str | PathLike[str]) -> CalibrationRecord:
-    """The calibration of a session folder; InputError if there is none or it is damaged."""
+    """Read the calibration of a session folder; InputError if it is missing or damaged."""
     session = Path(session)
     path = session / "calibration" / "calibration.json"
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""In which coordinates a scene stands: a survey's, those of GPS, or another session's; as it is recorded."""
+"""Record of the coordinate system of a scene: a survey's, GPS, or another session's."""
 
 import math
 from typing import Literal
@@ -17,7 +17,7 @@ def length_text(metres: float) -> str:
 
 
 class PointMark(Record):
-    """Where a view shows a surveyed point."""
+    """Image position of a surveyed point in a view."""
 
     view: ViewText
     at: tuple[float, float]
@@ -25,7 +25,7 @@ class PointMark(Record):
     detected: bool = False
     """Found as a marker in the picture, not clicked."""
     miss: tuple[float, float] | None = None
-    """From there to where the calibration projects the surveyed position, px; None: the view has no pose."""
+    """Distance to the projection of the surveyed position, px; None if the view has no pose."""
 
 
 class SurveyedPoint(Record):
@@ -33,20 +33,20 @@ class SurveyedPoint(Record):
 
     name: str
     position: Place
-    """In the coordinates of the survey, m."""
+    """Position in the coordinates of the survey, m."""
     sigma: float | None = Field(default=None, gt=0)
     """Standard error of each coordinate as the survey states it, m."""
     marks: tuple[PointMark, ...] = ()
     miss: Place | None = None
-    """From the surveyed position to where the scene has the point, m; None: the views do not place it."""
+    """Offset from the surveyed position to the scene's, m; None if the views do not triangulate the point."""
     used: bool = False
-    """Whether it tells where the scene is."""
+    """True if the point takes part in the alignment."""
     reason: str = ""
-    """Why it does not."""
+    """Reason why it does not."""
 
     @property
     def miss_m(self) -> float | None:
-        """How far the scene has it from where it was surveyed, m."""
+        """Distance between the scene's position and the surveyed one, m."""
         return None if self.miss is None else math.hypot(*self.miss)
 
     @property
@@ -70,27 +70,30 @@ class CoordinateSystem(Record):
     """
 
     source: Literal["survey", "gps", "session"]
-    """What placed it: surveyed points, the positions in the photographs' EXIF, another session."""
+    """Source of the alignment: surveyed points, the positions in the photographs' EXIF, another session."""
     system: str
     """`local`, a projected one by its EPSG code, or east, north and up at `origin`."""
     offset: Place = (0.0, 0.0, 0.0)
     """Coordinates of the system are those of the calibration plus this: large numbers stand here, in double
     precision."""
     origin: Place | None = None
-    """Of an east-north-up system, where its zero is: latitude and longitude, degrees, and height above the
-    WGS84 ellipsoid, m."""
+    """Origin of an east-north-up system: latitude and longitude, degrees, and height above the WGS84
+    ellipsoid, m.
+    """
     rms: float
-    """Of the misses of what was used, in the calibration's unit: three coordinates together."""
+    """RMS residual of what was used, in the calibration's unit: three coordinates together."""
     scale_error: float | None
-    """Standard errors: of the scale, relative; None: a board or measured places of cameras told it before."""
+    """Relative standard error of the scale; None if a board or measured camera positions gave the scale
+    before.
+    """
     rotation_error: float
     """About the worst axis, degrees."""
     position_error: float
-    """Of the middle of what was used, along the worst axis, in the calibration's unit."""
+    """Standard error at the middle of what was used, along the worst axis, in the calibration's unit."""
     used: int
-    """Points, photographs or scene points that tell it."""
+    """Points, photographs or scene points that determine it."""
     left_out: int = 0
-    """Those that do not fit."""
+    """Outliers left out."""
     points: tuple[SurveyedPoint, ...] = ()
     onto: str | None = None
     """The folder of the session whose coordinates these are."""
@@ -107,11 +110,11 @@ class CoordinateSystem(Record):
 
     @property
     def less_offset(self) -> str:
-        """The offset in words; empty where it is none."""
+        """The offset in words; empty without one."""
         return " less ({:.10g}, {:.10g}, {:.10g})".format(*self.offset) if any(self.offset) else ""
 
     @property
     def note(self) -> str:
-        """What they are in one line of ASCII, as headers of files have it."""
+        """Description in one line of ASCII, for headers of files."""
         words = f"{self.described}{self.less_offset}".replace("°", " degrees")
         return words.encode("ascii", "replace").decode()

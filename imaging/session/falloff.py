@@ -1,4 +1,4 @@
-"""What lens and sensitivity do to the light of a camera, to be divided out again."""
+"""Falloff of lens and sensitivity, which is divided out of a camera's light."""
 
 import numpy as np
 import numpy.typing as npt

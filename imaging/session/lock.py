@@ -46,7 +46,7 @@ def _locked(folder: Path) -> int | None:
 def held(folder: Path) -> Iterator[None]:
     """Show others that this process is at work in an existing folder, until it ends, however it ends.
 
-    It keeps nobody from writing. A system or a file system without locks is used without.
+    The lock is advisory: it prevents no writing. Systems and file systems without locks go without it.
     """
     try:
         import fcntl

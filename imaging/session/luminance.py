@@ -14,7 +14,7 @@ Area = tuple[int, int, int, int]
 
 
 class LuminanceReading(Record):
-    """How bright something in a picture is, as a meter or a data sheet has it.
+    """Luminance of something in a picture, as stated by a meter or a data sheet.
 
     Either its luminance, or the illuminance on a matt surface and its reflectance, which make the luminance
     `E rho / pi`. Without an area it is of the colour chart that the session was calibrated by: an illuminance
@@ -31,7 +31,9 @@ class LuminanceReading(Record):
     error: float = Field(gt=0, lt=1)
     """Relative standard error of what is stated, the reflectance's included."""
     source: str
-    """Whose error it has: the readings of one meter are wrong together, different lamps each for itself."""
+    """Name of the source, whose error is common: the readings of one meter are wrong together, different
+    lamps independently.
+    """
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -64,28 +66,28 @@ class ReadingEvidence(Record):
 
     reading: LuminanceReading
     views: tuple[ViewText, ...]
-    """Where it was looked up."""
+    """Views in which it was measured."""
     luminance: float
-    """What was stated of the place, cd/m2: of a chart, of a perfect white in its place."""
+    """Stated luminance of the place, cd/m2: for a chart, that of a perfect white in its place."""
     light: float
     """Luminance of the place in the unit of the calibration's light, 0.2126 R + 0.7152 G + 0.0722 B."""
     light_error: float
-    """Its relative standard error: noise, unevenness, exposure, response, falloff and aim."""
+    """Relative standard error of the light: noise, unevenness, exposure, response, falloff and aim."""
     shots_sha256: str
-    """Of the hashes of the shots of these views: other shots do not show what was read."""
+    """Hash over the shots of these views: with other shots the reading is stale."""
     residual: float
     """Natural log of the stated luminance over that of the scale."""
 
 
 class LuminanceScale(Record):
-    """What the light of a calibration is in cd/m2."""
+    """Luminance scale of a calibration's light, cd/m2."""
 
     value: float = Field(gt=0)
     """cd/m2 of a place whose light is (1, 1, 1), linear Rec.709 in the unit of the calibration."""
     error: float = Field(gt=0)
-    """Its standard error, cd/m2."""
+    """Standard error, cd/m2."""
     cameras: tuple[str, ...]
-    """Those that it holds for: read by themselves, or compared with one that was."""
+    """Cameras to which it applies: read by themselves, or compared with one that was."""
     readings: tuple[ReadingEvidence, ...] = Field(min_length=1)
 
     def __str__(self) -> str:

@@ -22,9 +22,10 @@ SPLAT_FILES = (".ply", ".spz", ".usd", ".usda", ".usdc")
 
 
 def find_reconstruction(path: Path) -> Path:
-    """A reconstruction folder, given itself or its session (then the newest); or a file of splats, as it is.
+    """Find a reconstruction folder, given itself or its session (then the newest); a file of splats is
+    returned as it is.
 
-    InputError if it is none of these.
+    InputError for anything else.
     """
     if path.is_file() and path.suffix.lower() in SPLAT_FILES:
         return path

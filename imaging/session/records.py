@@ -22,7 +22,7 @@ from imaging.record import Record
 from imaging.session.view_id import ViewId
 
 Subject = Literal["scene", "dark", "flat", "board"]
-"""What the cameras of a shot look at: what is reconstructed, or what calibrates them."""
+"""Purpose of a shot: scene to reconstruct, or calibration target."""
 
 
 def _plain_name(value: str) -> str:
@@ -39,13 +39,13 @@ class Band(Record):
 
     name: Name
     wavelength_nm: float | None = Field(default=None, gt=0)
-    """Of its middle; None: not known."""
+    """Centre wavelength; None if unknown."""
     bandwidth_nm: float | None = Field(default=None, gt=0)
-    """Full width at half of the maximum; None: not known."""
+    """Full width at half maximum; None if unknown."""
 
 
 MOST_BANDS = 16
-"""In one session: as many channels as a scene may have."""
+"""Maximum of bands in one session: as many channels as a scene may have."""
 
 ImageKind = Literal["raw", "ldr", "hdr"]
 """raw: mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
@@ -60,11 +60,11 @@ class CameraRecord(Record):
     model: str = ""
     kind: ImageKind
     rig: str | None = None
-    """Cameras that name the same rig are rigidly mounted to each other; None: it stands alone."""
+    """Cameras that name the same rig are rigidly mounted to each other; None for a camera of its own."""
     position: tuple[float, float, float] | None = None
-    """Where it is in its rig, m, in any axes, as it was measured: between two cameras it is the scale."""
+    """Measured position in its rig, m, in any axes: between two cameras it gives the scale."""
     band: Name | None = None
-    """The filter that stays before it, one of the session's bands; None: there is none, or it is changed."""
+    """Filter that stays on it, one of the session's bands; None without one, or where it changes."""
 
 
 class SessionRecord(Record):
@@ -78,8 +78,9 @@ class SessionRecord(Record):
     seed: int | None = None
     cameras: tuple[CameraRecord, ...]
     bands: tuple[Band, ...] = ()
-    """The filters that mono cameras look through, of which every shot of the scene names one; none: the light
-    is Rec.709's."""
+    """The filters that mono cameras look through, of which every shot of the scene names one; empty for
+    Rec.709 light.
+    """
 
     @field_validator("bands")
     @classmethod
@@ -143,18 +144,20 @@ class PlanRecord(Record):
     kind: Subject
     created: datetime
     bracket: tuple[Exposure | None, ...]
-    """Exposures of each camera at each frame, in order; None: unknown (imported without EXIF)."""
+    """Exposures of each camera at each frame, in order; None if unknown (imported without EXIF)."""
     frames: tuple[int, ...]
     cameras: tuple[Name, ...]
     reason: str
     bands: tuple[Name, ...] = ()
-    """Of a filter wheel the band of each exposure of the bracket; none: every camera keeps its filter."""
+    """Band of each exposure of the bracket, for a filter wheel; empty: every camera keeps its filter."""
     asked: str | None = None
-    """The bracket in the words in which it was asked for: whoever goes on with the plan asks for the same."""
+    """The bracket as it was requested: a continuation of the plan requests the same."""
     board: Board | None = None
-    """What is shown, of a plan of kind board; None: `rig calibrate` has to be given it."""
+    """The board shown, in a plan of kind board; None: `rig calibrate` has to be given it."""
     tolerance: float | None = Field(default=None, gt=0)
-    """Seconds between the shutters of a step that are still together; None: the rig's file does not say."""
+    """Largest offset of the shutters of a step, seconds, that still counts as together; None if the rig's
+    file gives none.
+    """
 
     def band(self, step: int, camera: CameraRecord) -> str | None:
         """The filter that a camera looks through at a step."""
@@ -198,35 +201,37 @@ class ShotRecord(Record):
     """Seconds from the first shutter of the same frame and step to this one, as cameras stamp their frames;
     None where this one, or every other, does not."""
     skew_bound: float | None = Field(default=None, ge=0)
-    """Where `skew` is not known, the most that it may be: from when the first order of its frame and step
-    went out, or the first shutter is known to have opened, to the moment by which this one had."""
+    """Upper bound of an unknown `skew`: from the first trigger of its frame and step, or the first shutter
+    known to have opened, to the moment by which this one had.
+    """
     told: float | None = Field(default=None, ge=0)
-    """Seconds after the first camera of the same frame and step that this one was told to expose; how much
-    later its shutter opened, only `skew` says."""
+    """Delay of this camera's trigger after the first one of the same frame and step, seconds; the delay of
+    the shutter itself is `skew`.
+    """
     retries: int = Field(default=0, ge=0)
     source: str | None = None
     """Path of the original, for imports."""
     mask: str | None = None
     """A picture of the same size, relative to the session folder, black where the shot is to be ignored."""
     mask_sha256: str | None = None
-    """Of the mask; None: it has none, or one of a session that does not say."""
+    """Hash of the mask; None without one, or in a session that does not record it."""
     depth: str | None = None
     """A map of the depth along the camera's axis at the same moment, relative to the session folder."""
     depth_sha256: str | None = None
     depth_unit: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    """What 1 in the map is said to be, in units of the world."""
+    """Length of 1 in the depth map, in units of the world."""
     band: Name | None = None
-    """The filter that it was taken through, one of the session's bands; None: the session has none."""
+    """Filter through which it was taken, one of the session's bands; None without bands."""
     node: Name | None = None
     """The host that its camera is connected to, where that is not the one that led the capture."""
     clock_offset: float | None = None
-    """How far that host's clock was ahead of the leader's, s: the monotonic clocks, which nobody sets."""
+    """Lead of that host's clock over the leader's, s: the monotonic clocks, which are never set."""
     clock_error: float | None = Field(default=None, ge=0)
-    """By which that may be wrong, s, and `skew` with it against the cameras of other hosts."""
+    """Error bound of the clock offset, s, and of `skew` against the cameras of other hosts."""
 
     @property
     def identity(self) -> tuple[str, str, int, int]:
-        """What makes a shot the same shot when it is taken again: plan, camera, frame, step."""
+        """Identity of a shot that is taken again: plan, camera, frame, step."""
         return (self.plan, self.camera, self.frame, self.step)
 
     @property
@@ -241,15 +246,15 @@ class ShotRecord(Record):
 
 
 class SplitRecord(Record):
-    """`split.json`, of a data set that says what it trains and tests on; other sessions have none.
+    """`split.json` of a data set that defines training and test views; other sessions have none.
 
-    Files of shots, relative to the session. A view is tested or trained on, never both; shots that are in
-    neither are looked at by no training and no test.
+    Files of shots, relative to the session. A view is tested or trained on, never both; shots in neither are
+    ignored by training and test.
     """
 
     schema_version: Literal[1] = 1
     reason: str
-    """Who says so."""
+    """Origin of the split."""
     train: tuple[str, ...]
     test: tuple[str, ...]
 
@@ -270,7 +275,7 @@ class Rung(Record):
     unit: str = ""
     reason: str
     parameters: int | None = None
-    """What it costs: numbers that it adds to the model; None: not counted."""
+    """Number of parameters that it adds to the model; None if not counted."""
 
     @classmethod
     def judged(
@@ -283,7 +288,7 @@ class Rung(Record):
         parameters: int | None = None,
         errors: float = 1.0,
     ) -> Self:
-        """Taken only when the held-out gain is above so many standard errors."""
+        """True if taken only when the held-out gain is above the required number of standard errors."""
         return cls(
             name=name,
             taken=gain > errors * standard_error,

@@ -35,7 +35,7 @@ class Session:
 
     @classmethod
     def open(cls, folder: str | PathLike[str]) -> Self:
-        """Open an existing session; InputError that says what is wrong if it is none."""
+        """Open an existing session; InputError with the reason if it is not one."""
         folder = Path(folder)
         if not folder.is_dir():
             raise InputError(
@@ -84,7 +84,7 @@ class Session:
         return names
 
     def split(self) -> SplitRecord | None:
-        """Return what the data set trains and tests on; None: it does not say."""
+        """Return the data set's split into training and test views; None if it has none."""
         path = self.folder / SPLIT
         return parse(SplitRecord, store.read_json(path), path) if path.exists() else None
 
@@ -101,11 +101,11 @@ class Session:
         return store.inside(self.folder, shot.file)
 
     def mask(self, shot: ShotRecord) -> Path | None:
-        """Where a shot's mask is; None: it has none. InputError if the record leads out of the session."""
+        """Path of a shot's mask, or None. InputError if the record leads out of the session."""
         return None if shot.mask is None else store.inside(self.folder, shot.mask)
 
     def depth(self, shot: ShotRecord) -> Path | None:
-        """Return where a shot's depth map is; None: it has none. Errors as `mask`."""
+        """Return the path of a shot's depth map, or None. Errors as `mask`."""
         return None if shot.depth is None else store.inside(self.folder, shot.depth)
 
     def camera(self, name: str) -> CameraRecord:

@@ -1,4 +1,4 @@
-"""How a view is called: one camera at one frame, by one name, in one order, everywhere."""
+"""Identity of a view: one camera at one frame, with one name and one order everywhere."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -31,7 +31,7 @@ class ViewId:
     def image_name(self) -> str:
         """Name of the view's image in a COLMAP model, and of its file below the folder of previews.
 
-        COLMAP tells the cameras of a rig apart by the folders that their images are in.
+        COLMAP distinguishes the cameras of a rig by the folders of their images.
         """
         return f"{self.camera}/{self.frame:04d}.png"
 

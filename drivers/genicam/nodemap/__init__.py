@@ -59,7 +59,7 @@ class NodeMap:
         return tuple(self._elements)
 
     def features(self, category: str = "Root") -> tuple[str, ...]:
-        """What a Category lists, and the categories in it, in order; () if there is no such category."""
+        """Features and subcategories of a Category, in order; () for an unknown one."""
         names: list[str] = []
         waiting = [category]
         while waiting:
@@ -104,7 +104,7 @@ class NodeMap:
             return self._find(name).limits()
 
     def kind(self, name: str) -> str:
-        """What the description calls the node, such as Float or Enumeration; empty for an unknown one."""
+        """Node type in the description, such as Float or Enumeration; empty for an unknown node."""
         return self._elements[name].tag if name in self._elements else ""
 
     def unit(self, name: str) -> str:

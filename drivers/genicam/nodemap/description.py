@@ -32,10 +32,10 @@ class Element:
 
 
 def read_description(xml: bytes) -> tuple[str, dict[str, Element]]:
-    """The maker and the nodes, by name, of a RegisterDescription. CameraProtocol if it is none, or has a
-    document type.
+    """Read the maker and the nodes, by name, of a RegisterDescription.
 
-    The entries of a StructReg are nodes like any other, MaskedIntRegs with what the StructReg says.
+    CameraProtocol for another root or with a document type. The entries of a StructReg are nodes like any
+    other, MaskedIntRegs that inherit from the StructReg.
     """
     root = _parse(xml)
     if root.tag != "RegisterDescription":

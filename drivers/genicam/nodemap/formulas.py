@@ -31,7 +31,7 @@ class _Variables(Mapping[str, Number]):
 
 
 class Computing(Node):
-    """What formulas see, read once."""
+    """Variables of formulas, each read once."""
 
     def __init__(self, element: Element, around: Surroundings) -> None:
         super().__init__(element, around)
@@ -65,7 +65,7 @@ class SwissKnife(Computing):
         return self.compute(self._formula)
 
     def target_access(self) -> str:
-        """It can be read only."""
+        """Access mode: read only."""
         return "RO"
 
 
@@ -88,7 +88,7 @@ class Converter(Computing):
         return target
 
     def target_access(self) -> str:
-        """That of the node behind."""
+        """Access mode of the node behind."""
         return {"R": "RO", "W": "WO"}.get(self._target().access(), "RW")
 
     def get(self) -> Number:
@@ -109,7 +109,7 @@ class Converter(Computing):
         target.set(limits.nearest(there, whole=True) if inside else round(there))
 
     def limits(self) -> Limits:
-        """Those of the node behind, converted; a falling slope turns them around."""
+        """Limits of the node behind, converted; a falling slope swaps them."""
         behind = self._target().limits()
         if UNLIMITED in (behind.high, -behind.low):
             return Limits(-UNLIMITED, UNLIMITED)

@@ -1,4 +1,4 @@
-"""What all nodes of a GenICam description share: references, availability, access, limits."""
+"""Common parts of all nodes of a GenICam description: references, availability, access, limits."""
 
 import math
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Value = Number | str | bool
 
 
 class Memory(Protocol):
-    """Where registers live."""
+    """Address space of registers."""
 
     def read(self, address: int, size: int) -> bytes:
         """`size` bytes from `address`."""
@@ -62,13 +62,13 @@ class Limits:
 
 @dataclass
 class Surroundings:
-    """What nodes need: each other, the device's memory and, per frame, its chunks by ChunkID."""
+    """Environment of nodes: each other, the device's memory and, per frame, its chunks by ChunkID."""
 
     find: Callable[[str], "Node"]
     memory: Memory
     chunks: dict[int, bytes] = field(default_factory=dict)
     values: dict["Node", Value] = field(default_factory=dict)
-    """What the nodes behind the feature that is being asked for have said, until something is written.
+    """Cache of the node values read for the current feature, valid until something is written.
 
     Without it a formula that uses another twice, which uses another twice, takes exponential time.
     """
@@ -82,7 +82,7 @@ class Node:
 
     @property
     def whole(self) -> bool:
-        """Whether its values are whole numbers."""
+        """True if its values are integers."""
         return self.element.tag in _WHOLE
 
     def unit(self) -> str:
@@ -152,7 +152,7 @@ class Node:
         return None if node is None else numeric(node.value())
 
     def integer(self, tag: str) -> int | None:
-        """As `number`, in whole numbers."""
+        """Read `number` as an integer."""
         value = self.number(tag)
         return None if value is None else integral(value)
 

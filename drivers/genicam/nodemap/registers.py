@@ -18,8 +18,9 @@ _OTHERS = frozenset(
         *("pInvalidator", "pIsAvailable", "pIsImplemented", "pIsLocked", "pLength", "pPort", "pSelected"),
     )
 )
-"""What the GenApi schema 1.1 lets a register say besides its address. One that says more may well be
-somewhere else than rig would read and write, and is refused."""
+"""Elements that the GenApi schema 1.1 allows in a register besides its address. A register with other
+elements may lie at another address than rig would use, and is refused.
+"""
 
 
 class Register(Node):

@@ -19,14 +19,14 @@ class Holder(Node):
         return self.refer("pValueDefault") if chosen is None else self.around.find(chosen)
 
     def target_access(self) -> str:
-        """That of the node that keeps the value; a value of its own can be read and set."""
+        """Access mode of the node that keeps the value; a value of its own can be read and set."""
         target = self.behind()
         if target is None:
             return "RW"
         return {"R": "RO", "W": "WO"}.get(target.access(), "RW")
 
     def unit(self) -> str:
-        """That of its own, else that of the node that keeps the value."""
+        """Its own unit, else that of the node that keeps the value."""
         target = self.behind()
         return super().unit() or ("" if target is None else target.unit())
 
@@ -176,7 +176,7 @@ class Command(Holder):
     """Command: writing its value does something."""
 
     def execute(self) -> None:
-        """Do it."""
+        """Execute the command."""
         self.put(self._command())
 
     def done(self) -> bool:

@@ -50,10 +50,10 @@ def own_name() -> str:
 
 
 def connect(host: str, port: int, clock: Clock, patience: float = PAIRING_SECONDS) -> IpTransport:
-    """Both connections to a camera. patience: seconds that it may take to accept the first.
+    """Open both connections to a camera. patience: seconds that it may take to accept the first.
 
-    CameraNotFound: nobody is there. CameraPermission: it wants to be paired. CameraClaimed: somebody else
-    has it. CameraRefused, CameraTimeout, CameraLost, CameraProtocol.
+    CameraNotFound: no answer. CameraPermission: it wants to be paired. CameraClaimed: another host has it.
+    CameraRefused, CameraTimeout, CameraLost, CameraProtocol.
     """
     commands = Link(host, port)
     try:
@@ -110,7 +110,7 @@ def _must_be(wanted: PacketType, kind: int, fields: bytes, where: str) -> None:
 
 
 class IpConnection:
-    """The way to the camera at one address. `identity` is None before it was first opened."""
+    """Connection to the camera at one address. `identity` is None before it was first opened."""
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self._host, self._port, self._clock = host, port, clock

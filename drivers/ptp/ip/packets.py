@@ -15,17 +15,17 @@ from drivers.errors import CameraLost, CameraNotFound, CameraTimeout
 from drivers.ptp.codec import damaged
 
 PORT = 15740
-"""Where cameras listen."""
+"""Port of cameras."""
 HEAD = 8
 """Bytes of a packet before its fields."""
 VERSION = 0x00010000
-"""Of the protocol: 1.0."""
+"""Protocol version 1.0."""
 _CONNECT_TIMEOUT = 5.0
 _SEND_TIMEOUT = 20.0
 
 
 class PacketType(IntEnum):
-    """What a packet is."""
+    """Packet types."""
 
     INIT_COMMAND_REQUEST = 1
     INIT_COMMAND_ACK = 2
@@ -44,7 +44,7 @@ class PacketType(IntEnum):
 
 
 def place_of(host: str, port: int) -> str:
-    """For messages: `PTP/IP 192.168.1.20`, with the port where it is not the usual one."""
+    """Name of the place for messages: `PTP/IP 192.168.1.20`, with the port where it is not the usual one."""
     return f"PTP/IP {host}" + ("" if port == PORT else f":{port}")
 
 
@@ -52,7 +52,7 @@ class Link:
     """One connection to a camera. A packet that a time-out interrupts is read on the next time."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Connect. CameraNotFound if nobody listens there, or there is no way there."""
+        """Connect. CameraNotFound if nothing listens there, or the host is unreachable."""
         self.where = place_of(host, port)
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT)
@@ -68,7 +68,7 @@ class Link:
         self._sending = threading.Lock()
         self._packet, self._filled = bytearray(HEAD), 0
         self.in_step = True
-        """Whether the next byte begins a packet, or goes on with one that is known to be one."""
+        """True if the next byte begins a packet, or continues one of known type."""
 
     def send(self, kind: PacketType, fields: bytes) -> None:
         """One packet, from any thread. CameraLost; CameraTimeout, after which it is out of step."""
@@ -117,7 +117,7 @@ class Link:
         self._socket.close()
 
     def _fill(self, size: int, timeout: float | None) -> None:
-        """Have the first `size` bytes of the packet."""
+        """Read until the first `size` bytes of the packet are buffered."""
         with memoryview(self._packet) as view:
             while self._filled < size:
                 try:

@@ -13,7 +13,7 @@ from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
 from imaging.errors import CameraError
 
 _NO_DATA_OUT, _DATA_OUT = 1, 2
-"""What an operation request says of the data that follow: none from the host, or some."""
+"""Data phase codes of an operation request: no data from the host, or some."""
 _TRANSACTION = 4
 """Bytes of the transaction's number in front of data."""
 _UNKNOWN = 0xFFFFFFFFFFFFFFFF

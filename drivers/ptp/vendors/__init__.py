@@ -1,1 +1,1 @@
-"""What each maker's cameras want beyond standard PTP."""
+"""Vendor extensions beyond standard PTP."""

@@ -26,15 +26,16 @@ _CAPACITY = (0x0FFFFFFF, 0x1000, 1)
 """Free clusters, bytes of a cluster, reset: room on the host, without which nothing is shot."""
 _LIST = 3
 _IMAGE_FORMAT = struct.pack("<I", CanonProperty.IMAGE_FORMAT)
-"""How its records begin; the number of files of a shot follows."""
+"""Layout of the image format records, after the number of files of a shot."""
 _PAUSE = 0.05
 _READERS = (
     CanonOperation.GET_PARTIAL_OBJECT,
     CanonOperation.GET_PARTIAL_OBJECT_64,
     Operation.GET_PARTIAL_OBJECT,
 )
-"""What reads a piece of a file: the first that a body lists and does not refuse. All take handle, offset and
-count."""
+"""Operations that read a piece of a file: the first that a body lists and does not refuse is used. All take
+handle, offset and count.
+"""
 _NOT_THIS_WAY = {
     ResponseCode.OPERATION_NOT_SUPPORTED,
     ResponseCode.PARAMETER_NOT_SUPPORTED,
@@ -50,7 +51,8 @@ _BRACKETS = tuple(
     for thirds, code in enumerate((0x03, 0x05, 0x08, 0x0B, 0x0D, 0x10, 0x13, 0x15, 0x18), 1)
 )
 """AEB by thirds of a stop. It has three frames, unless the photographer chose another number in the camera's
-menu, which is not told."""
+menu, which it does not report.
+"""
 
 
 class CanonBody(StandardBody):
@@ -65,7 +67,7 @@ class CanonBody(StandardBody):
 
     @property
     def remembers(self) -> bool:
-        """Not known to."""
+        """Return False: not known to keep a shot for a new session."""
         return False
 
     def enter(self) -> None:
@@ -73,9 +75,9 @@ class CanonBody(StandardBody):
         self._properties: dict[int, DevicePropDesc] = {}
         self._added: list[Download] = []
         self._untaken: dict[int, Download] = {}
-        """What it told of and was not yet told to forget, by handle."""
+        """Objects announced and not yet released, by handle."""
         self._files: int | None = None
-        """Of a shot, as the image format has it; None: it has not been told."""
+        """Number of files of a shot, as the image format has it; None until the body reports it."""
         listed = tuple(reader for reader in _READERS if self.session.supports(reader))
         self._readers: tuple[int, ...] = listed or _READERS[:1]
         self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
@@ -116,7 +118,7 @@ class CanonBody(StandardBody):
         self.session.run(CanonOperation.SET_DEVICE_PROP_VALUE_EX, data=packed, repeatable=True)
 
     def wait_ready(self) -> None:
-        """Keep it awake and forget what it told of earlier shots."""
+        """Keep it awake and discard its events of earlier shots."""
         if self.session.supports(CanonOperation.KEEP_DEVICE_ON):
             self.session.run(CanonOperation.KEEP_DEVICE_ON, repeatable=True)
         self._listen()
@@ -144,7 +146,7 @@ class CanonBody(StandardBody):
             self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _HALF, repeatable=True)
 
     def wait(self, exposure: float) -> list[Download]:
-        """Until its events tell of all files of a shot, or for a moment of no more."""
+        """Wait until its events announce all files of a shot, or until no more come for a moment."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
@@ -160,9 +162,9 @@ class CanonBody(StandardBody):
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
-        """AEB, of a body that has both it and continuous shooting, and a button that can be held down.
+        """AEB of a body with continuous shooting and a button that can be held down.
 
-        None for RAW+JPEG, whose files could not be told apart.
+        None for RAW+JPEG, whose files could not be assigned.
         """
         self._listen()
         if self._files is not None and self._files > 1:
@@ -206,7 +208,7 @@ class CanonBody(StandardBody):
                 self.session.run(CanonOperation.REMOTE_RELEASE_OFF, half, repeatable=True)
 
     def fetch(self, file: Download) -> bytes:
-        """In pieces of 1 MiB at most."""
+        """Fetch in pieces of 1 MiB at most."""
         self.session.pieces(file, lambda offset, count: self._piece(file.handle, offset, count))
         return bytes(file.data)
 

@@ -1,4 +1,4 @@
-"""The records of a Canon's GetEvent, and those in which it tells of a file.
+"""Records of a Canon's GetEvent, and those in which it announces a file.
 
 Source: libgphoto2's layout (its ptp-pack.c), and what bodies sent to its users. Since about 2016 bodies have
 records with sizes of 64 bits; an R5 Mark II has some in which the name is in another place, or is left out.
@@ -22,7 +22,7 @@ _SUFFIXES = {
 
 
 class _Layout(NamedTuple):
-    """Where the fields are, in bytes from the handle on; storage and name: None where there is none.
+    """Byte offsets of the fields after the handle; storage and name: None if absent.
 
     wide: whether the size has 64 bits.
     """
@@ -43,7 +43,7 @@ _LAYOUTS = {
     CanonEvent.REQUEST_OBJECT_TRANSFER_64_LONG_NAME: _Layout(None, 4, 12, True, None),
 }
 OBJECTS = frozenset(_LAYOUTS)
-"""The kinds of record that tell of a file."""
+"""Record types that announce a file."""
 
 
 def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -59,9 +59,9 @@ def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def unpack_object(kind: int, payload: bytes) -> Download:
-    """Read a record that tells of a file, of a kind in OBJECTS; CameraProtocol if it is cut off.
+    """Read a record that announces a file, of a type in OBJECTS; CameraProtocol if it is cut off.
 
-    A file whose name is not told is called by its handle, with the suffix of its format.
+    A file without a name is called by its handle, with the suffix of its format.
     """
     layout = _LAYOUTS[CanonEvent(kind)]
 

@@ -31,7 +31,7 @@ from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
 
 MEMORY_HANDLE = 0xFFFF0001
-"""Where a picture lies that went to the camera's memory."""
+"""Handle of a picture in the camera's memory."""
 _TO_MEMORY, _NO_AUTOFOCUS = 1, 0xFFFFFFFF
 _PAUSE, _ASK_AFTER = 0.05, 1.0
 _POLL_TIMEOUT = 1.0
@@ -71,21 +71,21 @@ class NikonBody(StandardBody):
 
     releases = (*_MEMORY_RELEASES, Operation.INITIATE_CAPTURE)
     _files = 1
-    """Of a shot: two of a body that is set to NEF+JPEG."""
+    """Number of files of a shot: two on a body that is set to NEF+JPEG."""
 
     @property
     def _to_memory(self) -> bool:
-        """Whether pictures go to the camera's memory, from where they must be deleted before the next."""
+        """Return whether pictures go to the camera's memory, from where they must be deleted before the next."""
         return any(self.session.supports(operation) for operation in _MEMORY_RELEASES)
 
     @property
     def knows_make(self) -> bool:
-        """If it lists operations of Nikon's own."""
+        """Return whether it lists Nikon's own operations."""
         return any(self.session.supports(operation) for operation in NikonOperation)
 
     @property
     def remembers(self) -> bool:
-        """Not known to, of what is in memory."""
+        """Return whether a new session can fetch a shot; not known of pictures in memory."""
         return not self._to_memory
 
     def enter(self) -> None:
@@ -136,7 +136,7 @@ class NikonBody(StandardBody):
             self._forget(MEMORY_HANDLE)
 
     def release(self, patience: float = PATIENCE) -> None:
-        """Without autofocus, into the camera's memory."""
+        """Release without autofocus, into the camera's memory."""
         order: tuple[int, ...]
         if self.session.supports(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA):
             order = (NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA, _NO_AUTOFOCUS, _TO_MEMORY)
@@ -148,7 +148,7 @@ class NikonBody(StandardBody):
         self.session.run(*order, timeout=READY_TIMEOUT, patience=patience, repeatable=False)
 
     def wait(self, exposure: float) -> list[Download]:
-        """Until it is ready and has told of a picture."""
+        """Wait until it is ready and has announced a picture."""
         if not (self._to_memory and self.session.supports(NikonOperation.GET_EVENT)):
             return super().wait(exposure)
         clock = self.session.clock
@@ -175,7 +175,7 @@ class NikonBody(StandardBody):
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
-        """Those that its properties name, of a body that shoots them to memory; none for NEF+JPEG."""
+        """Brackets that its properties name, on a body that shoots them to memory; empty for NEF+JPEG."""
         step, program = NikonProperty.BRACKET_STEP, NikonProperty.BRACKET_PROGRAM
         needed = {step, program, NikonProperty.BRACKET_ENABLE, PropertyCode.STILL_CAPTURE_MODE}
         if (
@@ -187,7 +187,9 @@ class NikonBody(StandardBody):
         return nikon_brackets.offered(self.describe(step), self.describe(program))
 
     def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
-        """Its program in continuous shooting, in which one order takes as many frames as were asked for."""
+        """Select its bracket program in continuous shooting, in which one order takes the requested number of
+        frames.
+        """
         settings: tuple[tuple[int, int], ...]
         if bracket is None:
             settings = (
@@ -236,7 +238,7 @@ class NikonBody(StandardBody):
             yield files[0]
 
     def fetch(self, file: Download) -> bytes:
-        """From memory in one go, from a card in pieces."""
+        """Fetch from memory in one go, from a card in pieces."""
         if not _in_memory(file):
             return super().fetch(file)
         if file.data:

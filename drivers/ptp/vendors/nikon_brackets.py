@@ -1,4 +1,4 @@
-"""Which brackets a Nikon shoots by itself, by what its properties may be set to.
+"""Brackets that a Nikon shoots by itself, by the range of its properties.
 
 Source: libgphoto2's tables of steps and programs, and the lists of its dumps, as a program for these bodies
 (digiCamControl) names their values. Bodies since the D780 and the Z 6II count steps in sixths of a stop and

@@ -28,7 +28,7 @@ from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
 
 MEMORY_HANDLE = 0xFFFFC001
-"""Where the picture lies that is next to be read."""
+"""Handle of the picture that is next to be read."""
 READY = 0x8000
 """ObjectInMemory at and above which that picture may be read; reading earlier crashes the firmware."""
 VERSION = 0x00C8
@@ -36,7 +36,9 @@ _RAW, _RAW_AND_JPEG = 0x10, range(0x11, 0x15)
 _UP, _DOWN = 1, 2
 _HOST = 1
 _START_UP, _PAUSE = 8.0, 0.05
-"""Seconds; after the latter its memory is looked at, whether or not an event tells of a picture."""
+"""Start-up time and polling pause, seconds; its memory is polled, whether or not an event announces a
+picture.
+"""
 _SINGLE = 1
 _BRACKETS = {
     code: AutoBracket(code, thirds, frames)
@@ -86,7 +88,7 @@ class SonyBody(StandardBody):
 
     releases = (SonyOperation.SDIO_CONNECT,)
     _files = 1
-    """Of a shot: two of a body that is set to RAW+JPEG."""
+    """Number of files of a shot: two on a body that is set to RAW+JPEG."""
 
     @property
     def knows_make(self) -> bool:
@@ -95,7 +97,7 @@ class SonyBody(StandardBody):
 
     @property
     def remembers(self) -> bool:
-        """Not known to."""
+        """Return False: not known to keep a shot for a new session."""
         return False
 
     def enter(self) -> None:
@@ -161,7 +163,7 @@ class SonyBody(StandardBody):
             self.discard(Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray()))
 
     def recount(self) -> None:
-        """Nothing: `wait_ready` gets rid of what failed shots left."""
+        """Do nothing: `wait_ready` removes what failed shots left."""
 
     def release(self, patience: float = PATIENCE) -> None:
         """Half and full press, and up again; but for the full press, all may be asked for twice."""
@@ -173,7 +175,7 @@ class SonyBody(StandardBody):
                 self._press(button, _UP, patience)
 
     def wait(self, exposure: float) -> list[Download]:
-        """Until it says that a picture lies in its memory; of two, the first is read to see the second."""
+        """Wait until a picture lies in its memory; of two, the first is read to see the second."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
@@ -198,7 +200,7 @@ class SonyBody(StandardBody):
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
-        """Those in its list of drive modes; none for RAW+JPEG, whose files could not be told apart."""
+        """Brackets in its list of drive modes; empty for RAW+JPEG, whose files could not be assigned."""
         mode = self._everything().get(PropertyCode.STILL_CAPTURE_MODE)
         if self._files > 1 or mode is None or not mode.writable or not isinstance(mode.form, EnumForm):
             return ()
@@ -207,7 +209,7 @@ class SonyBody(StandardBody):
         )
 
     def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
-        """By the drive mode, which a body that is set otherwise by a dial keeps."""
+        """Select the drive mode; a body whose mode dial is set otherwise keeps that one."""
         wanted = _SINGLE if bracket is None else bracket.code
         self.write(PropertyCode.STILL_CAPTURE_MODE, wanted)
         for _ in range(_READ_BACKS):
@@ -234,7 +236,7 @@ class SonyBody(StandardBody):
                 self._press(button, _UP, PATIENCE)
 
     def fetch(self, file: Download) -> bytes:
-        """In one go, which also frees the memory."""
+        """Fetch in one go, which also frees the memory."""
         if file.data:
             return bytes(file.data)
         most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)

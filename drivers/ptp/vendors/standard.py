@@ -1,9 +1,9 @@
 """A body that speaks plain PTP: pictures go to its card and stay there.
 
-Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write
-RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time
-is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out, and they are
-left to libgphoto2.
+Verified against: the simulated cameras and the tests' responder; no hardware. The setting that makes a body
+write RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure
+time is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out, and
+they are left to libgphoto2.
 """
 
 from collections.abc import Generator
@@ -24,10 +24,10 @@ _RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2
 
 
 class StandardBody:
-    """How a camera is set, fired and emptied. The makers' bodies override what they do differently."""
+    """Setting, releasing and downloading on a camera. The makers' bodies override what they do differently."""
 
     verified = "simulated cameras"
-    """What it has been tried on, for `rig cameras`."""
+    """Hardware that it was verified on, for `rig cameras`."""
     releases: tuple[int, ...] = (Operation.INITIATE_CAPTURE,)
     """The operations that expose; a body that lists none of them cannot be triggered."""
 
@@ -36,7 +36,7 @@ class StandardBody:
         self.earlier: set[int] = set()
         """Handles of objects that are not of the next shot."""
         self.standing: AutoBracket | None = None
-        """What a release shoots, as far as it was told by `bracket_shot.stand`; None: a single frame."""
+        """Bracket of the next release, as `bracket_shot.stand` set it; None: a single frame."""
         self.listed: tuple[int, ...] = session.info.properties
         self.time: Dial | None = None
         self.f_number: Dial | None = None
@@ -49,7 +49,7 @@ class StandardBody:
         self.f_number, self.iso = self._dial(STANDARD_F_NUMBER), self._dial(STANDARD_ISO)
 
     def leave(self) -> None:
-        """Give control back to whoever stands at the camera."""
+        """Return control to the photographer at the camera."""
 
     def delivers_raw(self) -> bool:
         """Return whether it can write files that are RAW."""
@@ -66,12 +66,12 @@ class StandardBody:
 
     @property
     def knows_make(self) -> bool:
-        """Whether more than the standard is known of how it is driven."""
+        """Return whether rig knows more than the standard about this make."""
         return False
 
     @property
     def remembers(self) -> bool:
-        """Whether a new session can ask for a shot that an earlier one began; a card does that."""
+        """Return whether a new session can fetch a shot that an earlier one began; a card keeps it."""
         return True
 
     def describe(self, code: int) -> DevicePropDesc:
@@ -83,11 +83,11 @@ class StandardBody:
         self.session.write_property(code, value)
 
     def wait_ready(self) -> None:
-        """Wait until it takes orders; what it told of earlier shots is forgotten."""
+        """Wait until it accepts orders; events of earlier shots are discarded."""
         drain(self.session, self.earlier)
 
     def recount(self) -> None:
-        """After a shot that failed: what it may have left on the card is not of the next one."""
+        """Count the files on the card anew after a failed shot: its leftovers do not belong to the next one."""
         self.earlier.update(self.session.handles())
 
     def release(self, patience: float = PATIENCE) -> None:
@@ -99,11 +99,11 @@ class StandardBody:
         return wait_for_objects(self.session, self.earlier, exposure)
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
-        """The brackets that it shoots by itself, as far as it can be told to."""
+        """Brackets that it shoots by itself and that can be set remotely."""
         return ()
 
     def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
-        """Have the next release shoot that bracket, None: a single frame. CameraRefused if it will not."""
+        """Set the bracket of the next release, None: a single frame. CameraRefused if it does not accept it."""
         raise CameraRefused(NO_BRACKET)
 
     def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
@@ -118,10 +118,10 @@ class StandardBody:
         return self.session.download(file)
 
     def discard(self, file: Download) -> None:
-        """Tell the camera that an object is fetched, or not wanted; on a card it stays."""
+        """Release an object that is fetched or not wanted; on a card it stays."""
 
     def stated_size(self) -> tuple[int, int]:
-        """Width and height by the property that holds them as `6048x4024`; zeros where there is none."""
+        """Width and height by the property that holds them as `6048x4024`; zeros without it."""
         if PropertyCode.IMAGE_SIZE in self.session.info.properties:
             width, _, height = str(self.session.describe(PropertyCode.IMAGE_SIZE).current).partition("x")
             if width.isdecimal() and height.isdecimal():
@@ -129,7 +129,7 @@ class StandardBody:
         return 0, 0
 
     def _is_fuji(self) -> bool:
-        """By DeviceInfo's vendor extension, or by name where that says Microsoft."""
+        """Recognise Fujifilm by DeviceInfo's vendor extension, or by name where that says Microsoft."""
         info = self.session.info
         named = f"{info.manufacturer} {info.vendor_description}".lower()
         return info.vendor_extension == VendorId.FUJI or "fujifilm" in named

@@ -22,8 +22,9 @@ from imaging.mosaic import FrameMetadata, Matrix, RawMosaic
 
 MAKE = "hdr-rig"
 HEADROOM = 4.0
-"""How far beyond the code 255 a camera that develops its photographs still counts: what four photosites
-hold that it bins to a pixel."""
+"""Headroom beyond the code 255 of a camera that develops its photographs: the range of the four photosites
+binned to a pixel.
+"""
 
 _EPOCH = datetime(2026, 1, 1, 12, 0, 0)
 _FRAME_SECONDS, _LATENCY = 60.0, 250e-6
@@ -40,7 +41,7 @@ class _Stage(Enum):
 
 @dataclass(frozen=True)
 class Body:
-    """What one camera is, apart from where it stands.
+    """Properties of one camera, apart from its place.
 
     seed: of the rig; nominal: the model that its files claim, which no single sensor keeps exactly.
     """
@@ -54,9 +55,9 @@ class Body:
     cfa: Cfa
     camera_from_xyz: Matrix | None
     curve: response.Curve = "film"
-    """By which it develops its photographs."""
+    """Tone curve of developed photographs."""
     effects: bool = False
-    """Whether the shutter jitters, the lamps flicker and rows are noisy, which nobody calibrates."""
+    """True for shutter jitter, lamp flicker and row noise, which no calibration removes."""
 
 
 @dataclass
@@ -72,7 +73,7 @@ class _Shot:
 
 
 def applied_exposure(body: Body, frame: int, label: Exposure) -> tuple[Exposure, float]:
-    """What a camera applies at a frame where its dials show `label`, and the flicker of the light then."""
+    """Applied exposure of a frame at the dial setting `label`, and the flicker of the light then."""
     exact = shutter.applied(label)
     if not body.effects:
         return exact, 1.0
@@ -102,7 +103,7 @@ class SimulatedCamera:
         self._sensors: list[SimulatedSensor] | None = None
 
     def place(self, frame: int, step: int = 0) -> None:
-        """Tell the camera where the rig stands; exposures are counted anew from here."""
+        """Set the rig's place; exposures are counted anew from here."""
         self._frame, self._step = frame, step
         self._takes.clear()
 
@@ -112,11 +113,11 @@ class SimulatedCamera:
         return ""
 
     def verified(self) -> str:
-        """Nothing but the laws that it simulates."""
+        """Scope of the verification: the laws that it simulates."""
         return "its own simulation"
 
     def identify(self) -> CameraIdentity:
-        """Who it is."""
+        """Return the identity."""
         return CameraIdentity(self.body.serial, MAKE, self._model(), self.body.kind)
 
     def capabilities(self) -> Capabilities:

@@ -1,4 +1,4 @@
-"""What lens and filters make of the radiance before it reaches the photosites."""
+"""Lens and filters: radiance before it reaches the photosites."""
 
 from dataclasses import dataclass, replace
 
@@ -29,12 +29,12 @@ class Optics:
 
     @property
     def neutral(self) -> Array:
-        """What each channel sees of white light, the largest 1."""
+        """Response of each channel to white light, the largest 1."""
         white = self.camera_from_rec709.sum(axis=1)
         return np.asarray(white / white.max())
 
     def nearer(self, distortion: float, vignetting: float, gains: float) -> "Optics":
-        """With its distortion, its falloff and its departure from gain 1 times factors; 1: as it is.
+        """Scale the distortion, the falloff and the departure of the gain from 1; a factor of 1 keeps it.
 
         A fisheye keeps its distortion, which is what makes it one.
         """

@@ -1,4 +1,4 @@
-"""When the simulated machine vision camera exposes: acquisition modes, triggers and the sequencer."""
+"""Acquisition of the simulated machine vision camera: modes, triggers and the sequencer."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Shutter = Callable[[bool, float], None]
 
 @dataclass(frozen=True)
 class _Set:
-    """What a set of the sequencer holds."""
+    """Contents of a set of the sequencer."""
 
     label: Exposure
     following: int
@@ -44,8 +44,8 @@ class Acquisition:
     ) -> None:
         """`deliver(mosaic, time, opened)` sends a frame, exposed for `time` s from `opened` of the timeline.
 
-        `streams()`: whether there is anybody to send to. `shutter_moved(open, when)` is told of each
-        exposure's beginning and end.
+        `streams()`: whether a receiver is connected. `shutter_moved(open, when)` is called at each exposure's
+        beginning and end.
         """
         self._streams = streams
         self._camera, self._memory, self._timeline = camera, memory, timeline

@@ -46,7 +46,7 @@ class Feature(IntEnum):
     """Thousandths of the linear gain."""
     BLACK_SELECTOR = 0x10098
     BLACK_LEVEL = 0x100A0
-    """For all, red, green, blue."""
+    """Black level for all, red, green, blue."""
     CHUNK_MODE = 0x100C0
     CHUNK_SELECTOR = 0x100C8
     CHUNK_ENABLE = 0x100D0
@@ -65,7 +65,7 @@ class Feature(IntEnum):
     """One for each line: bit 0 is 1 for an output, bit 4 is 1 where that shows exposures."""
     PTP_ENABLE = 0x10140
     PTP_STATUS = 0x10148
-    """Of SFNC's PtpStatus."""
+    """Values of SFNC's PtpStatus."""
     GAMMA_ENABLE = 0x10150
     BALANCE_SELECTOR = 0x10158
     BALANCE_RATIO = 0x10160
@@ -79,7 +79,7 @@ READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_
 
 @dataclass(frozen=True)
 class Transport:
-    """What differs with how the camera is connected.
+    """Transport-specific properties.
 
     name: as StandardNameSpace has it; order: of registers; texts: address and bytes of vendor, model and
     serial number; latch, timestamp: registers, the first with what is written to it; sources: of triggers,
@@ -273,7 +273,7 @@ def describe(
 
 
 def zipped(text: str) -> bytes:
-    """As the manifest offers it; the same bytes each time."""
+    """Zip the description, as the manifest offers it; the same bytes each time."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(zipfile.ZipInfo("simulated.xml", (2026, 1, 1, 0, 0, 0)), text, zipfile.ZIP_DEFLATED)

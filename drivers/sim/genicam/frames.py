@@ -15,7 +15,7 @@ from imaging.mosaic import RawMosaic
 
 GAMMA = 0.8
 CHUNK_BYTES = 24
-"""What chunks add to a payload: a tag of 8 bytes each, and the exposure time."""
+"""Bytes that chunks add to a payload: a tag of 8 bytes each, and the exposure time."""
 
 
 def offered(cfa: Cfa, bits: int) -> Mapping[str, int]:
@@ -29,7 +29,7 @@ def offered(cfa: Cfa, bits: int) -> Mapping[str, int]:
 
 
 def shift(pixels: PixelFormat, bits: int) -> int:
-    """By how many bits values are shortened to fit a format."""
+    """Right shift of values to fit a format, bits."""
     return max(bits - pixels.bits, 0)
 
 
@@ -48,7 +48,7 @@ def refresh(memory: FeatureMemory, cfa: Cfa, black: Tile, bits: int) -> int:
 
 
 def _processed(memory: FeatureMemory, mosaic: RawMosaic) -> RawMosaic:
-    """With gamma and white balance, as far as they are on."""
+    """Apply gamma and white balance, as far as they are on."""
     ratios = [memory.get(Feature.BALANCE_RATIO, index) / 1000 for index in range(2)]
     gamma = GAMMA if memory.get(Feature.GAMMA_ENABLE) else 1.0
     if mosaic.cfa is None or (gamma == 1.0 and ratios == [1.0, 1.0]):

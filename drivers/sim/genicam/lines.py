@@ -1,4 +1,4 @@
-"""What ties simulated machine vision cameras together, and what sets them apart: wires, and their clocks."""
+"""Wires between simulated machine vision cameras, and their separate clocks."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +13,7 @@ class LineDevice(Protocol):
 
     serial: str
     wires: "dict[int, Wire]"
-    """What is soldered to its lines, by number."""
+    """Wires on its lines, by number."""
 
     def line(self, number: int, rising: bool) -> None:
         """An edge arrives at one of its inputs."""
@@ -50,7 +50,7 @@ class Oscillator:
 
     @classmethod
     def of(cls, seed: int, serial: str) -> Self:
-        """On for up to ten hours already, and up to 100 ppm fast or slow."""
+        """Draw an oscillator: on for up to ten hours already, and up to 100 ppm fast or slow."""
         chance = generator(seed, "oscillator", serial)
         return cls(float(chance.uniform(0.0, 36_000.0)), float(chance.uniform(-1e-4, 1e-4)))
 

@@ -8,7 +8,7 @@ from drivers.sim.genicam.description import LINES, READ_ONLY, Feature
 from drivers.u3v.gencp import Status
 
 FEATURES, XML = 0x10000, 0x100000
-"""Where feature registers and description begin."""
+"""Start addresses of feature registers and description."""
 _FLOATS = {"little": "<d", "big": ">d"}
 
 
@@ -43,7 +43,9 @@ class FeatureMemory:
         return bytes(region[start : start + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """What the host writes. Denied: only registers that are meant for it."""
+        """Write from the host. Denied for any register that it may not write. Denied: only registers that are
+        meant for it.
+        """
         self._find(address, len(data))
         features = [feature for feature in Feature if feature not in (*READ_ONLY, Feature.BLACK_LEVEL)]
         selected = [

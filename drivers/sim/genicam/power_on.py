@@ -1,4 +1,4 @@
-"""What a simulated machine vision camera has when it is switched on."""
+"""Power-on state of a simulated machine vision camera."""
 
 from collections.abc import Container, Mapping
 
@@ -21,7 +21,7 @@ def _times() -> tuple[float, float]:
 
 
 def description_of(camera: SimulatedCamera, transport: Transport, quirks: Container[Quirk] = ()) -> str:
-    """Its GenICam XML."""
+    """GenICam XML."""
     lens = camera.body.optics.lens
     model, size = camera.identify().model, (lens.width, lens.height)
     plain = describe(model, size, _formats(camera), _times(), max(shutter.ISOS), transport)

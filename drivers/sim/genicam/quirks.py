@@ -1,4 +1,4 @@
-"""What real machine vision cameras do that the plain simulated one does not, one by one, to be switched on.
+"""Quirks of real machine vision cameras that the plain simulated one lacks, switched on one by one.
 
 Each was seen in a maker's manual, in a description of ADGenICam or in the issues of Aravis.
 """

@@ -1,4 +1,4 @@
-"""What the simulated machine vision camera takes in its registers: what its description says, and no more."""
+"""Validation of register writes in the simulated machine vision camera: only what its description allows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ _ROOM = {
 
 @dataclass(frozen=True)
 class Checks:
-    """What differs from camera to camera. formats: codes; times: us; gains: thousandths, linear."""
+    """Camera-specific limits. formats: codes; times: us; gains: thousandths, linear."""
 
     formats: frozenset[int]
     times: Range

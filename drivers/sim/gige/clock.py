@@ -18,7 +18,7 @@ class NetworkTime:
     seed: int = 0
 
     def error_of(self, serial: str) -> float:
-        """By how many seconds a camera's share of it is fast, always the same."""
+        """Lead of a camera's copy of the network time, seconds; constant."""
         return float(generator(self.seed, "ieee 1588", serial).uniform(-WORST, WORST))
 
     def nanoseconds(self, serial: str, now: float) -> int:

@@ -81,7 +81,7 @@ GIGE = Transport(
         xml.register("IntReg", "TickFrequencyReg", Bootstrap.TICK_FREQUENCY, length=8, access="RO"),
     ),
 )
-"""What its description has that one of USB3 Vision has not, in the names of SFNC."""
+"""Features that its description has beyond one of USB3 Vision, in the names of SFNC."""
 
 
 class GigeMemory(FeatureMemory):
@@ -125,12 +125,12 @@ class GigeMemory(FeatureMemory):
 
     @property
     def controlled(self) -> bool:
-        """Whether a host has control of it."""
+        """True while a host has control of it."""
         return bool(self.get(Bootstrap.CONTROL_PRIVILEGE) & (CONTROL | 1))
 
     @property
     def streams(self) -> bool:
-        """Whether there is somebody to send frames to."""
+        """True while it has a destination for frames."""
         return self.controlled and self.get(Bootstrap.STREAM_PORT) != 0
 
     @property
@@ -140,7 +140,7 @@ class GigeMemory(FeatureMemory):
 
     @property
     def destination(self) -> tuple[str, int]:
-        """Where frames go."""
+        """Destination of frames."""
         return self.host, self.get(Bootstrap.STREAM_PORT) & 0xFFFF
 
     @property

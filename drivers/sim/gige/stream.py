@@ -106,7 +106,7 @@ class Sender:
         self._send(data, destination)
 
     def forget(self) -> None:
-        """Nothing can be sent again."""
+        """Clear the buffer: nothing can be sent again."""
         self._kept.clear()
 
     def _send(self, packet: bytes, destination: tuple[str, int]) -> None:

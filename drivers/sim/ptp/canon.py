@@ -32,7 +32,7 @@ _BRACKET = 3
 _FULL_PRESS = 2
 _U16_LIST = 3
 _RAW, _JPEG = (0x10, 6, 0, 4), (0x10, 1, 0, 3)
-"""Of ImageFormat, which begins with the number of files: 16 bytes, kind RAW or JPEG, size 0, compression."""
+"""Image formats, which begin with the number of files: 16 bytes, kind RAW or JPEG, size 0, compression."""
 _END = struct.pack("<II", 8, 0)
 
 
@@ -41,7 +41,7 @@ def _is_full_press(request: Request) -> bool:
 
 
 class Canon(Manner):
-    """What a camera in remote mode does."""
+    """Canon camera in remote mode."""
 
     memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE + 1, *range(MEMORY_HANDLE + 2, MEMORY_HANDLE + 6))
     """One pair a frame of a bracket."""
@@ -52,7 +52,7 @@ class Canon(Manner):
     """Bytes that the host says it has room for."""
     _aeb = _drive = 0
     _held = False
-    """Whether the button is down."""
+    """True while the button is down."""
 
     def operations(self) -> dict[int, Handler]:
         """Canon's own; the standard's InitiateCapture is not there."""
@@ -80,7 +80,7 @@ class Canon(Manner):
         return every
 
     def device_properties(self) -> tuple[int, ...]:
-        """Those that the standard's operations read; the rest comes in records."""
+        """Properties that the standard's operations read; the rest comes in records."""
         return (PropertyCode.BATTERY_LEVEL,)
 
     def begin(self) -> None:
@@ -89,7 +89,7 @@ class Canon(Manner):
         self._records, self._held = [], False
 
     def announce(self, announcement: Announcement) -> None:
-        """A record of the object; that the capture is complete is not told."""
+        """Queue a record of the object; the completion of the capture is not announced."""
         info = self.shooting.store.object_info(announcement.handle)
         if announcement.news is not News.OBJECT_ADDED or info is None:
             return
@@ -139,7 +139,7 @@ class Canon(Manner):
         self._record(CanonEvent.AVAILABLE_LIST_CHANGED, fields)
 
     def _event_mode(self, request: Request) -> Reply:
-        """From here on records are kept; the first ones tell all values."""
+        """Start the records; the first ones hold all values."""
         self._records = []
         for code, dial in self.shooting.dials.items():
             self._value(code, self.shooting.shown(dial))
@@ -194,7 +194,7 @@ class Canon(Manner):
         return Reply()
 
     def _count_shots(self) -> None:
-        """Tell how many pictures there is room for; hosts wait for that before they shoot to themselves."""
+        """Report the number of pictures that fit; hosts wait for that before they shoot to themselves."""
         store = self.shooting.store
         self._value(
             CanonProperty.AVAILABLE_SHOTS, store.pictures(self._host_room if self._to_host else store.free)

@@ -1,6 +1,6 @@
 """Shutter, aperture and ISO as the makers number them.
 
-A dial is a property and its positions: the number that the property holds and the label that it stands for,
+A dial is a property and its positions: the number that the property holds and its label,
 in seconds, as an f-number, or as an ISO speed. A camera offers the positions that the sensor behind it has.
 Sources: libgphoto2 for the codes of the makers; what real cameras answer in its dumps.
 """
@@ -37,7 +37,7 @@ class SimulatedDial:
         return min(self.positions, key=lambda position: max(position[1] / label, label / position[1]))[0]
 
     def label(self, number: int) -> float | None:
-        """Return what a number stands for, the shortest time if for several; None if it is no position."""
+        """Return the label of a number, the shortest time if it has several; None if it is no position."""
         return next((label for value, label in self.positions if value == number), None)
 
     def numbers(self) -> tuple[int, ...]:
@@ -62,7 +62,7 @@ def _packed(time: float) -> int:
 
 
 def _tenths(time: float) -> int:
-    """As Sony writes it: 1/250, but 4/10, 13/10 and 300/10."""
+    """Format as Sony does: 1/250, but 4/10, 13/10 and 300/10."""
     if 1 / time > 2.5:
         return 1 << 16 | round(1 / time)
     return round(10 * time) << 16 | 10

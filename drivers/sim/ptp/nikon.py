@@ -52,7 +52,7 @@ class Nikon(Manner):
         return tuple(code for code in self.properties.codes() if code < _STANDARD_BELOW)
 
     def begin(self) -> None:
-        """Nothing has happened yet in this session."""
+        """Start a session with an empty history."""
         super().begin()
         self._events = []
 
@@ -68,7 +68,7 @@ class Nikon(Manner):
             self._events.append((EventCode.CAPTURE_COMPLETE, 0))
 
     def changed(self, code: int) -> None:
-        """A shutter time set is told with both its properties."""
+        """Report a changed shutter time with both its properties."""
         if code in (NikonProperty.SHUTTER_SPEED, PropertyCode.EXPOSURE_TIME):
             both = (NikonProperty.SHUTTER_SPEED, PropertyCode.EXPOSURE_TIME)
             self._events += [(EventCode.DEVICE_PROP_CHANGED, code) for code in both]

@@ -16,7 +16,7 @@ from drivers.sim.ptp.profiles import Style
 
 
 class Phase(Enum):
-    """Which way the data of an operation go."""
+    """Direction of the data of an operation."""
 
     NONE = "none"
     TO_HOST = "to host"
@@ -40,7 +40,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Reply:
-    """A response, and the data before it; `data` is None if there is no data phase."""
+    """Response, and the data before it; `data` is None without a data phase."""
 
     code: int = ResponseCode.OK
     parameters: tuple[int, ...] = ()
@@ -49,7 +49,9 @@ class Reply:
 
 @dataclass(frozen=True)
 class Handler:
-    """How a responder does an operation, and whether it releases the shutter when it is asked like that."""
+    """Implementation of an operation in a responder, and whether it releases the shutter with these
+    parameters.
+    """
 
     act: Callable[[Request], Reply]
     phase: Phase = Phase.NONE

@@ -15,7 +15,7 @@ from imaging.errors import InputError
 
 
 class Style(Enum):
-    """Whose way of shooting from a computer."""
+    """Maker's protocol for remote shooting."""
 
     STANDARD = "standard"
     CANON = "canon"
@@ -28,10 +28,10 @@ class CameraProfile:
     """A model of camera.
 
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
-    prefix: of file names; jpeg_settings, raw_setting, raw_jpeg_settings: what CompressionSetting is when it
-    shoots JPEG, RAW or both; jpeg: whether it stands at both; write: seconds from the end of an exposure
-    until the file is on the card; lag: from the order to the exposure; rate: frames a second in a burst;
-    records: how a Canon tells of files, by the bits of their sizes.
+    prefix: of file names; jpeg_settings, raw_setting, raw_jpeg_settings: the values of CompressionSetting for
+    JPEG, RAW or both; jpeg: whether both are selected; write: seconds from the end of an exposure until the
+    file is on the card; lag: from the order to the exposure; rate: frames a second in a burst; records: the
+    record layout in which a Canon announces files, by the bits of their sizes.
     """
 
     name: str
@@ -148,7 +148,7 @@ PROFILES = {
 
 
 def profile(name: str) -> CameraProfile:
-    """A profile by name; InputError for a name that is none, listing those that are."""
+    """Look up a profile by name; InputError for an unknown one, with the list of names."""
     if name not in PROFILES:
         raise InputError(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}.")
     return PROFILES[name]

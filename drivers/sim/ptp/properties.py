@@ -17,7 +17,7 @@ from drivers.sim.ptp.shooting import Shooting
 
 _MANUAL = 1
 _STARTED = "20260101T120000"
-"""What its clock shows, for ever: a simulation's files are dated by where the rig stands."""
+"""Constant reading of its clock: a simulation's files are dated by the place of the rig."""
 SONY_BRACKETS = {
     **{0x8337: (1, 3), 0x8537: (1, 5), 0x8937: (1, 9), 0x8377: (2, 3), 0x8577: (2, 5), 0x8977: (2, 9)},
     **{0x8311: (3, 3), 0x8511: (3, 5), 0x8911: (3, 9), 0x8321: (6, 3), 0x8521: (6, 5)},
@@ -97,7 +97,7 @@ class SimulatedProperties:
         return tuple(sorted({*self._shooting.dials, *self._others}))
 
     def description(self, code: int) -> DevicePropDesc | None:
-        """A property; None if there is none."""
+        """Description of a property, or None."""
         dial = self._shooting.dials.get(code)
         if dial is None:
             return self._others.get(code)
@@ -105,7 +105,7 @@ class SimulatedProperties:
         return DevicePropDesc(code, dial.data_type, True, shown, shown, EnumForm(dial.numbers()))
 
     def put(self, code: int, value: Value) -> None:
-        """What the camera itself makes of a property that it shows."""
+        """Set a property of the camera's own."""
         self._others[code] = replace(self._others[code], current=value)
 
     def set(self, code: int, data: bytes) -> ResponseCode:

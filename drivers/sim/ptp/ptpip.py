@@ -21,18 +21,20 @@ from drivers.sim.ptp.responder import Responder
 _MOST = 1 << 20
 """Bytes of the largest packet that is taken, and of the data packets that are sent."""
 _MOST_AT_FIRST, _PATIENCE = 1 << 10, 10.0
-"""Bytes of the first packet of a connection, and seconds that it may take: nobody is known by then."""
+"""Bytes of the first packet of a connection, and seconds that it may take: the client is unidentified until
+then.
+"""
 _DATA_TO_CAMERA = 2
 _HEAD = 4
 """Bytes of the transaction in front of data."""
 
 
 _CARRIER = frozenset({Kind.TIMEOUT, Kind.TRUNCATED, Kind.WRONG_TRANSACTION, Kind.UNPLUG})
-"""What can go wrong on the way; unplugged is a connection that breaks."""
+"""Faults of the connection; unplugged is a connection that breaks."""
 
 
 class _Refused(Exception):
-    """What came is no PTP/IP; the connection is closed."""
+    """Invalid PTP/IP data; the connection is closed."""
 
 
 class _Connection:
@@ -64,7 +66,7 @@ class _Connection:
 
 
 def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
-    """The socket of a server, on loopback unless told otherwise; port 0 takes a free one. OSError."""
+    """Open the socket of a server, by default on loopback; port 0 takes a free one. OSError."""
     return socket.create_server((host, port))
 
 
@@ -78,7 +80,7 @@ class PtpIpServer:
         self.host, self.port = listening.getsockname()[:2]
         self._links: set[socket.socket] = set()
         self._served: set[socket.socket] = set()
-        """Those of the client whose session it is."""
+        """Connections of the client whose session it is."""
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
         self._session = 0
@@ -173,7 +175,7 @@ class PtpIpServer:
             self._run(connection, session, Request(operation, transaction, parameters, data))
 
     def _run(self, connection: _Connection, session: int, request: Request) -> None:
-        """Do an operation and answer, as far as its faults let it."""
+        """Run an operation and answer, as far as its faults allow."""
         with self._responder.timeline.lock:
             if session != self._session:
                 raise _Refused

@@ -50,7 +50,7 @@ class Responder:
         self.plan = plan or FaultPlan(timeline)
         self.serial = camera.body.serial
         self.listener: Callable[[Event], None] | None = None
-        """Who carries events to the host."""
+        """Carrier of events to the host."""
         self.shooting = Shooting(
             camera, profile, timeline, lambda announcement: self._manner.announce(announcement)
         )
@@ -66,7 +66,7 @@ class Responder:
         return handler is not None and handler.phase is Phase.TO_CAMERA
 
     def faults(self, request: Request, carrier: frozenset[Kind]) -> tuple[Fault, ...]:
-        """What the plan has in store for an operation that comes now; `carrier`: what its carrier can do."""
+        """Planned faults of an operation that comes now; `carrier`: faults that the carrier can show."""
         operation = request.operation
         handler = self._handlers.get(operation)
         if handler is None or self._is_busy():
@@ -81,7 +81,7 @@ class Responder:
         return self.plan.strike(self.serial, operation_name(operation, self.profile.style), able)
 
     def handle(self, request: Request) -> Reply:
-        """Do an operation."""
+        """Run an operation."""
         with self.timeline.lock:
             return self._reply(request)
 

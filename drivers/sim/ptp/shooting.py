@@ -1,4 +1,4 @@
-"""What a simulated PTP camera does when it shoots: dials, an exposure that takes its time, a file."""
+"""Shooting of a simulated PTP camera: dials, a timed exposure, a file."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from imaging.mosaic import RawMosaic
 
 
 class News(Enum):
-    """What a camera has to tell after a shot."""
+    """Events of a camera after a shot."""
 
     OBJECT_ADDED = "object added"
     CAPTURE_COMPLETE = "capture complete"
@@ -55,11 +55,11 @@ class Shooting:
         self.store = Store(profile.folder, profile.prefix)
         self.exposure = camera.set_exposure(Exposure(time=1 / 60))
         self.shooting = False
-        """Whether a shot is under way, from the release until its file is stored."""
+        """True while a shot is under way, from the release until its file is stored."""
         self.quality: Value = profile.raw_jpeg_settings[-1] if profile.jpeg else profile.raw_setting
         """CompressionSetting: whether the next shot is RAW, JPEG or both."""
         self.shots = 0
-        """How many there were."""
+        """Number of shots so far."""
         able = camera.capabilities()
         labels = {"time": able.times, "f_number": able.f_numbers, "iso": able.isos}
         self.dials = {dial.code: dial.offering(labels[dial.setting]) for dial in profile.dials}

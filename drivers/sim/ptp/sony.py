@@ -36,7 +36,7 @@ class Sony(Manner):
     memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE)
     _connected = 0
     _held = False
-    """Whether the button is down."""
+    """True while the button is down."""
 
     def operations(self) -> dict[int, Handler]:
         """Sony's own; neither the standard's capture nor its way of setting properties works."""

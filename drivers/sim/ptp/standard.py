@@ -1,4 +1,4 @@
-"""How a camera lets a computer shoot: the standard's way, which the makers' ways build upon."""
+"""Remote shooting by the standard, on which the makers' protocols build."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from drivers.sim.ptp.shooting import Announcement, News, Shooting
 
 
 def always(request: Request) -> bool:
-    """Of operations that release the shutter however they are asked."""
+    """Release condition of operations that always release the shutter."""
     return True
 
 
@@ -18,10 +18,11 @@ class Manner:
     """InitiateCapture, and events on the interrupt endpoint."""
 
     memory_handles: tuple[int, ...] | None = None
-    """Of objects in working memory, where a shot may stay until the host has fetched it: of a RAW file or
-    whatever there is, and of the JPEG beside it."""
+    """Handles of objects in working memory, where a shot may stay until the host has fetched it: of the main
+    file, and of the JPEG beside it.
+    """
     polled = False
-    """Whether events wait until the host asks for them, so that none is lost."""
+    """True if events wait until the host polls them, so that none is lost."""
 
     def __init__(
         self, shooting: Shooting, properties: SimulatedProperties, tell: Callable[[Event], None]
@@ -47,14 +48,14 @@ class Manner:
                 pass
 
     def announce(self, announcement: Announcement) -> None:
-        """Tell the host about a shot."""
+        """Announce a shot to the host."""
         if announcement.news is News.OBJECT_ADDED:
             self.tell(Event(EventCode.OBJECT_ADDED, announcement.transaction, (announcement.handle,)))
         else:
             self.tell(Event(EventCode.CAPTURE_COMPLETE, announcement.transaction))
 
     def changed(self, code: int) -> None:
-        """The host set a property; what follows from that is told: other dials of the same setting."""
+        """Report the consequences of a property set by the host: other dials of the same setting."""
         dials = self.shooting.dials
         turned = dials.get(code)
         for other in dials.values():

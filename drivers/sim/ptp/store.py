@@ -1,4 +1,4 @@
-"""What a simulated camera has stored: a card with folders and files, and its working memory."""
+"""Storage of a simulated camera: a card with folders and files, and its working memory."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Store:
     def __init__(self, folder: str, prefix: str, capacity: int = 1 << 34) -> None:
         self.capacity = capacity
         self.full = False
-        """Whether it takes no more, whatever its capacity, until something is deleted."""
+        """True while it accepts no more, whatever its capacity, until something is deleted."""
         self._prefix = prefix
         self._next = self._files = 0
         self._bytes: dict[int, bytes] = {}
@@ -63,8 +63,8 @@ class Store:
     def add(self, photograph: Photograph, memory_handle: int | None = None, beside: bool = False) -> int:
         """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card.
 
-        A second one under that handle is seen when the first is deleted. beside: it is named as the file
-        before, from which its suffix tells it.
+        A second one under that handle is seen when the first is deleted. beside: it has the name of the file
+        before, with its own suffix.
         """
         self._next += 0 if beside else 1
         self._files += 1
@@ -94,11 +94,11 @@ class Store:
         return (handle in self._bytes) + [behind for behind, _, _ in self._behind].count(handle)
 
     def object_info(self, handle: int) -> ObjectInfo | None:
-        """About an object; None if there is none."""
+        """Information on an object, or None."""
         return self._infos.get(handle)
 
     def data(self, handle: int) -> bytes | None:
-        """The bytes of a file; None if it is none."""
+        """The bytes of a file; None for anything else."""
         return self._bytes.get(handle)
 
     def handles(self, wanted: int = EVERY_FORMAT, parent: int = EVERY_PARENT) -> tuple[int, ...]:

@@ -37,7 +37,7 @@ _CARRIER = frozenset(
         Kind.FREEZE,
     }
 )
-"""What can go wrong on the way, not in the camera."""
+"""Faults of the connection, not of the camera."""
 
 
 class PtpDevice:
@@ -49,7 +49,7 @@ class PtpDevice:
         self._received = b""
         self._command: Command | None = None
         self._frozen = False
-        """Whether it hears nothing, and lets its shutter and its buttons be as they are."""
+        """True while it hears nothing, and its shutter and its buttons stay as they are."""
         responder.listener = self._send_event
 
     @property
@@ -80,7 +80,7 @@ class PtpDevice:
         self.responder.reset()
 
     def on_clear_halt(self, endpoint: int) -> None:
-        """What halted it is over."""
+        """Clear the halt."""
         self._received, self._command = b"", None
 
     def on_control(self, setup: Setup, data: bytes) -> bytes:
@@ -102,7 +102,7 @@ class PtpDevice:
         raise Stall
 
     def on_bulk_out(self, endpoint: int, packet: bytes) -> None:
-        """Part of a container; whatever is none halts the pipe."""
+        """Take a part of a container; invalid data halt the pipe."""
         self._received += packet
         try:
             if len(self._received) >= HEADER_SIZE:
@@ -140,7 +140,7 @@ class PtpDevice:
             self._halt()
 
     def _run(self, command: Command, data: bytes) -> None:
-        """Do the operation, unless a fault keeps it from being done, and queue the answer."""
+        """Run the operation, unless a fault prevents it, and queue the answer."""
         assert self._port is not None
         self._command = None
         if self._frozen:
@@ -181,7 +181,7 @@ class PtpDevice:
             self._port.send(IN, response)
 
     def _thaw(self) -> None:
-        """It works again, with a session of nobody."""
+        """Resume work, with no session open."""
         self._frozen = False
         self.responder.reset()
 

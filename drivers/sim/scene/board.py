@@ -55,7 +55,7 @@ class SimulatedBoard:
         }
 
     def reflectance(self) -> npt.NDArray[np.float64]:
-        """Of every texel of the board with its border, float64 [rows, columns]."""
+        """Reflectance of every texel of the board with its border, float64 [rows, columns]."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = (self.columns, self.rows)
         board = cv2.aruco.CharucoBoard(size, self.square, self.marker, dictionary)
@@ -89,7 +89,7 @@ class SimulatedBoard:
 def board_from_rig(
     board: SimulatedBoard, seed: int, frame: int, lens: Lens, cam_from_rig: list[Array]
 ) -> Array:
-    """Where the board is held at a frame, float64 [4, 4]: before all cameras, often partly out of view.
+    """Pose of the board at a frame, float64 [4, 4]: before all cameras, often partly out of view.
 
     The face turns up to 45 degrees away from the line of sight. lens: of any of the cameras.
     """

@@ -23,7 +23,7 @@ SATIN = 12.0
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to see. World axes: metres, z up.
+    """Simulated scene. World axes: metres, z up.
 
     solids, materials, lights, zones: structured arrays (dtypes in solids, texture, raycast);
     ambient: radiance that arrives from everywhere, linear Rec.709 [3].
@@ -40,7 +40,7 @@ class Scene:
         return self._trace(origin, direction)[0]
 
     def depth(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Array:
-        """Distance in metres to the first surface along rays, float64 [...]; inf where there is none."""
+        """Distance in metres to the first surface along rays, float64 [...]; inf for a miss."""
         return self._trace(origin, direction)[1]
 
     def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> npt.NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What the cameras of a simulated rig look at: the scene, nothing, a grey surface, a board."""
+"""Subjects of a simulated rig: the scene, nothing, a grey surface, a board."""
 
 import numpy as np
 import numpy.typing as npt

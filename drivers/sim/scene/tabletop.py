@@ -14,7 +14,7 @@ LAMP = 16_000.0
 """Radiance of the lamp, so that it just fits into 1/1000 s at f/4 and ISO 100."""
 
 TARGET = (0.0, 0.0, 0.60)
-"""What the rig looks at: the middle of the table top, m."""
+"""Point at which the rig aims: the middle of the table top, m."""
 
 _TOP = 0.50  # height of the table top, m
 _LAMP_AT, _LAMP_RADIUS = (-0.10, 0.02, 1.06), 0.10

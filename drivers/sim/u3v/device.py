@@ -79,9 +79,9 @@ class U3vDevice:
         seed, self.serial = camera.body.seed, self._identity.serial
         self.oscillator = Oscillator.of(seed, self.serial)
         self.wires: dict[int, Wire] = {}
-        """What is soldered to its lines, by number."""
+        """Wires on its lines, by number."""
         self.opened: list[float] = []
-        """When each exposure began, on the timeline: what measured times are held against."""
+        """Start of each exposure on the timeline: the truth for measured times."""
         self._lateness = generator(seed, "control channel", self.serial)
         self._acquisition: Acquisition | None = None
         self._memory = self._start_anew()
@@ -135,17 +135,17 @@ class U3vDevice:
             self._acquisition.stop()
 
     def on_clear_halt(self, endpoint: int) -> None:
-        """What halted it is over, and what waited behind it is lost."""
+        """Clear the halt, and drop what waited behind it."""
         self._received = b""
         if endpoint & 0x80:
             self._live().queue(endpoint).clear()
 
     def on_control(self, setup: Setup, data: bytes) -> bytes:
-        """There are no class requests. Stall."""
+        """Stall: there are no class requests."""
         raise Stall
 
     def on_bulk_out(self, endpoint: int, packet: bytes) -> None:
-        """Part of a command; what is none halts the pipe."""
+        """Take a part of a command; invalid data halt the pipe."""
         self._received += packet
         if len(packet) == PACKET and len(self._received) < LARGEST_PACKET:
             return
@@ -153,7 +153,7 @@ class U3vDevice:
         self._later(lambda: self._receive(data))
 
     def _later(self, act: Action) -> None:
-        """Do it a little later, as the way along the bus takes, unless it is unplugged by then."""
+        """Run a little later, after the delay of the bus, unless it is unplugged by then."""
         port = self._live()
         late = _WAY + float(self._lateness.exponential(_WAY))
         self._timeline.call_later(late, lambda: act() if port is self._port and not port.gone else None)

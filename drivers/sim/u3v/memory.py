@@ -72,5 +72,5 @@ class DeviceMemory(FeatureMemory):
         self.put(Abrm.TIMESTAMP, nanoseconds, 8)
 
     def require(self, payload: int) -> None:
-        """Say how large frames are."""
+        """Report the size of frames."""
         self.put(_SIRM + Sirm.REQUIRED_PAYLOAD, payload, 8)

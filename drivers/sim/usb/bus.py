@@ -37,7 +37,7 @@ _LIBUSB = {
 
 
 class Holder(Enum):
-    """Who keeps the host from a device; the value is the error that libusb gives, and where."""
+    """Program that holds a device; the value is the error that libusb gives, and its place."""
 
     NOBODY = 0
     PERMISSIONS = errno.EACCES
@@ -96,7 +96,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         raise LookupError(f"no device {serial} is plugged in")
 
     def hold(self, serial: str, holder: Holder) -> None:
-        """Have somebody keep the host from a device, or nobody any more."""
+        """Let another program hold the device, or release it."""
         self._holders[serial] = holder
 
     def enumerate_devices(self) -> Iterator[Port]:
@@ -235,7 +235,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         data: "array[int]",
         timeout: int,
     ) -> int:
-        """A control transfer; requests that nobody knows stall, and that stall clears itself."""
+        """Run a control transfer; unknown requests stall, and that stall clears itself."""
         self._spend(dev_handle, 0)
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
         with self.timeline.lock:
@@ -260,7 +260,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
             self._there(dev_handle).clear_halt(ep)
 
     def reset_device(self, dev_handle: _Handle) -> None:
-        """Empty the queues, clear the halts and tell the device; it keeps its address."""
+        """Empty the queues, clear the halts and reset the device; it keeps its address."""
         with self.timeline.lock:
             self._there(dev_handle).reset()
 

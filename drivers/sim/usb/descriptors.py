@@ -1,4 +1,4 @@
-"""What a virtual USB device says of itself, and the descriptors that pyusb reads from it."""
+"""Descriptors of a virtual USB device, as pyusb reads them."""
 
 import struct
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Literal
 
 HIGH_SPEED, SUPER_SPEED = 3, 4
-"""As libusb counts them."""
+"""Speed codes of libusb."""
 
 _ENGLISH = 0x0409
 _TYPES = {"bulk": 2, "interrupt": 3}
@@ -58,7 +58,7 @@ class Description:
         return tuple(interface for interface in self.interfaces if interface.number == number)
 
     def string(self, index: int) -> bytes | None:
-        """A string descriptor; None if there is none of that index."""
+        """A string descriptor, or None for an unknown index."""
         if index > len(self.strings):
             return None
         body = struct.pack("<H", _ENGLISH) if index == 0 else self.strings[index - 1].encode("utf-16-le")

@@ -1,4 +1,4 @@
-"""What a device has ready for the host on one endpoint: packets, with their ends and their emptiness."""
+"""Packets that a device has ready for the host on one endpoint, with their ends and zero-length packets."""
 
 from collections import deque
 

@@ -29,11 +29,11 @@ class Device(Protocol):
 
     @property
     def description(self) -> Description:
-        """What it says of itself."""
+        """Descriptors of the device."""
         ...
 
     def on_attach(self, port: "Port") -> None:
-        """It was plugged in; `port` is its side of the cable until it is unplugged."""
+        """Attach; `port` is its side of the cable until it is unplugged."""
         ...
 
     def on_bulk_out(self, endpoint: int, packet: bytes) -> None:

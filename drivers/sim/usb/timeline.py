@@ -12,10 +12,10 @@ Action = Callable[[], None]
 
 
 class Timeline(Clock, Protocol):
-    """What the simulated bus and its devices run on; times in seconds."""
+    """Timeline of the simulated bus and its devices; times in seconds."""
 
     def call_later(self, seconds: float, action: Action) -> None:
-        """Have `action` done, with the lock held, after that time; it must not wait."""
+        """Run `action` after that time, with the lock held; it must not wait."""
         ...
 
 
@@ -31,7 +31,7 @@ class LiveTimeline(SystemClock):
         self._thread.start()
 
     def call_later(self, seconds: float, action: Action) -> None:
-        """Have `action` done after that time, on the timeline's own thread."""
+        """Run `action` after that time, on the timeline's own thread."""
         with self._condition:
             heapq.heappush(self._appointments, (self.now() + seconds, next(self._numbers), action))
             self._condition.notify_all()

@@ -18,7 +18,7 @@ from typing import Self
 from drivers.sim.usb.timeline import Action
 
 _PATIENCE = 60.0
-"""Seconds of real time after which a clock that nobody can move on says so."""
+"""Seconds of real time after which a stalled clock raises."""
 
 
 class _Stage(Enum):
@@ -85,13 +85,13 @@ class VirtualClock:
         self.wait(lambda: False, max(0.0, seconds))
 
     def call_later(self, seconds: float, action: Action) -> None:
-        """Have `action` done at now + `seconds`, by whichever thread moves the clock on."""
+        """Run `action` at now + `seconds`, on whichever thread moves the clock on."""
         with self.lock:
             heapq.heappush(self._events, (self._now + seconds, next(self._numbers), action))
             self._move_on()
 
     def changed(self) -> None:
-        """Have waiting threads look again."""
+        """Wake waiting threads, which evaluate their conditions again."""
         with self.lock:
             self._move_on()
 
@@ -153,7 +153,7 @@ class VirtualClock:
         return any(worker.stage is stage for worker in self._workers)
 
     def _move_on(self) -> None:
-        """If everybody waits, let happen what is next, until it is somebody's turn."""
+        """Run the next action if all threads wait, until one of them is ready."""
         if self._acting:
             return  # An action makes an appointment: no time passes before it is done.
         while self._workers and all(worker.stage is _Stage.WAITING for worker in self._workers):

@@ -28,7 +28,7 @@ _MOST_READ = 4
 SUB_IFDS, EXIF_IFD = 330, 34665
 
 _LARGEST_VALUE = 1 << 24
-"""Bytes of one tag's value beyond which it is damage (or a preview that nobody here asks for)."""
+"""Bytes of one tag's value beyond which it is damage, or a preview that is not needed here."""
 
 Value = bytes | str | tuple[int, ...] | tuple[float, ...] | tuple[Fraction | None, ...]
 Directory = dict[int, Value]

@@ -42,7 +42,7 @@ _TILE_STEP = 16
 """TIFF wants tile sides that are multiples of it."""
 
 _IDENTIFYING = 16
-"""Of so many rows one goes into the identity of the mosaic."""
+"""Stride of the rows that enter the identity of the mosaic."""
 
 _SMALLEST_SIDE = 22
 """LibRaw takes smaller images for no image."""

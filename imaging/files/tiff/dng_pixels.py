@@ -23,7 +23,7 @@ def is_foreign(tags: Directory) -> bool:
 
 
 def in_place(pixels: npt.NDArray[Any], rows: int, columns: int) -> npt.NDArray[Any]:
-    """Samples [H, W, ...] where they belong, of an image stored in so many fields of rows and columns.
+    """Deinterlace samples [H, W, ...] of an image stored as interleaved fields of rows and columns.
 
     RowInterleaveFactor and ColumnInterleaveFactor (DNG 1.7): the first field has every row that is a multiple
     of the factor, the second those behind them, and so on.

@@ -1,4 +1,4 @@
-"""What the tags of a DNG say: extents, levels and noise (Adobe DNG specification 1.7)."""
+"""Levels, extents and noise in the tags of a DNG (Adobe DNG specification 1.7)."""
 
 from collections.abc import Sequence
 
@@ -34,7 +34,7 @@ _OF_ONE_IMAGE = frozenset((*range(254, 260), 262, 266, 273, 277, 278, 279, 284, 
 
 CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC = 32803, 34892
 COLOUR_CODES = {0: "R", 1: "G", 2: "B", 6: "W"}
-"""Of CFAPattern and CFAPlaneColor (TIFF/EP; EXIF's CFAPattern)."""
+"""Colour codes of CFAPattern and CFAPlaneColor (TIFF/EP; EXIF's CFAPattern)."""
 LOSSLESS_JPEG = 7
 FOREIGN_COMPRESSIONS = {8: "deflate", 32946: "deflate", 34892: "lossy JPEG", 52546: "JPEG XL"}
 """Allowed by the specification, and beyond LibRaw for the whole numbers of a mosaic."""
@@ -135,7 +135,7 @@ def active_area(tags: Directory) -> tuple[int, int, int, int]:
 
 
 def is_developed(tags: Directory) -> bool:
-    """Whether all pixels have three colours of whole numbers: light that was demosaicked (LinearRaw)."""
+    """Return whether all pixels have three integer colours: demosaicked light (LinearRaw)."""
     return (
         integers(tags, SAMPLE_FORMAT) in ((), (1,), (1, 1, 1))
         and _number(tags, PHOTOMETRIC) == LINEAR_PHOTOMETRIC
@@ -154,7 +154,7 @@ def is_mosaic(tags: Directory) -> bool:
 
 
 def cfa(tags: Directory) -> Cfa | None:
-    """The table of the mosaic, from its first active photosite on; None if it is none that rig knows."""
+    """The table of the mosaic from its first active photosite on; None if rig does not know it."""
     if _number(tags, PHOTOMETRIC) == LINEAR_PHOTOMETRIC:
         return Cfa.MONO
     repeat, sites = integers(tags, CFA_REPEAT), tags.get(CFA_PATTERN, ())
@@ -244,7 +244,7 @@ def largest(tags: Directory) -> int:
 
 
 def limit(tags: Directory) -> float:
-    """LinearResponseLimit: the share of the range above black that is linear; 1 where it is none."""
+    """LinearResponseLimit: the linear share of the range above black; 1 without the tag."""
     share = next(iter(numbers(tags, LINEAR_LIMIT)), 1.0)
     return share if 0 < share < 1 else 1.0
 
@@ -259,9 +259,10 @@ def white(tags: Directory) -> int | None:
 
 
 def as_neutral(values: Sequence[float], channels: int) -> tuple[float, ...] | None:
-    """Return what each channel sees of a neutral surface, the largest 1; None if it cannot be so.
+    """Return the response of each channel to a neutral surface, the largest 1; None if the values are
+    impossible.
 
-    Where only R, G and B are told, W is taken for their sum.
+    If only R, G and B are given, W is their sum.
     """
     if channels == 4 and len(values) == 3:
         values = (*values, sum(values))

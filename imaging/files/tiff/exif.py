@@ -1,4 +1,4 @@
-"""What EXIF says about camera and exposure, in both directions."""
+"""Camera and exposure in EXIF, read and written."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -74,11 +74,11 @@ _NAMES = {
 }
 
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-"""Of a resolution in the focal plane; 4 and 5 are in no standard, and in use."""
+"""Millimetres per unit of focal plane resolution; 4 and 5 are in no standard, and in use."""
 _SENSORS_MM = 1.0, 200.0
 
 _MOST_APEX = 30.0
-"""Of a time or an aperture: 34 years, f/32768."""
+"""Largest APEX value of a time or an aperture: 34 years, f/32768."""
 
 
 def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
@@ -181,7 +181,9 @@ def decode_exif(block: bytes) -> FrameMetadata:
 
 
 def is_adobe_rgb(block: bytes) -> bool:
-    """Whether an EXIF block says Adobe RGB: by DCF's option file R03, or by colour space 2 of some makers."""
+    """Return whether an EXIF block declares Adobe RGB: DCF's option file R03, or colour space 2 of some
+    makers.
+    """
     try:
         reader = TiffReader(BytesIO(block.removeprefix(b"Exif\0\0")))
         main, _ = reader.directory(reader.first)
@@ -216,9 +218,9 @@ def _positive(directory: Directory, tag: int) -> float | None:
 
 
 def _exposure(tags: Directory) -> Exposure | None:
-    """Time, f-number and ISO; of time and aperture what the APEX values say, if there is nothing else.
+    """Time, f-number and ISO; APEX values where the plain time or aperture is missing.
 
-    Beside a plain value of 0, which tells nothing, an APEX value of 0 does not either.
+    Beside a plain value of 0, which means unknown, an APEX value of 0 is unknown too.
     """
     time, f_number = _positive(tags, EXPOSURE_TIME), _positive(tags, F_NUMBER)
     speed, aperture = (numbers(tags, tag)[:1] for tag in (SHUTTER_SPEED_VALUE, APERTURE_VALUE))
@@ -230,7 +232,7 @@ def _exposure(tags: Directory) -> Exposure | None:
 
 
 def _iso(tags: Directory) -> float | None:
-    """ISO, which has 16 bits and is 65535 where it is more: then the wider number that it stands for.
+    """ISO: the 16-bit tag, or the wider number where that one is 65535.
 
     Exif 2.32, 4.6.5, PhotographicSensitivity and SensitivityType.
     """

@@ -1,7 +1,7 @@
-"""Where a photograph was taken: the GPS directory of EXIF (Exif 3.0, 4.6.6), in both directions.
+"""GPS directory of EXIF (Exif 3.0, 4.6.6), read and written.
 
 A height counts from the sea, or since Exif 3.0 from the ellipsoid (GPSAltitudeRef 2 and 3: from the sea).
-Which version a file follows is rarely told, so that both are read as one height: within a scene they differ
+Files rarely state the version they follow, so both are read as one height: within a scene they differ
 by a constant.
 """
 
@@ -16,7 +16,7 @@ _STATUS, _DATUM, _ERROR = 9, 18, 31
 _BELOW = (1, 3)
 """GPSAltitudeRef of heights below what they count from; 0 and 2 are above."""
 _WGS84 = ("WGS84", "WGS1984", "WORLDGEODETIC", "ITRF", "ETRS", "JGD", "GDA", "NAD83", "CGCS2000")
-"""Beginnings of the datums that lie within some metres of WGS84, as a receiver tells places."""
+"""Beginnings of the names of datums within some metres of WGS84, as receivers write them."""
 NAMES = {
     _LATITUDE_REF: "GPS GPSLatitudeRef",
     _LATITUDE: "GPS GPSLatitude",
@@ -28,11 +28,11 @@ NAMES = {
     _DATUM: "GPS GPSMapDatum",
     _ERROR: "GPS Tag 0x001F",
 }
-"""What ExifRead calls the tags."""
+"""Tag names in ExifRead."""
 
 
 def position_of(tags: Directory) -> GpsPosition | None:
-    """The position of a GPS directory; None where it tells none, or none that there is.
+    """The position in a GPS directory; None if it is missing or impossible.
 
     None too where the receiver had no fix (GPSStatus V), the hemisphere is missing, or the datum is another
     than WGS84: hundreds of metres lie between it and Tokyo's or Pulkovo's of 1942.

@@ -120,7 +120,7 @@ def _rgb(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
 
 
 def _with_alpha(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
-    """Without extra samples other than alpha, by which colours are not multiplied."""
+    """The page's samples without extra ones other than unpremultiplied alpha."""
     if codes.ndim < 3:
         return codes
     colours = 1 if page.photometric in (INVERTED, GREY) else 3
@@ -148,7 +148,7 @@ def _numbers(page: Any, tag: int, default: tuple[float, ...]) -> tuple[float, ..
 
 
 def _check_extents(page: Any, size: int) -> None:
-    """Whether every strip and tile of the page is there: tifffile fills missing ones with zeros."""
+    """Raise unless every strip and tile of the page is in the file: tifffile fills missing ones with zeros."""
     sizes = page.databytecounts
     ends = [start + length for start, length in zip(page.dataoffsets, sizes, strict=True)]
     if len(ends) < np.prod(page.chunked) or not ends or max(ends) > size or 0 in sizes:

@@ -22,7 +22,7 @@ _CANON_PLACES = {
     0x55: (2024, 3656),
     0x69: (3778, 3973),
 }
-"""Where red, green, green and blue stand as the picture was taken, by how many numbers there are in all."""
+"""Positions of red, green, green and blue as shot in the note, by its number of values."""
 _OLYMPUS_PROCESSING, _OLYMPUS_GAINS, _OLYMPUS_RED, _OLYMPUS_BLUE = 0x2040, 0x100, 0x1017, 0x1018
 _PENTAX_BLUE, _PENTAX_RED = 0x1B, 0x1C
 _PANASONIC_LEVELS = (0x8004, 0x8005, 0x8006)
@@ -31,7 +31,8 @@ _ONE = 256.0
 
 
 def balance(reader: TiffReader, offset: int, exif: Directory, make: str) -> tuple[float, float] | None:
-    """By how much the camera raised red and blue over green; None where no note says it in a known way.
+    """Gains of red and blue over green that the camera applied; None where no note states them in a known
+    way.
 
     reader: of the file or its EXIF block. offset: of the EXIF directory, whose values `exif` has.
     """

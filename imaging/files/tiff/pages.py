@@ -1,4 +1,4 @@
-"""Which of the images in a TIFF is the photograph: some begin with a thumbnail, or with a mask."""
+"""Selection of the photograph among the images of a TIFF: some begin with a thumbnail, or with a mask."""
 
 from imaging.files.tiff.directory import Directory, TiffReader, integers
 
