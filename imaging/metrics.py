@@ -160,13 +160,23 @@ def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
     return float(np.exp(np.clip(ratio, -700.0, 700.0)))  # as far as float64 goes
 
 
+LIGHT = {"dark": (0.0, 0.1), "middle": (0.1, 0.99), "bright": (0.99, 1.0), "brightest": (0.999, 1.0)}
+"""Quantiles of the true light: darkest tenth, what lies between, brightest hundredth and thousandth."""
+
+
 def stops_median(
-    prediction: npt.ArrayLike, truth: npt.ArrayLike, among: tuple[float, float] = (0.0, 1.0)
+    prediction: npt.ArrayLike,
+    truth: npt.ArrayLike,
+    among: tuple[float, float] = (0.0, 1.0),
+    *,
+    at_least: npt.NDArray[np.bool_] | None = None,
+    at_most: npt.NDArray[np.bool_] | None = None,
 ) -> float:
     """Median |log2(prediction / truth)| over the values where the truth is positive; 0 without any.
 
     among: quantiles of those values of the truth, 0..1, between which they count; (0, 0.1): the darkest
-    tenth.
+    tenth. at_least, at_most: where the truth is but a lower or an upper bound, bool of the same shape: there
+    a prediction is wrong by what it lacks, or exceeds.
     """
     a, b = _pair(prediction, truth)
     lit = b > 0
@@ -175,10 +185,14 @@ def stops_median(
     if among != (0.0, 1.0):
         low, high = np.quantile(b[lit], among)
         lit &= (b >= low) & (b <= high)
-    stops = np.full(int(lit.sum()), STOPS_CAP)
     shown = a[lit] > 0
-    stops[shown] = np.abs(np.log2(a[lit][shown]) - np.log2(b[lit][shown]))
-    return float(np.median(np.minimum(stops, STOPS_CAP)))
+    over = np.full(len(shown), -STOPS_CAP)
+    over[shown] = np.clip(np.log2(a[lit][shown]) - np.log2(b[lit][shown]), -STOPS_CAP, STOPS_CAP)
+    if at_least is not None:
+        over = np.where(at_least[lit], np.minimum(over, 0.0), over)
+    if at_most is not None:
+        over = np.where(at_most[lit], np.maximum(over, 0.0), over)
+    return float(np.median(np.abs(over)))
 
 
 def relative_error_by_decade(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> list[dict[str, float | int]]:

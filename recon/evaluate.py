@@ -28,6 +28,7 @@ from recon.evaluation import Evaluation
 from recon.observe.mixed import Mixed
 from recon.observe.photographs import ToneCurve
 from recon.observe.recorded import as_recorded, shot_psnr
+from recon.observe.recorded_light import RecordedLight, against_photographs, recorded_light
 from recon.perceptual import compare_pictures
 from recon.render import render
 from recon.result.model import SPLATS, read_model
@@ -38,8 +39,6 @@ __all__ = ["evaluate", "render"]
 METRICS = "metrics.json"
 DISPLAY_PEAK = 1000.0
 """cd/m2 at which PU21 takes the truth's maximum."""
-DARKEST, BRIGHTEST = (0.0, 0.1), (0.99, 1.0)
-"""Quantiles of the true light between which errors are told beside those of all of it."""
 
 LOOKED_AT = (
     "The only held-out view could also end the training, so these are figures of a view that was looked at: "
@@ -58,7 +57,8 @@ def evaluate(
     picture is, the more detail it asks for (`common_width`).
     What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
     truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
-    means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values.
+    means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values. Where
+    there is no truth, errors in stops are against the held-out photographs (`recon.observe.recorded_light`).
     `views` has the same per view and `bands`, of a scene of bands, per band. `measured_on` says whether the
     views are test views, which nothing was chosen by, or the validation view that the training was ended by,
     where that is the only one; `held_out` and `validation` name both kinds. Below four views nothing is held
@@ -122,6 +122,8 @@ def measured(
     views = opened.dataset.reported
     seconds: list[float] = []
     rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
+    reference = _reference(opened) if views else None
+    recorded: list[RecordedLight] = []
 
     def each() -> Iterator[tuple[Float, Bool]]:
         for done, view in enumerate(views):
@@ -130,13 +132,16 @@ def measured(
             image = opened.render(view.lens)
             seconds.append(time.perf_counter() - started)
             _against_shots(opened, image, view, rows[done])
+            if reference is None and not opened.dataset.bands:
+                recorded.append(recorded_light(opened.training.method.observation, image, view))
             light = opened.training.method.observation.radiance(image)
             yield light.numpy().astype(np.float32), view.seen
 
     light = kept_images(opened.dataset, each())
     pooled: dict[str, Any] = {}
-    reference = _reference(opened) if views else None
-    if reference is not None:
+    if recorded:
+        pooled = against_photographs(recorded)
+    elif reference is not None:
         # What a mask hides is no part of any figure.
         ours = [image[seen] for image, seen in light]
         true = [goal[seen] for goal, (_, seen) in zip(reference, light, strict=True)]
@@ -177,8 +182,11 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
         row["pu21_psnr"] = metrics.pu21_psnr(aligned, goal, DISPLAY_PEAK, peak)
     return {
         "stops_median": metrics.stops_median(everything * scale, true),
-        "stops_dark": metrics.stops_median(everything * scale, true, DARKEST),
-        "stops_bright": metrics.stops_median(everything * scale, true, BRIGHTEST),
+        **{
+            f"stops_{name}": metrics.stops_median(everything * scale, true, among)
+            for name, among in metrics.LIGHT.items()
+        },
+        "stops_against": "truth",
         "relative_error_by_decade": metrics.relative_error_by_decade(everything * scale, true),
         "alignment_scale": scale,
         "truth_peak": peak,

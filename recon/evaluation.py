@@ -20,11 +20,16 @@ class Figures(Record):
     hdr_psnr_mu_p999: float | None = None
     """Aligned, over the 99.9th percentile of the true light instead of its maximum, both clipped there."""
     stops_median: float | None = None
-    """Half of all values of light are nearer to the truth than so many stops."""
+    """Half of all values of light are nearer to the truth than so many stops; without a truth, to the light
+    of the held-out photographs, noise included, which is but a bound where they clip."""
     stops_dark: float | None = None
-    """The same of the darkest tenth of the true light."""
+    """The same of the darkest tenth of that light."""
+    stops_middle: float | None = None
+    """Of what lies between that and the brightest hundredth."""
     stops_bright: float | None = None
-    """And of its brightest hundredth."""
+    """Of its brightest hundredth."""
+    stops_brightest: float | None = None
+    """Of its brightest thousandth."""
     pu21_psnr: float | None = None
     raw_psnr: float | None = None
     ldr_psnr_oe: float | None = None
@@ -79,6 +84,10 @@ class Evaluation(Figures):
     """Whether nothing was chosen by the views, or the training was ended by them; None: there are none."""
     held_out_note: str | None = None
     """What is to be known of the held-out views, where something is."""
+    stops_against: Literal["truth", "photographs"] | None = None
+    """What errors in stops are against."""
+    stops_bound: float | None = None
+    """Share of the brightest hundredth that all photographs clip: less light than their bound is an error."""
     alignment_scale: float | None = None
     """That brings the light of the scene to the truth."""
     width: int | None = None

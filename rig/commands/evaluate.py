@@ -10,7 +10,7 @@ from imaging.errors import RigError
 from imaging.files import store
 from imaging.session.paths import find_reconstruction, session_of
 from rig.options.common import JsonOption, ReconstructionsArgument
-from rig.report.metrics import METRICS, at_width, validation
+from rig.report.metrics import METRICS, at_width, qualified
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
@@ -85,7 +85,7 @@ def _evaluation_result(folder: Path, metrics: dict[str, Any], report: Path) -> C
 def headline(metrics: dict[str, Any]) -> str:
     """The numbers that say most, in one line."""
     words = [
-        f"{metric.in_line}{validation(metrics, metric.key)} "
+        f"{metric.in_line}{qualified(metrics, metric.key)} "
         f"{number(metrics[metric.key])} {metric.unit}".strip()
         for metric in METRICS
         if metric.in_line and isinstance(metrics.get(metric.key), int | float)

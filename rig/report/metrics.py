@@ -67,7 +67,9 @@ METRICS = (
         "stops_median",
         "Median error of light",
         "stops",
-        "Half of all pixels are nearer to the true light than this. 0.15 stops are 11 %.",
+        "Half of all values are nearer to the true light than this; of real photographs, to the light that "
+        "held-out ones tell, noise included. Where they clip only less is an error, where noise hides the "
+        "light only more. 0.15 stops are 11 %.",
         in_line="median error",
         on_tile="median error of light in held-out views",
     ),
@@ -75,8 +77,14 @@ METRICS = (
         "stops_dark",
         "Median error of light in its darkest tenth",
         "stops",
-        "The same where the true light is darkest.",
+        "The same where that light is darkest.",
         in_line="of the darkest tenth",
+    ),
+    Metric(
+        "stops_middle",
+        "Median error of light in between",
+        "stops",
+        "The same of all but the darkest tenth and the brightest hundredth.",
     ),
     Metric(
         "stops_bright",
@@ -84,6 +92,19 @@ METRICS = (
         "stops",
         "The same of lamps and highlights.",
         in_line="of the brightest hundredth",
+    ),
+    Metric(
+        "stops_brightest",
+        "Median error of light in its brightest thousandth",
+        "stops",
+        "The same of the brightest lamps alone.",
+    ),
+    Metric(
+        "stops_bound",
+        "Brightest hundredth that photographs clip",
+        "%",
+        "Of so much of it every exposure only says how bright it is at least: less is wrong, more is not.",
+        percent=True,
     ),
     Metric("pu21_psnr", "PU21 PSNR", "dB", "Closeness as seen by an eye before a display of 1000 cd/m²."),
     Metric(
@@ -181,7 +202,11 @@ def at_width(metrics: Mapping[str, Any]) -> str:
     return f" at {width} px" if width else ""
 
 
-def validation(metrics: Mapping[str, Any], key: str) -> str:
-    """` (validation)` after the name of a figure that is of views by which training was ended; else empty."""
+def qualified(metrics: Mapping[str, Any], key: str) -> str:
+    """Return what follows the name of a figure: ` (validation)` if training was ended by the views it is of,
+    ` (against photographs)` if light is compared with them; else nothing.
+    """
+    if key == "stops_median" and metrics.get("stops_against") == "photographs":
+        return " (against photographs)"
     of_views = any(key in row for row in metrics.get("views", []))
     return " (validation)" if of_views and metrics.get("measured_on") == "validation" else ""

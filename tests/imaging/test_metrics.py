@@ -186,6 +186,25 @@ def test_stops_of_a_part_of_the_light() -> None:
     assert stops_median(light, 0 * truth, (0.0, 0.1)) == 0.0
 
 
+def test_a_bound_is_broken_on_one_side_only() -> None:
+    """A photograph that clips says that the light is 8 at least, one that is black that it is 8 at most."""
+    light, bound = np.array([4.0, 8.0, 64.0]), np.full(3, 8.0)
+    clipped = [stops_median(light[[n]], bound[[n]], at_least=np.array([True])) for n in range(3)]
+    assert clipped == pytest.approx([1.0, 0.0, 0.0])
+    black = [stops_median(light[[n]], bound[[n]], at_most=np.array([True])) for n in range(3)]
+    assert black == pytest.approx([0.0, 0.0, 3.0])
+    assert stops_median(np.zeros(1), np.ones(1), at_least=np.array([True])) == STOPS_CAP
+    assert stops_median(np.zeros(1), np.ones(1), at_most=np.array([True])) == 0.0
+
+
+def test_bounds_count_among_a_part_of_the_light() -> None:
+    truth = np.minimum(np.arange(1.0, 101.0), 91)
+    clipped = truth == 91
+    assert stops_median(np.full(100, 364.0), truth, (0.9, 1.0), at_least=clipped) == 0.0
+    assert stops_median(np.full(100, 22.75), truth, (0.9, 1.0), at_least=clipped) == pytest.approx(2.0)
+    assert stops_median(np.full(100, 364.0), truth, (0.9, 1.0)) == pytest.approx(2.0)
+
+
 def test_alignment_is_robust_and_ignores_darkness() -> None:
     prediction = TRUTH / 3
     prediction[:10] = 0.0

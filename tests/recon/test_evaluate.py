@@ -93,7 +93,8 @@ def test_metrics_have_their_names_and_no_nan(trained, tmp_path):
     text = (folder / "metrics.json").read_text()
     assert json.loads(text, parse_constant=pytest.fail) == result.known()
     expected = {
-        "hdr_psnr_mu", "hdr_psnr_mu_aligned", "hdr_psnr_mu_dark", "stops_median", "pu21_psnr", "raw_psnr",
+        "hdr_psnr_mu", "hdr_psnr_mu_aligned", "hdr_psnr_mu_dark", "stops_median", "stops_dark",
+        "stops_middle", "stops_bright", "stops_brightest", "stops_against", "pu21_psnr", "raw_psnr",
         "relative_error_by_decade", "pose_rotation_deg", "pose_rotation_deg_max", "pose_translation_relative",
         "pose_translation_relative_max", "exposure_ratio_error", "gain_error", "gaussians", "size_bytes",
         "train_seconds", "iterations", "render_fps", "views", "held_out",
@@ -129,6 +130,28 @@ def test_a_perfect_model_reaches_the_caps(trained, tmp_path, monkeypatch):
     assert all(entry.p95 < 1e-5 for entry in result.relative_error_by_decade)
     # What is left is the noise of the held-out shots themselves.
     assert 30 < result.raw_psnr < 60
+
+
+def test_without_a_truth_light_is_held_against_the_photographs(trained, tmp_path, monkeypatch):
+    """What shines is drawn two stops too dark: the brightest bands say so, the others do not."""
+    folder = copied(trained, tmp_path)
+    session = folder.parent.parent
+    truths = {view.name: true_radiance(session, view) for view in open_model(folder).dataset.views}
+
+    def darkened(self, camera):
+        view = next(view for view in self.dataset.views if view.lens is camera)
+        light = truths[view.name]
+        light = np.where(light > np.percentile(light, 95), light / 4, light)
+        return torch.from_numpy(light) / self.record.normaliser
+
+    monkeypatch.setattr(Opened, "render", darkened)
+    assert evaluate(folder).stops_against == "truth"
+    shutil.rmtree(session / "truth")
+    result = evaluate(folder)
+    assert (result.stops_against, result.hdr_psnr_mu_aligned) == ("photographs", None)
+    assert (result.stops_bright, result.stops_brightest) == pytest.approx((2.0, 2.0), abs=0.15)
+    assert result.stops_middle < 0.1
+    assert result.stops_bound < 0.5
 
 
 def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_path):

@@ -13,7 +13,7 @@ from imaging.files import store
 from recon.result.model import ModelRecord
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import Tile
-from rig.report.metrics import BY_KEY, METRICS, at_width, validation
+from rig.report.metrics import BY_KEY, METRICS, at_width, qualified
 from rig.report.sections.calibrated import RungRow, rung_rows
 from rig.terminal.text import counted, duration, number, size
 
@@ -112,7 +112,7 @@ def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:
         if value is not None:
             worst = metrics.get(f"{metric.key}_max")
             yield MetricRow(
-                metric.name + validation(metrics, metric.key),
+                metric.name + qualified(metrics, metric.key),
                 metric.written(value),
                 metric.unit,
                 "" if worst is None else metric.written(worst),
@@ -235,7 +235,7 @@ def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     """The headline numbers."""
     measured = (
         Tile(
-            metric.written(metrics[metric.key]), metric.unit, metric.on_tile + validation(metrics, metric.key)
+            metric.written(metrics[metric.key]), metric.unit, metric.on_tile + qualified(metrics, metric.key)
         )
         for metric in METRICS
         if metric.on_tile and metrics.get(metric.key) is not None
