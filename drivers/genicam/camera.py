@@ -145,7 +145,9 @@ class GenicamCamera:
         return (began + self._clock.now()) / 2 + ahead
 
     def collect(self) -> RawMosaic:
-        """Return the frame, with its exposure time and the moment of opening where the camera reports them."""
+        """Return the frame, with its exposure time and the moment of opening where the camera reports
+        them.
+        """
         session = self._must_be(_Stage.EXPOSED, "trigger")
         self._stage = _Stage.IDLE
         return self._once(lambda: self._take(session)[0])

@@ -82,7 +82,9 @@ def _disable(nodes: NodeMap) -> None:
 
 
 def enable(nodes: NodeMap, source: str) -> None:
-    """Select `source` for the current trigger, which is off; some cameras list sources only while it is on."""
+    """Select `source` for the current trigger, which is off; some cameras list sources only while it is
+    on.
+    """
     chosen = set_if_there(nodes, "TriggerSource", source)
     set_if_there(nodes, "TriggerActivation", "RisingEdge")
     set_if_there(nodes, "TriggerOverlap", "ReadOut")

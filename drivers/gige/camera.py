@@ -69,7 +69,9 @@ class GigeCamera(GenicamCamera):
             self._note(session)
 
     def _note(self, session: Session) -> bool | None:
-        """Report to the team this camera's address, and whether it shares the others' time; as `keeps_time`."""
+        """Report to the team this camera's address, and whether it shares the others' time; as
+        `keeps_time`.
+        """
         assert self._team is not None
         told, control = keeps_time(session.nodes), _control(session)
         if told and not self._schedules:

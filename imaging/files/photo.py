@@ -80,7 +80,9 @@ class Photo:
 
 
 def is_photo(path: Path) -> bool:
-    """Return whether the suffix is one of JPEG, PNG, TIFF or WebP, or of HEIF where its package is installed."""
+    """Return whether the suffix is one of JPEG, PNG, TIFF or WebP, or of HEIF where its package is
+    installed.
+    """
     suffix = path.suffix.lower()
     return suffix in SUFFIXES or (suffix in HEIF_SUFFIXES and heif_is_read())
 

@@ -75,7 +75,9 @@ class NikonBody(StandardBody):
 
     @property
     def _to_memory(self) -> bool:
-        """Return whether pictures go to the camera's memory, from where they must be deleted before the next."""
+        """Return whether pictures go to the camera's memory, from where they must be deleted before the
+        next.
+        """
         return any(self.session.supports(operation) for operation in _MEMORY_RELEASES)
 
     @property

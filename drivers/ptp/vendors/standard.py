@@ -24,7 +24,9 @@ _RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2
 
 
 class StandardBody:
-    """Setting, releasing and downloading on a camera. The makers' bodies override what they do differently."""
+    """Setting, releasing and downloading on a camera. The makers' bodies override what they do
+    differently.
+    """
 
     verified = "simulated cameras"
     """Hardware that it was verified on, for `rig cameras`."""
@@ -87,7 +89,9 @@ class StandardBody:
         drain(self.session, self.earlier)
 
     def recount(self) -> None:
-        """Count the files on the card anew after a failed shot: its leftovers do not belong to the next one."""
+        """Count the files on the card anew after a failed shot: its leftovers do not belong to the next
+        one.
+        """
         self.earlier.update(self.session.handles())
 
     def release(self, patience: float = PATIENCE) -> None:
@@ -103,7 +107,9 @@ class StandardBody:
         return ()
 
     def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
-        """Set the bracket of the next release, None: a single frame. CameraRefused if it does not accept it."""
+        """Set the bracket of the next release, None: a single frame. CameraRefused if it does not accept
+        it.
+        """
         raise CameraRefused(NO_BRACKET)
 
     def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:

@@ -148,7 +148,9 @@ def _numbers(page: Any, tag: int, default: tuple[float, ...]) -> tuple[float, ..
 
 
 def _check_extents(page: Any, size: int) -> None:
-    """Raise unless every strip and tile of the page is in the file: tifffile fills missing ones with zeros."""
+    """Raise unless every strip and tile of the page is in the file: tifffile fills missing ones with
+    zeros.
+    """
     sizes = page.databytecounts
     ends = [start + length for start, length in zip(page.dataoffsets, sizes, strict=True)]
     if len(ends) < np.prod(page.chunked) or not ends or max(ends) > size or 0 in sizes:
