@@ -1,4 +1,4 @@
-"""What is taken from the images of all views: several at a time, where there are cores and memory for it."""
+"""Features of all views: several at a time, as cores and memory allow."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -24,7 +24,7 @@ were measured."""
 PER_PROCESS = 400_000_000
 """Bytes of a process besides: of its libraries and its compiled kernels; 240 million were measured."""
 ROOM = 0.5
-"""Of the free memory, what all processes together may take."""
+"""Share of the free memory that all processes together may take."""
 
 
 def summaries(
@@ -64,7 +64,7 @@ def summaries(
 def shown(
     evidence: Evidence, record: CalibrationRecord, sizes: Mapping[ViewId, tuple[int, int]], factor: float
 ) -> Iterator[tuple[ViewId, pictures.Picture]]:
-    """What each view looks like, at the size (w, h) that its features were found at; factor: its exposure."""
+    """Picture of each view, at the size (w, h) at which its features were found; factor: its exposure."""
     found = in_processes(
         processes(evidence.views),
         pictures.picture,

@@ -1,4 +1,4 @@
-"""What was found out about a session, put together as the record that is written."""
+"""Assembly of a calibration's record from its measurements."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ from imaging.session.view_id import ViewId
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is known of a session before its views are placed; sensors: of every camera that has shots."""
+    """Evidence of a session before its views are placed; sensors: of every camera that has shots."""
 
     session: Session
     views: Sequence[View]
@@ -47,26 +47,26 @@ class Evidence:
     light: Radiometry
     charts: Charts
     readings: Sequence[LuminanceReading] | None = None
-    """Of luminance; None: those of the calibration that there is."""
+    """Readings of luminance; None: those of the earlier calibration."""
     board: MeasuredBoard | None = None
     control: Control | None = None
     """Surveyed points that the scene is placed by."""
     target: Target | None = None
     """A session in whose coordinates it is placed."""
     without: Collection[LightPart] = ()
-    """Parts of what scene points tell of light that are left out."""
+    """Parts of the light that are not estimated from scene points."""
 
     @property
     def has_sensor_frames(self) -> bool:
-        """Whether there are darks or flats."""
+        """True if there are darks or flats."""
         return bool(self.session.shots("dark") or self.session.shots("flat"))
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where the views stand, and what that tells.
+    """Poses of the views, and the measurements that rest on them.
 
-    by_rig: the views that nothing but their rig placed. coordinates: None: they are the scene's own.
+    by_rig: views placed by their rig alone. coordinates: None: the scene's own.
     """
 
     model: sfm.SceneModel
@@ -101,7 +101,7 @@ def assemble(evidence: Evidence, placement: Placement | None = None) -> Calibrat
 
 
 def _camera(camera: CameraRecord, evidence: Evidence, placement: Placement | None) -> CameraCalibration:
-    """One camera, of what each source tells of it; a later one overrides an earlier."""
+    """Calibration of one camera from all sources; a later one overrides an earlier."""
     name, board = camera.name, evidence.board
     sensor = evidence.sensors.get(name)
     posed = placement is not None and name in placement.model.lenses
@@ -215,7 +215,7 @@ def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) ->
 
 
 def _pose_error(model: sfm.SceneModel, view: ViewId, board: MeasuredBoard | None) -> PoseError | None:
-    """From the scene, and from lens and rig where a board gave them and they were kept."""
+    """Errors from the scene, or of lens and rig from a board that were kept."""
     if model.errors is None or view not in model.errors.rotation:
         return None
     rotation, translation = model.errors.rotation[view], model.errors.translation[view]

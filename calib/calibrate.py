@@ -42,7 +42,7 @@ Part = Literal["sensor", "response", "colour", "poses", "luminance"]
 
 @dataclass(frozen=True)
 class _Measures:
-    """What a run measures; of an earlier calibration it keeps the rest, and all fields and rungs but these.
+    """Measurements of a run; all other fields and rungs of an earlier calibration are kept.
 
     scene: whether it needs shots of a scene though there are shots of a board; chart: whether a colour chart
     may be searched for; fields: of each camera.
@@ -71,7 +71,7 @@ _PARTS: dict[Part, _Measures] = {
     "poses": _Measures(sensors=True, poses=True, scene="without a board"),
 }
 _STATED = ("noise", "camera_from_rec709")
-"""What the files of a camera may say of it, and no calibration has to measure."""
+"""Fields that the files of a camera may state, so that no calibration has to measure them."""
 _STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 
 
@@ -94,16 +94,15 @@ def calibrate(
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
-    only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no poses.
-    board: what the session's shots of a board show, where it does not say so itself. chart: search the views
-    for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which make the
-    light absolute; None: those of the calibration that is there, (): none. survey: a table of surveyed
-    points, in whose coordinates the scene is placed; None: that of the calibration that is there, 'none': no
-    survey. marks: a table of where images show them. markers: OpenCV's dictionary of the markers that stand
-    on them. onto: a calibrated session of the same scene, whose coordinates are taken; None: the one of the
-    calibration that is there, 'none': none. keep_doubtful: keep views that others contradict, with a
-    warning, instead of leaving them out. The folder is replaced as a whole or not at all. Views without a
-    pose are listed in the record.
+    only: redo this part and keep the rest of the earlier calibration; all but 'poses' need no poses. board:
+    board in the session's shots, if the session does not describe it. chart: search the views for a colour
+    chart, and measure colours by it. luminance: readings of meters and lamps, which make the light absolute;
+    None: those of the earlier calibration, (): none. survey: a table of surveyed points, in whose coordinates
+    the scene is placed; None: that of the earlier calibration, 'none': no survey. marks: a table of where
+    images show them. markers: OpenCV's dictionary of the markers that stand on them. onto: a calibrated
+    session of the same scene, whose coordinates are taken; None: the one of the earlier calibration, 'none':
+    none. keep_doubtful: keep views that others contradict, with a warning, instead of leaving them out. The
+    folder is replaced as a whole or not at all. Views without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when the board, the poses or the readings had
@@ -170,7 +169,7 @@ def calibrate(
 def _control(
     session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
 ) -> Control | None:
-    """The surveyed points that are given, else those of the calibration that there is."""
+    """The surveyed points that are given, else those of the earlier calibration."""
     if survey is not None and str(survey) == "none":
         return None
     if survey is None and marks is None and markers is None:
@@ -181,7 +180,7 @@ def _control(
 
 
 def _target(session: Session, onto: str | Path | None, survey: str | Path | None) -> Target | None:
-    """The session whose coordinates are wanted, else that of the calibration that there is."""
+    """The session whose coordinates are wanted, else that of the earlier calibration."""
     if onto is None and survey is None and (_folder(session) / "calibration.json").exists():
         earlier = read_calibration(session.folder).coordinates
         onto = None if earlier is None else earlier.onto
@@ -263,9 +262,9 @@ def _sensors(
 
 
 def _with_board(evidence: Evidence, board: Board | None, progress: Progress) -> tuple[Evidence, str]:
-    """The evidence with what the session's shots of a board gave; why they gave nothing, else "".
+    """Add the calibration from the session's shots of a board; also the reason if that failed, else "".
 
-    board: what they show; a board that was described once is known from the calibration that there is.
+    board: the board in the shots; None: that of the earlier calibration.
     """
     session = evidence.session
     if board is None and (_folder(session) / "calibration.json").exists():

@@ -1,4 +1,4 @@
-"""The poses of a session's views, and what these tell of lenses, falloff and colours, as its calibration."""
+"""Poses of a session's views, and the lenses, falloff and colours that follow from them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -127,8 +127,8 @@ def with_poses(
 
 
 def with_luminance(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:
-    """The record with the scale of its light, by the readings of the evidence, else by those of the
-    calibration that there is.
+    """Add the scale of the light to the record, by the readings of the evidence, else by those of the earlier
+    calibration.
     """
     earlier = None
     if evidence.readings is None and (evidence.session.folder / "calibration" / "calibration.json").exists():
@@ -198,7 +198,7 @@ def _placed(
 
 
 def _taken(model: sfm.SceneModel, *names: str) -> bool:
-    """Whether one of these rungs was taken."""
+    """Return whether one of these rungs was taken."""
     return any(rung.taken and rung.name in names for rung in model.rungs)
 
 
@@ -253,7 +253,7 @@ def _solved(
 
 
 def _measured_without_poses(evidence: Evidence) -> str:
-    """Return what there is without any pose, as the beginning of a sentence; empty if there is nothing."""
+    """Return the results that need no pose, as the beginning of a sentence; empty without any."""
     parts = {
         "exposures and response": evidence.light.measured,
         "the board's lenses": evidence.board is not None,

@@ -1,4 +1,4 @@
-"""How right calibration is at the ends of what it is asked, on data whose truth is known.
+"""Stress tests of calibration on data whose truth is known.
 
 No files and no pictures: the numbers that the steps of a calibration work on, made by hand.
 """
@@ -83,7 +83,7 @@ def _bias(rng: np.random.Generator) -> float:
 
 
 def _ratio(true: float, rng: np.random.Generator) -> float:
-    """Of two noisy exposures of a smooth scene."""
+    """Ratio of two noisy exposures of a smooth scene."""
     light = np.tile(np.geomspace(0.05, 1.5, 400), (300, 1))
     shots = [
         _frame(rng.poisson(np.minimum(light * k, 3) * WELL) + 4.0 * rng.standard_normal(light.shape), k)
@@ -115,7 +115,7 @@ def _falloff(rng: np.random.Generator) -> float:
 
 
 def _gain(gain: float, read: float, rng: np.random.Generator) -> float:
-    """From variances as flats of 100,000 photosites would have them, at twelve levels."""
+    """Gain from variances as flats of 100,000 photosites would have them, at twelve levels."""
     freedom = 1e5
     electrons = np.geomspace(20, 12_000, 12)
     true = gain**2 * (electrons + read**2) + 1 / 12

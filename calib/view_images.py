@@ -1,4 +1,4 @@
-"""What is taken from the images of one view, so that no more than one view's images are held at a time."""
+"""Features of one view: only one view's images are held at a time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from imaging.session.calibration import Response
 from imaging.session.session import Session
 
 BLANK_SHARE = 0.95
-"""Of an image that is black or saturated, above which the view shows nothing."""
+"""Share of black or saturated pixels above which the view shows nothing."""
 LEAST_SNR = 3.0
 LIT_SNR, LIT_SHARE = 5.0, 1e-5
 """A frame is lit if more than this share of it is so far above its noise; by noise alone it is a thirtieth of
@@ -35,7 +35,7 @@ not. In it a mosaic has every colour several times."""
 
 @dataclass(frozen=True, eq=False)
 class ViewSummary:
-    """What is kept of the images of one view.
+    """Summary of the images of one view.
 
     png: the feature picture, 8 bits; width, height: its size. brightness: float64 [K], natural log of
     the luminance around each feature, NaN where it is not known well; colour: float64 [K, 3], the same of
@@ -87,12 +87,12 @@ def summarise(
     camera_from_rec709: Matrix | None,
     kind: FeatureKind = "sift",
 ) -> ViewSummary:
-    """Merge the exposures of a view, find its features and how bright the scene is around them.
+    """Merge the exposures of a view, find its features and the brightness of the scene around them.
 
     kind: of features to look for.
 
     Features are found in the whole picture, since the border of a mask would look like a thing of the
-    scene; those behind a mask are dropped then. No brightness is told from behind a mask.
+    scene; those behind a mask are dropped then. No brightness is measured behind a mask.
     """
     parts = of_one_band([view])
     bands = [_merged(session, part, scale, response, hidden=False) for part in parts]
@@ -159,13 +159,15 @@ def mean_of_bands(merged: Sequence[Merged], *, alike: bool = False) -> Merged:
 
 
 def _median(merged: Merged) -> float:
-    """Of what is known of a picture, at least tiny."""
+    """Median of the known pixels of a picture, at least tiny."""
     known = merged.radiance[merged.valid]
     return max(float(np.median(known)), 1e-12) if known.size else 1.0
 
 
 def _is_lit(frame: LinearFrame) -> bool:
-    """Whether a frame holds more than noise; one that does not would only spoil what longer ones saturate."""
+    """Return whether a frame holds more than noise; otherwise it would only spoil what longer ones
+    saturate.
+    """
     if frame.noise is None:
         return True
     alone = merge_bracket([frame])

@@ -22,16 +22,18 @@ MOST_ITERATIONS = 50
 STILL = 1e-6
 """Share of the loss that a step has to gain for another to follow."""
 ROUGH_ITERATIONS, ROUGHLY_STILL = 15, 1e-4
-"""The same of an adjustment that only has to tell what misses: with more steps poses were no better."""
+"""Iterations and threshold of a rough adjustment, which only has to identify outliers: with more steps poses
+were no better.
+"""
 
 
 @dataclass(frozen=True)
 class Free:
-    """Which terms of the lenses are adjusted, beside the focal length.
+    """Free terms of the lenses, beside the focal length.
 
     radial: whether a SIMPLE_RADIAL has its one term; else it is zero. fixed: cameras, by COLMAP's number,
-    whose lens stays as it is. placed: those whose place in the rig stays. focal: what is known of focal
-    lengths beside what the points tell, by COLMAP's number. places: what is stated of images, by theirs.
+    whose lens stays as it is. placed: those whose place in the rig stays. focal: priors of focal lengths, by
+    COLMAP's number. places: priors of images' places, by theirs.
     """
 
     model: LensModel = "SIMPLE_RADIAL"
@@ -54,7 +56,7 @@ def adjust(
 ) -> None:
     """Adjust points, poses and lenses in place, with a Cauchy loss of `scale` px.
 
-    points_only: poses and lenses stay. rough: to tell what misses, and no more.
+    points_only: poses and lenses stay. rough: only to identify outliers.
     """
     for number, camera in reconstruction.cameras.items():
         if number not in free.fixed:
@@ -149,7 +151,7 @@ def lens_of(camera: Any) -> Lens:
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """How far each observation lies from its point's projection, px; inf where it is behind the camera."""
+    """Distance of each observation from its point's projection, px; inf where it is behind the camera."""
 
     image: npt.NDArray[np.int64]
     feature: npt.NDArray[np.int64]
@@ -162,7 +164,7 @@ class Misses:
 
 
 def misses(reconstruction: Any) -> Misses:
-    """Of every observation, in order of images and features."""
+    """Compute the residuals of all observations, in order of images and features."""
     seen = observations(reconstruction)
     error = np.full(len(seen.image), np.inf)
     for index, rows in seen.of_images():

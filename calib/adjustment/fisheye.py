@@ -1,4 +1,4 @@
-"""From a lens with radial terms to the fisheye that is nearest to it, and which lenses may be one."""
+"""Conversion of a lens with radial terms to the nearest fisheye, and the choice of lenses that may be one."""
 
 import math
 

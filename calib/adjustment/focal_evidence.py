@@ -1,4 +1,4 @@
-"""How much the points of a scene tell of a focal length, with all else adjusted along.
+"""Effect of a focal length on the points of a scene, with all else adjusted along.
 
 Flat ground seen straight down looks alike through a long lens from high up and through a short one from low
 down. A fit still prefers one of them, by thousandths of a pixel: far less than what no model of a lens knows
@@ -15,16 +15,18 @@ from calib.adjustment.jacobian import linearise
 from calib.adjustment.reduced import built_terms, reduced
 
 CHANGE = 0.1
-"""Of a focal length, relative, of which the effect is told."""
+"""Relative change of the focal length whose effect is measured."""
 TOLD = 3e-5
-"""Of an image's width, by which points have to move with that change. Flights over flat ground move them by
-6e-6, flights over houses by 5e-5, walks by 1e-4 and more, rings by 7e-4 (bench.calibration.tracks); a real
-flight over a park by 7e-6."""
+"""Share of an image's width by which points have to move with that change for the scene to determine the
+focal length. Flights over flat ground move them by 6e-6, flights over houses by 5e-5, walks by 1e-4 and more,
+rings by 7e-4 (bench.calibration.tracks); a real flight over a park by 7e-6.
+"""
 _RIDGE = 1e-9
 
 
 def effect(reconstruction: Any, free: Free, scale: float) -> dict[int, float]:
-    """How far points move with a focal length that is CHANGE longer, px rms, by COLMAP's number of a camera.
+    """Movement of points with a focal length that is CHANGE longer, px rms, by COLMAP's number of a
+    camera.
 
     Poses, points and the other terms of the lenses make up for as much of it as they can. Nothing but points
     counts for the focal length. Cameras whose lens is fixed have no entry. scale: of the Cauchy loss, px.

@@ -1,4 +1,4 @@
-"""Focal lengths that something beside the scene's points tells, as a term of the bundle adjustment."""
+"""Priors of focal lengths, as a term of the bundle adjustment."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ import pyceres
 from calib.adjustment.place_priors import SHARE
 
 HOLDS = 1e3
-"""By how much tighter than its spread a focal length is held that the points do not tell."""
+"""Factor by which a focal length is held tighter than its spread where the points do not determine it."""
 _ASPECT = 0.01
-"""By which the focal lengths across and down may differ from each other, relative."""
+"""Relative difference allowed between the focal lengths across and down."""
 _OPEN = 1e6
-"""Standard deviation of terms that are none of this one's business."""
+"""Standard deviation of terms that this prior leaves free."""
 
 
 @dataclass(frozen=True)

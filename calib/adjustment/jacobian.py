@@ -1,4 +1,4 @@
-"""How the residuals of a COLMAP model move with its poses, its lenses and its points, to first order."""
+"""Jacobian of a COLMAP model's residuals with respect to its poses, its lenses and its points."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,8 @@ TERMS = 8
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Of N observations of M points, with P parameters of cameras; rows alternate x and y of an observation.
+    """Linearisation of N observations of M points, with P parameters of cameras; rows alternate x and y of an
+    observation.
 
     residual, and seen: where: px [N, 2]. cameras: sparse [2N, P]. points: [N, 2, 3], by its own point. owner:
     of each observation the point [N], in order of COLMAP's numbers. image: COLMAP's number [N]. frames,
@@ -40,7 +41,7 @@ class Linear:
 
 
 def linearise(reconstruction: Any, free: Free) -> Linear:
-    """At the model's own values."""
+    """Linearise at the model's own values."""
     frames: dict[int, int] = {}
     sensors: dict[int, int] = {}
     lenses: dict[int, int] = {}
@@ -98,7 +99,7 @@ def _sparse(blocks: list[tuple[int, Array]], width: int) -> Any:
 
 
 def is_reference(reconstruction: Any, image: Any) -> bool:
-    """Return whether an image's camera is the one that its rig's place is told by."""
+    """Return whether an image's camera is the reference of its rig."""
     sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
     return bool(reconstruction.rigs[image.frame.rig_id].is_ref_sensor(sensor))
 

@@ -1,6 +1,6 @@
-"""Which terms a lens needs: those that make held-out scene points project better, and no others.
+"""Choice of the terms of a lens: those that make held-out scene points project better, and no others.
 
-A lens with more terms than the views can tell apart fits its own errors and bends the poses.
+A lens with more terms than the views can separate fits its own errors and bends the poses.
 """
 
 import math
@@ -18,15 +18,16 @@ from imaging.session.records import ONE_OF_SEVERAL, Rung
 
 FISHEYE = "lens_fisheye"
 _UNTOLD = ("lens_principal_point", "lens_tangential", "lens_fisheye_far")
-"""Terms that are not tried where the scene does not tell the focal length."""
+"""Terms that are not tried where the scene does not determine the focal length."""
 FEWEST_VIEWS = 4
 HELD_OUT = 3
-"""One scene point in so many is held out."""
+"""Stride of the scene points that are held out."""
 MATERIAL = 0.025
-"""Loss that a further term has to save to be taken by one standard error; less has to be `ONE_OF_SEVERAL`. An
-observation that misses as typical loses 0.7. Terms that lenses lack gain 0.021 at most on the scenes of
-bench/recon/ladder_scenes.py, where most of those that they have gain 0.08 and more; few views tell even
-that by a standard error only. A fisheye is no further term but another model."""
+"""Saving of loss that a further term needs to be taken by one standard error; less has to be
+`ONE_OF_SEVERAL`. An observation with the typical residual loses 0.7. Terms that lenses lack gain 0.021 at
+most on the scenes of bench/recon/ladder_scenes.py, where most of those that they have gain 0.08 and more; few
+views show even that by a standard error only. A fisheye is no further term but another model.
+"""
 MOST_POINTS = 2000
 """Scene points that are enough to judge by: those seen in most views."""
 
@@ -42,9 +43,9 @@ def climb(
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.
 
-    told: why there is nothing to try where every lens is fixed. uncut: the model before anything was dropped
-    from it, where the lenses may be fisheyes: corners that radial terms drop tell those apart, and no others,
-    since what misses for other reasons is in it, too.
+    told: reason without trials where every lens is fixed. uncut: the model before anything was dropped from
+    it, where the lenses may be fisheyes: only corners that radial terms drop distinguish those; other
+    outliers are in it, too.
     """
     if free.fixed.issuperset(reconstruction.cameras):
         return free, (Rung(name="lens_terms", taken=False, reason=told),)
@@ -107,9 +108,9 @@ def climb(
 
 
 def sees_wide(reconstruction: Any) -> bool:
-    """Return whether a fisheye is worth a trial: it is told from radial terms by what lies far from the axis.
+    """Return whether a fisheye is worth a trial: it differs from radial terms far from the axis only.
 
-    That is what an adjustment with radial terms drops, so that it is to be judged by a model that is uncut.
+    An adjustment with radial terms drops those points, so the uncut model is judged.
     """
     return any(may_be_fisheye(lens_of(camera)) for camera in reconstruction.cameras.values())
 

@@ -1,4 +1,4 @@
-"""Where the views of a COLMAP model see its points, as arrays."""
+"""Observations of a COLMAP model's points, as arrays."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ Index = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Of N observations of M points, in order of images and features.
+    """Arrays of N observations of M points, in order of images and features.
 
     image, feature: COLMAP's numbers [N]; point: row [N] of `world`; seen: px [N, 2]; numbers: COLMAP's, of
     each point [M], ascending; world: the points [M, 3].

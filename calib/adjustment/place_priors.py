@@ -1,8 +1,8 @@
-"""Places and attitudes of cameras that their photographs state, as terms of the bundle adjustment.
+"""Priors of camera places and attitudes from the photographs' files, as terms of the bundle adjustment.
 
 The points of a view err together, by a shutter that rolls and by what no model of a lens has: many points
-place a view no better than `COMMON` of the image's width. What is stated counts against that, and not against
-the noise of so many points.
+place a view no better than `COMMON` of the image's width. The priors are weighed against that, and not
+against the noise of all points.
 """
 
 from collections.abc import Mapping
@@ -17,21 +17,23 @@ from imaging.files.colmap import pycolmap
 Array = npt.NDArray[np.float64]
 
 COMMON = 3e-6
-"""Of an image's width, by which the points of a view err together: what is left of a real flight's residuals,
-in quarters to sixteenths of its pictures, is 1e-6 to 3e-6 beyond their noise."""
+"""Common error of the points of a view, as a share of the image's width: the residuals of a real flight, in
+quarters to sixteenths of its pictures, are 1e-6 to 3e-6 beyond their noise.
+"""
 SHARE = 0.25
-"""Of the square of the Cauchy loss's scale, the variance of a coordinate as far as that loss lets it count:
-the scale is the median miss, 1.18 standard deviations of normal noise."""
+"""Effective variance of a coordinate, as a share of the square of the Cauchy loss's scale: the scale is the
+median residual, 1.18 standard deviations of normal noise.
+"""
 _OPEN = 1e6
 """Standard deviation of what is not stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class StatedPlace:
-    """Where a camera stood and how it looked, in coordinates east, north and up.
+    """Prior of a camera's place and attitude, in coordinates east, north and up.
 
-    centre: [3], m, and spread: [3], its standard deviations. turn: [3, 3], camera from world; None: not
-    stated. tilt, heading: its standard deviations, rad, about level axes and about the upright one.
+    centre: [3], m, and spread: [3], its standard deviations. turn: [3, 3], camera from world; or None. tilt,
+    heading: its standard deviations, rad, about level axes and about the upright one.
     """
 
     centre: Array
@@ -41,13 +43,15 @@ class StatedPlace:
     heading: float = 0.0
 
     def turn_covariance(self) -> Array:
-        """Of the turn, in the camera's axes, rad^2 [3, 3]."""
+        """Covariance of the rotation, in the camera's axes, rad^2 [3, 3]."""
         turn = np.eye(3) if self.turn is None else self.turn
         return np.asarray(turn @ np.diag([self.tilt**2, self.tilt**2, self.heading**2]) @ turn.T)
 
 
 def variance(points: int, width: int, scale: float) -> float:
-    """What a stated place is weighed against, px^2, in a view of so many points under a Cauchy loss."""
+    """Variance against which a stated place is weighed, px^2, in a view with that many points under a Cauchy
+    loss.
+    """
     return float(max(SHARE * scale**2, points * (COMMON * width) ** 2))
 
 

@@ -1,8 +1,8 @@
-"""Where scene points lie in the views, to a few hundredths of a pixel: their patches, aligned between views.
+"""Sub-pixel refinement of scene points: their patches, aligned between views.
 
 SIFT places each feature by itself, and otherwise when a surface is seen at another slant. A patch that is
-warped until it looks like the patch around the point in another view tells the place anew (Lucas and Kanade
-1981, in the inverse form of Baker and Matthews, "Lucas-Kanade 20 Years On", 2004; what it buys poses:
+warped until it looks like the patch around the point in another view measures the place anew (Lucas and
+Kanade 1981, in the inverse form of Baker and Matthews, "Lucas-Kanade 20 Years On", 2004; what it buys poses:
 Lindenberger et al., "Pixel-Perfect Structure-from-Motion", 2021).
 """
 
@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 RADIUS = 7
-"""Of a patch, px."""
+"""Half width of a patch, px."""
 ITERATIONS = 12
 STILL = 0.003
 """A step so short, px, ends the search."""
@@ -108,8 +108,9 @@ def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Sights:
 
 
 def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
-    """How pixels move with a point on a plane that faces its cameras, [N, 2, 2]; and the cosine between each
-    camera's direction and the mean of all that see the point, [N]."""
+    """Derivatives of pixels by a point on a plane that faces its cameras, [N, 2, 2]; and the cosine between
+    each camera's direction and the mean of all that see the point, [N].
+    """
     toward = np.empty_like(sights.world)
     motions = {}
     for image in np.unique(sights.image):
@@ -142,7 +143,7 @@ def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
 
 
 def _references(sights: _Sights, middle: Array) -> Index:
-    """Of each point, the observation that all others are compared with."""
+    """Reference observation of each point, with which all others are compared."""
     order = np.lexsort((-middle, sights.point))
     first = np.concatenate([[True], np.diff(sights.point[order]) > 0])
     return np.asarray(order[first], np.int64)
@@ -190,7 +191,9 @@ def _search(
 
 
 def _steps(templates: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Of each template, what turns differences [P] into shift and bend of the warp, [N, 6, P]."""
+    """Gauss-Newton matrices of the templates, from differences [P] to shift and bend of the warp, [N, 6,
+    P].
+    """
     side = len(_ACROSS)
     down, across = (slope.reshape(-1, side * side) for slope in
                     np.gradient(templates.reshape(-1, side, side), axis=(1, 2)))  # fmt: skip

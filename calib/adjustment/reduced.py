@@ -15,14 +15,17 @@ Array = npt.NDArray[np.float64]
 
 BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
 """Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
-Focal length and first radial term are bounded always: a few views on a line tell them no better."""
+Focal length and first radial term are bounded always: a few views on a line determine them no better.
+"""
 BUILT_FISHEYE = {"fx": 0.2, "k1": 0.3, "k2": 0.1, "k3": 0.05, "k4": 0.02, "cx": 0.01, "cy": 0.01}
-"""Of a fisheye: its terms trade places with one another where no point reaches the corners."""
+"""Standard deviations of a fisheye's terms: they trade places with one another where no point reaches the
+corners.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Of N observations of M points, with P parameters of cameras, under a Cauchy loss.
+    """Normal equations of N observations of M points, with P parameters of cameras, under a Cauchy loss.
 
     curvature: [P, P], points eliminated. pull: [N], slope of the loss in units of the residual; weight: [N],
     its curvature, averaged over directions. shared: sparse [P, 3M], and inverse: sparse [3M, 3M], by which
@@ -67,9 +70,9 @@ def _by_blocks(matrices: npt.NDArray[Any]) -> Any:
 def built_terms(
     linear: Linear, reconstruction: Any, free: Free
 ) -> tuple[npt.NDArray[np.int64], Array, npt.NDArray[np.bool_]]:
-    """Columns of the terms that something beside the points tells, how far that is off, and which it holds.
+    """Columns of the terms with priors, their standard deviations, and the columns that are held.
 
-    Those that the ladder did not take lie as lenses are built; a focal length as the files say.
+    Terms that the ladder did not take have priors of how lenses are built; a focal length, that of the files.
     """
     taken = {"cx", "cy"} if free.principal_point else set()
     taken |= {"RADIAL": {"k2"}, "OPENCV": {"k2", "p1", "p2"}}.get(free.model, set())

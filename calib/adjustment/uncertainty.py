@@ -1,4 +1,4 @@
-"""How sure poses and lenses from a scene are, from how much its points disagree about them.
+"""Uncertainty of poses and lenses by a wild bootstrap over scene points.
 
 To first order an estimate moves by H^-1 times the sum of what each point pulls; points drawn with random
 signs then move it as another set of points would (the wild bootstrap: Wu, "Jackknife, Bootstrap and Other
@@ -33,16 +33,18 @@ FEWEST_POINTS = 60
 CELLS = 20
 """Across a picture; points that are first seen in the same cell of it err together."""
 _RIDGE = 1e-9
-"""Of the diagonal: holds where the world begins, its turn and its size, which no point tells."""
+"""Ridge relative to the diagonal: it holds the origin, the rotation and the scale of the world, which no
+point determines.
+"""
 
 
 @dataclass(frozen=True)
 class StandardErrors:
-    """Of poses and lenses.
+    """Standard errors of poses and lenses.
 
     rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
-    lenses: by camera and term, in the pixels of the model. mounted: the same two of each camera in its rig
-    that does not tell the rig's place.
+    lenses: by camera and term, in the pixels of the model. mounted: the same two of each camera in its rig,
+    the reference excepted.
     """
 
     rotation: dict[ViewId, float]
@@ -140,7 +142,9 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
 
 
 def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tuple[Array, Array]:
-    """How stated places pull parameters, by what they are weighed against, [P, K], and that weight [K]."""
+    """Derivatives of the parameters by stated places, in units of their weight, [P, K], and that weight
+    [K].
+    """
     columns, weights = [], []
     for number, place in sorted(free.places.items()):
         image = reconstruction.image(number)
@@ -162,7 +166,7 @@ def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tu
 
 
 def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:
-    """Of each point, the number of the points that err with it."""
+    """Number of the points that share the error of each point."""
     points, first = np.unique(linear.owner, return_index=True)
     side = float(linear.seen[:, 0].max()) / CELLS
     places = np.column_stack([linear.image[first], (linear.seen[first] // side).astype(np.int64)])

@@ -19,16 +19,17 @@ Picture = npt.NDArray[np.uint8]
 _SMOOTH = 1.0
 """px, standard deviation of the Gaussian that pictures are smoothed with before corners are refined."""
 _HALF = (2, 5)
-"""px, least and largest half width of what is looked at around a corner."""
+"""Smallest and largest half width of the window around a corner, px."""
 _ROUNDS, _SETTLED = 20, 1e-3
 """Steps towards a corner, and the length of one, px, after which no other follows."""
 FEWEST = 6
 """Corners of a view that are worth having: a pose needs four."""
 _TRIALS = 12
-"""Pictures that are looked at to find out which kind of board it is."""
+"""Number of pictures examined to identify the board."""
 _OFF = 0.08
-"""Of the square's side in the picture, by which a corner may miss a plane view of the board: the lens
-bends straight lines, but a board of other rows and columns misses by whole squares."""
+"""Largest distance of a corner from a plane view of the board, as a share of the square's side in the
+picture: the lens bends straight lines, but a board of other rows and columns misses by whole squares.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Corners:
 
 @dataclass(frozen=True)
 class Print:
-    """How the board was printed: with the pattern before OpenCV 4.6, or black for white."""
+    """Printing of the board: with the pattern before OpenCV 4.6, or black for white."""
 
     legacy: bool = False
     inverted: bool = False
@@ -131,12 +132,12 @@ def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArr
 
 
 def _refined(picture: Picture, points: Any, margin: float) -> npt.NDArray[np.float64]:
-    """Each corner at the saddle of the quadratic that fits the picture around it best.
+    """Refine each corner to the saddle of the quadratic that fits the picture around it best.
 
-    margin: px between a marker and the edge of its square: what is looked at ends there, since the marker's
-    own edges pull. Lucchese and Mitra, "Using saddle points for subpixel feature detection in camera
-    calibration targets", 2002. `cv2.cornerSubPix` needs straight edges within its window, and runs away from
-    the corner where the picture's blur fills it. A corner that does not settle stays where it is.
+    margin: px between a marker and the edge of its square: the window ends there, since the marker's own
+    edges pull. Lucchese and Mitra, "Using saddle points for subpixel feature detection in camera calibration
+    targets", 2002. `cv2.cornerSubPix` needs straight edges within its window, and runs away from the corner
+    where the picture's blur fills it. A corner that does not settle stays where it is.
     """
     half = int(np.clip(margin - 1, *_HALF))
     picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _SMOOTH)

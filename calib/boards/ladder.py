@@ -1,4 +1,4 @@
-"""Which terms the lenses need, judged on frames that did not take part in fitting them."""
+"""Choice of the lenses' terms on frames that did not take part in fitting them."""
 
 from collections.abc import Mapping
 from dataclasses import replace

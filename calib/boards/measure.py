@@ -37,10 +37,10 @@ _WHITE = 99.5
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBoard:
-    """What views of a board gave.
+    """Result of a board calibration.
 
     cam_from_rig: metres, of cameras that are mounted together and that views connect. sure_lenses, sure_rig:
-    what is known well enough to be kept as it is when a scene is looked at; the rest is where that begins.
+    accurate enough to be held in the scene's adjustment; the rest are initial values of it.
     """
 
     lenses: dict[str, Lens]

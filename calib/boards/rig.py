@@ -88,7 +88,7 @@ def _only(corners: Corners, view: ViewId, good: Collection[tuple[ViewId, int]]) 
 
 
 Rows = list[tuple[ViewId, int, npt.NDArray[np.int64], Array]]
-"""Of each image: its view, its number, corner ids and points."""
+"""Observations of each image: its view, its number, corner ids and points."""
 
 
 def _model(
@@ -148,7 +148,7 @@ def _model(
 
 
 def _twice(seen: Mapping[ViewId, Corners]) -> dict[ViewId, Corners]:
-    """Without the corners that only one view shows: pycolmap takes no point that is seen once."""
+    """The corners without those that only one view shows: pycolmap takes no point that is seen once."""
     ids, counts = np.unique(np.concatenate([corners.ids for corners in seen.values()]), return_counts=True)
     often = ids[counts > 1]
     kept = {}

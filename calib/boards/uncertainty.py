@@ -1,4 +1,4 @@
-"""How well a rig is known: the adjustment repeated on frames drawn anew (bootstrap over frames).
+"""Errors of a rig: the adjustment repeated on frames drawn anew (bootstrap over frames).
 
 Frames are what varies independently; corners of one view share its blur, its light and the board's flatness.
 All terms of the lens are free meanwhile, also those that the ladder did not take: that a term is too small to

@@ -1,1 +1,1 @@
-"""What a colour chart and shared scene points tell of a rig's colours."""
+"""Colours of a rig from a colour chart and shared scene points."""

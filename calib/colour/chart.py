@@ -1,4 +1,4 @@
-"""Where in a view a colour chart is, and what its patches measure.
+"""Detection of a colour chart in a view, and the measurement of its patches.
 
 OpenCV finds the chart in a small picture of 8 bits; what is measured is linear light. A find is
 believed only when the greys fall from white to black and the colours fit the chart's own.
@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 NO_FALLOFF = (0.0, 0.0, 0.0)
 PROXY_WIDTHS = (800, 1200)
-"""Of the pictures that are searched; a small chart needs the larger one."""
+"""Widths of the pictures that are searched; a small chart needs the larger one."""
 EXPOSURES = ((99.0, 0.9), (60.0, 0.25))
 """Percentiles of light and the linear levels they are put at: for a chart in the light, and in the shade."""
 MOST_FINDS = 4
@@ -48,7 +48,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Missed:
-    """Why a view gives no chart, as half a sentence; near: something chart-like was there."""
+    """Reason why a view gives no chart, as half a sentence; near: something chart-like was there."""
 
     reason: str
     near: bool = False

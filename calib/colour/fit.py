@@ -1,4 +1,4 @@
-"""From a chart's patches to the matrix of a camera: what is neutral stays neutral.
+"""Fit of a camera's matrix to a chart's patches: neutral colours stay neutral.
 
 The matrix takes camera RGB to linear Rec.709 and is one with whatever the exposure, as radiance over
 many stops demands. Polynomials of camera RGB fit a chart a little better, but those that are not
@@ -31,7 +31,7 @@ LIGHTNESS_ERROR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ChartPatches:
-    """What one camera made of the chart; all of the 24 have a row.
+    """Measurements of the chart by one camera; all of the 24 patches have a row.
 
     rgb: float64 [24, 3], camera RGB, linear, in any unit; sigma: float64 [24, 3], of its standard error;
     place: float64 [24, 2], on the chart, -1..1; usable: bool [24].
@@ -76,10 +76,10 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class ColourModel:
-    """What of a fit is free.
+    """Free parameters of a fit.
 
     matrix: float64 [3, 3] to keep, its rows summing to 1; None: to be fitted. white: camera RGB [3] of white,
-    of any scale, to keep; None: what the chart's greys say. shaded: whether the light may grow across
+    of any scale, to keep; None: from the chart's greys. shaded: whether the light may grow across
     the chart.
     """
 

@@ -35,7 +35,7 @@ UNIT = "delta E 2000 per held-out patch"
 
 @dataclass(frozen=True)
 class Charts:
-    """What charts told: camera_from_rec709 and evidence by camera name, and the rungs."""
+    """Results of the charts: camera_from_rec709 and evidence by camera name, and the rungs."""
 
     matrices: dict[str, Matrix] = field(default_factory=dict)
     evidence: dict[str, ChartEvidence] = field(default_factory=dict)
@@ -160,7 +160,7 @@ def colours(
     files: Mapping[str, Matrix | None],
     models: Mapping[str, str],
 ) -> Charts:
-    """Return what the charts seen tell of all cameras.
+    """Return the colours of all cameras from the charts seen.
 
     files: camera_from_rec709 as the files name it, models: make and model, both of every RAW camera by name.
     A camera that saw no chart gets the matrix of one of its model that did.
@@ -198,7 +198,9 @@ def _climb(
     models: Mapping[str, str],
     reference: Array,
 ) -> tuple[_Trial, tuple[Rung, ...], dict[str, Array]]:
-    """From what the files say to what held-out patches ask for: the trial, its rungs, its held-out errors."""
+    """Climb from the files' matrix to the terms that held-out patches justify: the trial, its rungs, its
+    held-out errors.
+    """
     alone = tuple((name,) for name in patches)
     alike: dict[str, list[str]] = {}
     for name in patches:

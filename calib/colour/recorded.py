@@ -1,4 +1,4 @@
-"""What charts and shared points told, in the record of a calibration."""
+"""Recording of charts and shared points in a calibration."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,7 +34,7 @@ def balance(
 ) -> Balance:
     """The white balance between the placed RAW cameras; colours: `ViewSummary.colour` of each view.
 
-    anchors: cameras whose white a chart told.
+    anchors: cameras whose white is from a chart.
     """
     placed = sorted(model.lenses)
     matrices = {name: found[name].camera_from_rec709 for name in placed}

@@ -14,8 +14,9 @@ COLUMNS = 6
 NEUTRAL = tuple(range(18, 24))
 """The row of greys, white first."""
 EDITION = "ColorChecker24 - After November 2014"
-"""As X-Rite published it for charts made since then; those made before differ by 0.85 delta E 2000 in the
-mean, 2.0 at most."""
+"""Edition of the reference values, as X-Rite published them for charts made since then; those made before
+differ by 0.85 delta E 2000 in the mean, 2.0 at most.
+"""
 
 
 @cache

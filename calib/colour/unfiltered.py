@@ -1,4 +1,4 @@
-"""What photosites without a filter see, as a mixture of what those with one see, measured in the scene.
+"""Spectral mixture of unfiltered photosites from those with a filter, measured in the scene.
 
 Files that name no row for W leave it to be guessed as the sum of the others; silicon and glass decide.
 """
@@ -22,15 +22,17 @@ Array = npt.NDArray[np.float64]
 
 NAME = "unfiltered"
 VIEWS = 6
-"""Of each camera; all would take longer and tell no more."""
+"""Number of views of each camera; all would take longer and be no more accurate."""
 SMOOTH = 0.2
 """Relative step to the neighbours above which a cell lies at an edge: its photosites see other light."""
 BRIGHT = 0.02
 """Signal below which noise is too great a part of it."""
 CLEAR = 3.0
-"""Squares over those of noise alone from which on a mixture of R, G and B tells: the rest stays."""
+"""Ratio of squares to those of noise alone above which a mixture of R, G and B is measurable: the rest
+stays.
+"""
 FEWEST = 500
-"""Cells; fewer tell the shares no better than files do."""
+"""Fewest cells; fewer determine the shares no better than files do."""
 _ROUNDS = 5
 
 
@@ -100,8 +102,8 @@ def mixture(cells: Array, noise: Array, before: Array) -> Array:
     """Shares of R, G and B [3] that make up W in cells [n, 4], by robust least squares of relative errors.
 
     noise: variances of the cells; what they add to the squares of R, G and B, which would draw the shares
-    towards nothing, is taken out. before: the shares where the cells do not tell otherwise, as of a scene
-    that is all grey.
+    towards nothing, is taken out. before: the prior shares, for cells that do not determine them, as of a
+    scene that is all grey.
     """
     design, target = cells[:, :3] / cells[:, 3:], np.ones(len(cells))
     added = noise[:, :3] / cells[:, 3:] ** 2

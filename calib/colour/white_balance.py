@@ -21,7 +21,7 @@ Int = npt.NDArray[np.int64]
 
 FEWEST_TRACKS = 100
 FEWEST_SIGHTS = 30
-"""Of a camera, below which its channels stay as they are."""
+"""Fewest observations of a camera, below which its channels stay as they are."""
 LEAST = 0.005
 """Relative; channels that differ by less are left alone: points that lie side by side err alike, and on a rig
 without any difference they showed 0.2 %, three times what independent points would."""
@@ -119,7 +119,7 @@ def folded(
 
 
 def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
-    """By how much three sensitivities a camera predict held-out tracks better than one, and its error."""
+    """Gain of three sensitivities a camera over one in predicting held-out tracks, and its error."""
     _, own = np.unique(sights.point, return_inverse=True)
     fold = own % FOLDS
     differences = []

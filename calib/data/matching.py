@@ -1,4 +1,4 @@
-"""Which features of two views are the same: nearest neighbours by descriptor, by Lowe's ratio, both ways.
+"""Matching of features between two views: nearest neighbours by descriptor, by Lowe's ratio, both ways.
 
 Nearest neighbours are exact, and most cosines are never made: the sum over the directions in which the
 descriptors of the two views are longest, and the lengths of what is left of them, bound each from above (the
@@ -22,15 +22,17 @@ RATIO = 0.8
 FARTHEST = 0.7
 """Largest angle between descriptors that match, radians."""
 DIRECTIONS = 47
-"""Of the 128, that bounds are made from. With fewer more cosines are made, with more a bound costs more."""
+"""Number of directions, of 128, for the bounds. With fewer more cosines are made, with more a bound costs
+more.
+"""
 SAMPLED = 8
-"""One descriptor in so many is asked for the directions."""
+"""Stride of the descriptors from which the directions are computed."""
 SLACK = np.float32(1e-5)
-"""Of the squared length of what is left: several times what rounding takes from a bound."""
+"""Slack of a bound, as a share of the squared length of the remainder: several times the rounding error."""
 ROWS = 128
 """Rows of the table of bounds that are made at a time: more of them leave the cache."""
 COLUMNS = 16
-"""Bounds that are looked at together."""
+"""Number of bounds in one block."""
 
 
 def unit(descriptors: npt.NDArray[Any]) -> Float:
@@ -68,7 +70,7 @@ def _longest(one: Bytes, other: Bytes) -> Float:
 
 
 def _parts(descriptors: Bytes, directions: Float) -> tuple[Float, Whole, Float]:
-    """What bounds are made from [K, DIRECTIONS + 1] and cosines [K, 128], and 1 over the lengths [K]."""
+    """Factors of the bounds [K, DIRECTIONS + 1] and of the cosines [K, 128], and 1 over the lengths [K]."""
     own = unit(descriptors)
     along = own @ directions
     left = np.sqrt(np.maximum(1 - (along**2).sum(axis=1), 0) + SLACK)
@@ -77,7 +79,7 @@ def _parts(descriptors: Bytes, directions: Float) -> tuple[Float, Whole, Float]:
 
 
 def _nothing(count: int) -> tuple[Index, Float, Float]:
-    """Of each feature: which is nearest, and the cosines of the nearest and the second nearest."""
+    """Empty results for each feature: the nearest, and the cosines of the nearest and the second nearest."""
     return np.zeros(count, np.int64), np.full(count, -2, np.float32), np.full(count, -2, np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Which pairs of views are worth matching: all of few, of many those that look alike or stand together."""
+"""Selection of the pairs of views to match: all of few, of many those that look alike or stand together."""
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
@@ -48,7 +48,7 @@ def _together(one: ViewId, other: ViewId, rigs: Sequence[Collection[str]]) -> bo
 
 
 def _alike(descriptors: Sequence[Float]) -> set[tuple[int, int]]:
-    """For each view the pairs with those that look most like it."""
+    """Pairs of each view with those that look most like it."""
     signatures = _signatures(descriptors)
     likeness = signatures @ signatures.T
     np.fill_diagonal(likeness, -np.inf)
@@ -62,7 +62,7 @@ def _alike(descriptors: Sequence[Float]) -> set[tuple[int, int]]:
 
 
 def _signatures(descriptors: Sequence[Float]) -> Float:
-    """What the features of each view have in common, as unit vectors [views, WORDS * 128]; 0 without any.
+    """Signatures of the views' features, as unit vectors [views, WORDS * 128]; 0 without any.
 
     Residuals of descriptors from their nearest centre, summed up for each centre (VLAD: Jegou et al.,
     "Aggregating local descriptors into a compact image representation", 2010; normalised for each centre as

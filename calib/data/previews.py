@@ -18,9 +18,9 @@ LONGEST_SIDE = 1600
 MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
-"""Of the local mean that is taken away; all of it would leave halos as the only large features."""
+"""Share of the local mean that is subtracted; all of it would leave halos as the only large features."""
 SAMPLE = 500_000
-"""Values of a view that tell how bright it is in all."""
+"""Number of a view's values that measure its overall brightness."""
 FAINT = 4.0
 """Signal-to-noise ratio of photosites below which a view is smoothed, so that noise hides no features."""
 BLUR = 1.0
@@ -28,7 +28,7 @@ BLUR = 1.0
 FLOORS = 2.0, 8.0
 """Noise floors added before the logarithm; the more of them in a faint picture, lest its shadows be noise."""
 _HOT = 2.0
-"""A photosite that has so many times the light of all like it around shows a defect, and no scene."""
+"""Ratio to the light of all like photosites around above which one shows a defect, and no scene."""
 _NARROW = 8.0
 """Standard deviation, px, from twice of which on a blur is made in a reduced picture."""
 _THIRDS = np.full(3, 1 / 3, np.float32)

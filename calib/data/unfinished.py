@@ -1,4 +1,6 @@
-"""What a calibration has found so far, kept beside the session until it is written: a stopped one goes on."""
+"""Intermediate results of a calibration, kept beside the session until it is written, so that a stopped one
+resumes.
+"""
 
 import hashlib
 import io
@@ -44,7 +46,7 @@ class Unfinished:
             self._known |= _read(file) or {}
 
     def large(self, name: str) -> Arrays | None:
-        """Return what was kept of something that takes seconds to find and much room; None: nothing."""
+        """Return a stored result that takes seconds and much room, or None."""
         return None if self._folder is None else _read(self._file(name))
 
     def keep_large(self, name: str, found: Arrays) -> None:
@@ -53,7 +55,7 @@ class Unfinished:
             store.write_bytes(self._file(name), _written(found))
 
     def small(self, name: str) -> npt.NDArray[Any] | None:
-        """Return what was kept of something that is one of many; None: nothing."""
+        """Return a stored result that is one of many, or None."""
         return self._known.get(name)
 
     def keep(self, name: str, found: npt.NDArray[Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a session holds, as calibration sees it: one view per camera and frame, with its bracket."""
+"""Views of a session: one per camera and frame, with its bracket."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,16 +21,16 @@ class View:
     frame: int
     shots: tuple[ShotRecord, ...]
     sensors: tuple[SensorCalibration, ...] = ()
-    """What was measured of the camera's sensor, by which its shots are read."""
+    """Measurements of the camera's sensor, with which its shots are read."""
 
     @property
     def id(self) -> ViewId:
-        """Which view it is."""
+        """Identity of the view."""
         return ViewId(self.frame, self.camera.name)
 
 
 def scene_views(session: Session) -> list[View]:
-    """Every view of the scene, camera by camera; CalibrationError if there is none."""
+    """List every view of the scene, camera by camera; CalibrationError without any."""
     views = views_of(session, "scene")
     if not views:
         raise CalibrationError(
@@ -56,7 +56,7 @@ def views_of(session: Session, kind: Subject) -> list[View]:
 def steady_cameras(views: Sequence[View]) -> set[str]:
     """Cameras whose files state the same exposures of every view, two views or more.
 
-    A camera that exposes by itself, or that says nothing, is none of them.
+    Cameras with auto exposure, or without exposure data, are excluded.
     """
     exposures: dict[str, set[tuple[Exposure | None, ...]]] = {}
     for view in views:

@@ -1,1 +1,1 @@
-"""What a calibration leaves for other programs: files of their formats, pictures, merged brackets."""
+"""Exports of a calibration: files of other programs' formats, pictures, merged brackets."""

@@ -25,9 +25,9 @@ from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import CameraRecord
 
 HALF = 0.5
-"""By which OpenCV's pixel coordinates are less than ours."""
+"""Offset of OpenCV's pixel coordinates from ours."""
 _POINTS = "sparse_pc.ply"
-"""As ns-process-data calls it."""
+"""File name of the points, as ns-process-data has it."""
 _COLOURS = ("red", "green", "blue")
 
 

@@ -1,4 +1,4 @@
-"""Brackets of a session on disk as linear EXR files, one for each camera at each frame.
+"""Merging of a session's brackets into linear EXR files, one for each camera at each frame.
 
     OUT/<frame>/<camera>.exr    R, G, B; sigma.R, sigma.G, sigma.B; mask
     OUT/<frame>/<camera>.<band>.exr    the same, grey, of each band where a filter wheel changes them
@@ -31,12 +31,12 @@ SUMMARY = "merge.json"
 
 
 STOPS_MOST = 60.0
-"""Light is made so many stops brighter or darker at most."""
+"""Largest brightening or darkening of the light, stops."""
 
 
 @dataclass(frozen=True)
 class Merged:
-    """What came of a session's brackets.
+    """Result of merging a session's brackets.
 
     exposure_factor: values in the files are light times this. calibration: that they were merged by; None:
     the session has none, so labels were taken as they are, and photographs as sRGB.
@@ -62,11 +62,11 @@ def merge(
     """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
 
     Exposures, responses, gains and colour are those of the session's calibration, if it has one. space: the
-    primaries of what is written. exposure: stops that values are above the light; None: what shows the median
-    of the session as middle grey, to the nearest stop. Files that are there and were made from the same are
-    kept. InputError when there is no such bracket, a file is missing or damaged, exposures of a bracket
-    are not known, the calibration is damaged or older than the shots, or the colour of a camera is not known
-    and a space other than Rec.709 is asked for.
+    primaries of what is written. exposure: stops that values are above the light; None: as many as show the
+    median of the session as middle grey, to the nearest stop. Existing files with the same inputs are kept.
+    InputError for an unknown bracket, a file is missing or damaged, exposures of a bracket are not known, the
+    calibration is damaged or older than the shots, or the colour of a camera is not known and a space other
+    than Rec.709 is asked for.
     """
     if exposure is not None and not abs(exposure) <= STOPS_MOST:
         raise InputError(f"light cannot be written {exposure} stops brighter: give -60 to 60.")

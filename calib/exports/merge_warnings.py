@@ -1,4 +1,4 @@
-"""What a user should do otherwise next time, as a merged bracket tells."""
+"""Advice from a merged bracket for the next capture."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -36,7 +36,9 @@ def warnings_of(
 
 
 def _mislabelled(frames: Sequence[LinearFrame]) -> float | None:
-    """Largest disagreement of neighbouring exposures with their labels, natural log; None: no overlap."""
+    """Largest disagreement of neighbouring exposures with their labels, natural log, or None without
+    overlap.
+    """
     ordered = sorted(frames, key=lambda frame: frame.k)
     found = []
     for shorter, longer in pairwise(ordered):

@@ -6,8 +6,9 @@ standard error of their response. It is infinite where the light is a bound or i
 1 / sigma^2 weighs it rightly. Where the calibration has a scale of luminance, the header has OpenEXR's
 whiteLuminance, cd/m2 of the value (1, 1, 1).
 
-What a mask hides in one exposure is left out of the merge where another exposure shows the place. What is
-hidden in all of them is merged as if it were not, and flagged: it is light, and nobody can fill a hole again.
+Pixels that a mask excludes in one exposure are left out of the merge where another exposure shows the place.
+Pixels excluded in all of them are merged without the mask, and flagged: the light is kept, since a hole could
+not be filled again.
 """
 
 import hashlib
@@ -36,7 +37,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 VERSION = 6
-"""Of what is written; another number makes every file anew."""
+"""Version of the format; another number makes every file anew."""
 UNIT = (
     "light times rig:exposureFactor; light is signal (1 = white) per second of exposure scale "
     "k = time * ISO/100 / f-number^2"
@@ -48,11 +49,11 @@ PAIR = 0.954
 
 @dataclass(frozen=True)
 class MergedView:
-    """What came of one bracket; shares are of the pixels, in any channel.
+    """Result of one bracket; shares are of the pixels, in any channel.
 
-    clipped, dark, ghost: of the pixels that are not hidden. hidden: behind a mask in every exposure.
-    shift: largest between two exposures, px; None where it cannot be told. kept: a file of an earlier
-    run was right already. warnings: what to do otherwise next time.
+    clipped, dark, ghost: of the pixels that are not hidden. hidden: behind a mask in every exposure. shift:
+    largest between two exposures, px; None if it cannot be measured. kept: a file of an earlier run was up to
+    date. warnings: advice for the next capture.
     """
 
     view: ViewId
@@ -145,7 +146,9 @@ def merge_view(
 def _masked(
     session: Session, shots: Sequence[ShotRecord], frames: Sequence[LinearFrame]
 ) -> tuple[list[LinearFrame], list[LinearFrame], Bool | None]:
-    """The frames as they are merged, as they tell of each other, and where all are hidden (None: nowhere)."""
+    """The frames for merging, for the comparison of exposures, and the mask of pixels excluded in all (None:
+    empty).
+    """
     counts = [mask_of(session, shot, *frames[0].signal.shape[:2]) for shot in shots]
     seen = [without(frame, own) for frame, own in zip(frames, counts, strict=True)]
     masks = [own for own in counts if own is not None]
@@ -160,7 +163,7 @@ def _masked(
 
 
 def assumed_response(kind: str) -> Response:
-    """That of a camera without a calibration."""
+    """Response of a camera without a calibration."""
     if kind == "ldr":
         return Response(kind="srgb", evidence="sRGB assumed: there is no calibration")
     return Response(kind="linear", evidence="taken as linear: there is no calibration")
@@ -169,9 +172,10 @@ def assumed_response(kind: str) -> Response:
 def exposure_scales(
     session: Session, shots: Sequence[ShotRecord], scales: Mapping[str, float] | None
 ) -> list[float]:
-    """Exposure scales of a bracket: of the calibration, else of the labels; 1 where a single shot has none.
+    """Exposure scales of a bracket: of the calibration, else of the labels; 1 where a single shot has
+    none.
 
-    Round numbers of a still camera's shutter count as the powers of two that they stand for.
+    Nominal shutter times of a still camera count as the exact powers of two.
     """
     if scales is not None and all(shot.file in scales for shot in shots):
         return [scales[shot.file] for shot in shots]
@@ -212,7 +216,7 @@ def _key(
 
 
 def _kept(path: Path, key: str) -> tuple[float, float, float, float, float | None, list[str]] | None:
-    """Shares, shift and warnings of a file that was made from the same; None if there is none."""
+    """Shares, shift and warnings of a file with the same inputs, or None."""
     if not path.is_file():
         return None
     try:

@@ -16,7 +16,7 @@ from imaging.session.view_id import ViewId
 
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
-"""As many views tell the light of a session."""
+"""Largest number of views from which the light of a session is measured."""
 GREEN = 1
 
 
@@ -26,12 +26,12 @@ def exposure_factor(
     calibration: CalibrationRecord | None,
     progress: Progress,
 ) -> float:
-    """The factor on light that shows the median of a session as middle grey, to the nearest stop; 1 without
+    """Factor on light that shows the median of a session as middle grey, to the nearest stop; 1 without
     light. A power of two changes no digit of the light, and another calibration rarely changes it.
 
     views: every bracket of the scene, each shot with its exposure scale and response. The middle exposure of
-    some views, evenly chosen, is looked at, or a shorter one where half of it is saturated: gain and
-    vignetting are divided out, green of a mosaic stands for its light, and what is saturated counts as
+    some views, evenly chosen, is read, or a shorter one where half of it is saturated: gain and
+    vignetting are divided out, green of a mosaic is taken for its light, and what is saturated counts as
     brighter than the median. InputError for a missing or damaged file.
     """
     every = list(views)
@@ -69,7 +69,7 @@ def _light(
 
 
 def _grey(frame: LinearFrame, signal: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Return what stands for the luminance of pixels that count."""
+    """Return an estimate of the luminance of pixels that count."""
     if signal.ndim == 3:
         return np.asarray((signal @ LUMINANCE)[frame.valid.all(-1)], np.float32)
     valid = frame.valid

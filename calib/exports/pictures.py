@@ -22,7 +22,7 @@ from imaging.session.session import Session
 
 Picture = npt.NDArray[np.uint8]
 GREY = 0.18
-"""Of white, linear: what the typical feature of a session is exposed to."""
+"""Linear level of a session's typical feature, relative to white."""
 
 
 def exposure(brightness: Mapping[Any, npt.NDArray[np.float64]]) -> float:
@@ -70,13 +70,13 @@ def picture(
 
 @dataclass
 class PointColours:
-    """What the pictures show of the points of a COLMAP model: sums of codes, and how many, by point."""
+    """Colours of the points of a COLMAP model: sums of codes, and their number, by point."""
 
     model: Any
     sums: dict[int, npt.NDArray[np.float64]] = field(default_factory=dict)
 
     def add(self, name: str, shown: Picture) -> None:
-        """Look the model's image of this name up in its picture."""
+        """Add the points' colours in the model's image of this name."""
         height, width = shown.shape[:2]
         image = self.model.find_image_with_name(name)
         for seen in image.points2D if image is not None else ():

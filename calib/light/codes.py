@@ -64,7 +64,7 @@ class Patches:
 def patches(pixels: npt.NDArray[np.floating], counts: npt.NDArray[np.bool_] | None = None) -> Patches:
     """Cut a photograph [H, W, 3], 0..1, into patches of 3x3 pixels, larger ones in larger photographs.
 
-    counts: bool [H, W], which pixels a mask lets through; None: all. Patches, because the noise of single
+    counts: bool [H, W], the mask of pixels that count; None: all. Patches, because the noise of single
     codes would bend the curve.
     """
     if counts is not None:
@@ -110,7 +110,8 @@ def _over_exposures(values: npt.NDArray[np.floating]) -> Array:
 
 
 def pedestal(codes: Array, log_k: Array) -> float:
-    """The code up to which a channel tells no light: the base of a film, a raised black, flare; 0 if none.
+    """Code up to which a channel carries no light: the base of a film, a raised black, flare; 0 without
+    one.
 
     codes, log_k: [N, S] as in `Samples`. Of two exposures of a photosite a stop apart the longer has a code
     that is higher by a fifth or more, whatever the curve; but not on a pedestal.
@@ -132,7 +133,7 @@ def pedestal(codes: Array, log_k: Array) -> float:
 
 
 def _evenly(level: Array, sites: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
-    """As many of `sites` from each of the bins between the lowest and the highest level."""
+    """Draw equally many of `sites` from each of the bins between the lowest and the highest level."""
     if not len(sites):
         return sites
     order = sites[np.argsort(level[sites], kind="stable")]

@@ -1,15 +1,15 @@
-"""Auto exposure and auto white balance: what each photograph was developed with, by points that it shares.
+"""Auto exposure and auto white balance: the development of each photograph, by shared scene points.
 
 A camera that develops its pictures may choose brightness and white balance anew for each. A matte scene
-point has one light, so what the photographs of its track differ by is theirs, of each channel:
-`ln rgb = ln point + ln d_photograph`. Points are eliminated; what is left is a robust least-squares problem
+point has one light, so differences between the photographs of its track are theirs, in each channel:
+`ln rgb = ln point + ln d_photograph`. Points are eliminated; there remains a robust least-squares problem
 with a number for each photograph and channel, after Goldman, "Vignette and exposure calibration and
 compensation" (2010).
 
-The sheen of a lamp moves through the views as well, and on one surface looks just so. It tells itself by two
-things: between views from nearly the same side it does not change, and no two surfaces of a scene have the
-same. So a part is taken only where it does away with most of what regions that it was not fitted to differ
-by, between views of one side where there are enough.
+The sheen of a lamp moves through the views as well, and on one surface looks just so. Two things distinguish
+it: between views from nearly the same side it does not change, and no two surfaces of a scene have the same.
+So a part is taken only where it removes most of the differences of regions that it was not fitted to, between
+views of one side where there are enough.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -36,11 +36,11 @@ _Reading = Callable[[Array], Array]
 
 FEWEST_POINTS = 100
 FEWEST_SIGHTS = 30
-"""Of a photograph, below which it stays as its label has it."""
+"""Fewest observations of a photograph, below which it stays as its label has it."""
 FEWEST_OF_REGION = 5
 """Points of a region in a photograph, whose median counts."""
 FEWEST_MEDIANS = 20
-"""Of regions in photographs, below which they tell nothing."""
+"""Fewest medians of regions in photographs, below which a part is not judged."""
 LEFT_OVER = 0.5
 """Most that a part may leave of the differences between photographs in regions that it was not fitted to. Of
 real cameras that balanced or exposed by themselves 0.15 to 0.47 are left, of sheen and the like
@@ -76,7 +76,7 @@ class PhotographSights:
 
 @dataclass(frozen=True)
 class Development:
-    """What photographs were developed with, relative to their labels and to all of them.
+    """Development of photographs, relative to their labels and to all of them.
 
     exposure: factor on the exposure scale of a view's shots; white_balance: red, green and blue relative to
     green. Views that are not named are as their labels say.
@@ -98,9 +98,10 @@ class Development:
 def sights_of(
     model: SceneModel, colours: Mapping[ViewId, Array], photographs: Collection[str], falloff: Falloff | None
 ) -> tuple[PhotographSights, list[ViewId]]:
-    """Return what the cameras named as `photographs` saw of points that they share, and the views.
+    """Return the light of shared points in the cameras named as `photographs`, and their views.
 
-    colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None: not known yet.
+    colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None if still
+    unknown.
     """
     usable: dict[ViewId, npt.NDArray[np.bool_]] = {}
     for view, colour in colours.items():
@@ -122,10 +123,10 @@ def estimate(
     stated: Stated = NOTHING,
     without: Collection[LightPart] = (),
 ) -> Development:
-    """Exposure and white balance of each photograph, each as far as held-out regions ask for it.
+    """Estimate exposure and white balance of each photograph, each as far as held-out regions ask for it.
 
-    views: in the order of `PhotographSights.view`; stated: what the files say is the same in all photographs
-    of a camera, which stays; without: parts that nobody wants.
+    views: in the order of `PhotographSights.view`; stated: settings that the files state as constant for a
+    camera, which stay; without: parts to leave out.
     """
     sights = _shared(sights)
     points = np.unique(sights.point)
@@ -269,7 +270,7 @@ def _medians(sights: PhotographSights, residual: Array, count: int) -> list[Arra
 
 
 def _shared(sights: PhotographSights) -> PhotographSights:
-    """Of the points those that two photographs see or more."""
+    """The points that two photographs see or more."""
     _, point, seen = np.unique(sights.point, return_inverse=True, return_counts=True)
     return sights.part(seen[point] >= 2)
 

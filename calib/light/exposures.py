@@ -23,7 +23,7 @@ JITTER = 2e-3
 """Scatter of a step's ratio over the frames, beyond noise, from which every shot gets a scale of its own."""
 
 Key = float
-"""What tells the steps of a camera apart: ln of the label, or the step's index where labels lack."""
+"""Key of a camera's steps: ln of the label, or the step's index where labels lack."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class _Steps:
     labels: dict[Key, float]
     sigma: float
     overlaps: dict[tuple[Key, Key], list[tuple[int, Overlap]]]
-    """Of every frame that has both steps."""
+    """Overlaps in every frame that has both steps."""
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ ROUNDS = 30
 SETTLED = 1e-4
 """Change of every number, absolute, at which a fit has come to its end."""
 HALVINGS = 12
-"""Of a step, before it is given up."""
+"""Halvings of a step before it is given up."""
 HUBER = 1.5
 """Residuals beyond this many standard deviations count linearly: gloss, occlusion, wrong matches."""
 DARKEST = 0.05
 """Share of the light of the middle that a lens leaves at least; what is darker is a hood, or no picture."""
 RADII = np.linspace(0.0, 1.0, 41)
-"""Where a falloff has to be above that."""
+"""Radii at which a falloff has to be above that."""
 FROM_SLOPES = np.array([[1.0, -1.0, 1 / 3], [0.0, 1.0, -2 / 3], [0.0, 0.0, 1 / 3]])
 """Coefficients of r^2, r^4, r^6 of a falloff whose slope over r^2 is a parabola with these ends and, between
 them, this control point (Bernstein's form): it falls everywhere where none of the three is positive."""
@@ -51,8 +51,9 @@ class Tracks:
     region: npt.NDArray[np.int64]
 
     def apart(self, groups: Sequence[int]) -> "Tracks":
-        """The same with a point told apart by the group of the cameras, as many as `camera` counts, that see
-        it: those that look through different filters see different light of it."""
+        """Split the points by the group of the cameras, as many as `camera` counts, that see them: those that
+        look through different filters see different light.
+        """
         own = np.array(groups, np.int64)[self.camera]
         return replace(self, point=self.point * (max(groups, default=0) + 1) + own)
 
@@ -70,7 +71,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Terms:
-    """Which terms a fit has: a falloff for each group of cameras, a gain for each camera."""
+    """Terms of a fit: a falloff for each group of cameras, a gain for each camera."""
 
     lenses: tuple[int, ...]
     """Group of each camera; empty: no falloff."""

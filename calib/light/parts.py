@@ -1,4 +1,4 @@
-"""Parts of a calibration that scene points tell of light, each of which can be left out."""
+"""Parts of the light that scene points determine, each of which can be left out."""
 
 from typing import Literal
 

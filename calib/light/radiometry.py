@@ -1,4 +1,4 @@
-"""What is known about exposure and response before any pose is."""
+"""Exposures and responses, which need no pose."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ LINEAR = 0.01
 
 @dataclass(frozen=True)
 class Radiometry:
-    """scale: k of each shot's file, s; responses: by camera name; measured: whether overlaps told any."""
+    """Result. scale: k of each shot's file, s; responses: by camera name; measured: whether from overlaps."""
 
     scale: dict[str, float]
     responses: dict[str, Response]
@@ -68,9 +68,9 @@ def measure_light(session: Session, views: Sequence[View], progress: Progress) -
 
 
 def light_of(record: CalibrationRecord, views: Sequence[View]) -> Radiometry:
-    """Exposures and responses of an earlier calibration, for one that measures other parts again.
+    """Read exposures and responses of an earlier calibration, for one that measures other parts again.
 
-    What each photograph has of its own is left out: poses tell it.
+    The factors of single photographs are left out: they need poses.
     """
     scale, developed = dict(record.exposure_scale), {view.id: view.exposure for view in record.views}
     for view in views:
@@ -154,7 +154,7 @@ def _models(views: Sequence[View]) -> list[list[View]]:
 
 
 def _labels(views: Sequence[View], scale: dict[str, float]) -> dict[str, float]:
-    """Exposure scale of each file by its label, a dial's round numbers taken for what they stand for."""
+    """Exposure scale of each file by its label, a dial's nominal values replaced by exact ones."""
     shots = [shot for view in views for shot in view.shots]
     exact = meant(shot.exposure for shot in shots if shot.exposure is not None)
     return {
@@ -194,7 +194,7 @@ def _developed(
 
 
 def _nearest(scale: float, labels: Sequence[float]) -> float:
-    """The label that a scale stands for, if there is one within a tenth; else itself."""
+    """The exact label of a scale, if there is one within a tenth; else the scale itself."""
     nearest = min(labels, key=lambda label: abs(np.log(label / scale)))
     return nearest if abs(np.log(nearest / scale)) < 0.1 else scale
 

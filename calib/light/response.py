@@ -30,15 +30,16 @@ LADDER: tuple[tuple[Shape, ...], ...] = (
     tuple(Blend(terms) for terms in range(3, 8)),
     tuple(Spline(smoothness) for smoothness in (1e6, 1e5, 1e4, 1e3)),
 )
-"""From the simplest shape to the freest; of each rung the variants, the simplest first."""
+"""Ladder from the simplest shape to the freest; of each rung the variants, the simplest first."""
 NEARLY, HARDLY = 1.04, 0.01
 """A simpler curve is preferred up to this much held-out loss, as a factor, or per sample and stop by which
 exposures are more than one apart: exposures in equal steps say nothing about ripples of that period, so only
 smoothness keeps them out, and no held-out sample would notice them; and the wider the steps, the less a
 ripple has to bend. At four stops the second is a third of the standard deviation of the noise."""
 ODD = 5.0
-"""Groups with so many times the median loss under the freest curve are left out of all judgements: something
-moved there, or alignment left a border."""
+"""Ratio to the median loss under the freest curve above which groups are left out of all judgements:
+something moved there, or alignment left a border.
+"""
 DISTRUSTED = 0.1
 """Trust below which a label counts as wrong: it is off by 15 % or more."""
 FOLDS = 3
@@ -169,7 +170,9 @@ def _clearly_worse(simple: Judged, freer: Judged, hardly: float) -> bool:
 
 
 def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
-    """Whether a freer shape is worth it, paired over the held-out groups; `simple`: the best of its rung."""
+    """Return whether a freer shape is worth it, paired over the held-out groups; `simple`: the best of its
+    rung.
+    """
     gain = simple.loss - freer.loss
     gain = gain[np.isfinite(gain)]
     value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
@@ -185,10 +188,10 @@ def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
 
 
 def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[bool, Rung]:
-    """Return whether the exposures are other than their labels say; with two there is no telling.
+    """Return whether the exposures differ from their labels; with two that is undecidable.
 
     held: with the exposures of the labels; best: with others, but for rough samples: an exposure that stands
-    in one view alone is not told from what that view sees differently.
+    in one view alone is indistinguishable from a change of that view.
     """
     if steps < 3 or rough:
         reason = "two exposures tell no ratio beside the curve: the labels are taken as they are"
@@ -211,7 +214,9 @@ def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[boo
 
 
 def _contradiction(labels: Array, shift: Array) -> str:
-    """Return which labels are far off; or, where fewer than three agree, that there is no telling which."""
+    """Return the labels that are far off; or, where fewer than three agree, that they cannot be
+    identified.
+    """
     wrong = label_trust(labels, shift) < DISTRUSTED
     if not wrong.any():
         return ""
@@ -252,7 +257,9 @@ def _exported(
 def held_out(
     channels: Sequence[Channel], noise: Sequence[CodeNoise], shape: Shape, *, labels_hold: bool = False
 ) -> Judged:
-    """How well a shape, fitted to some parts of the views, brings the exposures of the others into accord."""
+    """Held-out loss of a shape: fitted to some parts of the views, it is applied to the exposures of the
+    others.
+    """
     groups = int(max(channel.group.max() for channel in channels)) + 1
     folds = np.arange(groups) % FOLDS
     losses, counts, medians, rises = np.zeros(groups), np.zeros(groups), [], True
@@ -275,7 +282,7 @@ def held_out(
 
 
 def _disagreement(channel: Channel, model: CurveModel) -> float:
-    """Median difference, natural log, of the light that neighbouring exposures of a photosite tell."""
+    """Median difference, natural log, of a photosite's light between neighbouring exposures."""
     light = model.light(channel)
     first, second = neighbours(channel)
     return float(np.median(np.abs(light[first] - light[second])))

@@ -1,4 +1,4 @@
-"""How well a response curve is known: its standard error at every code, from resampled parts of the views."""
+"""Standard error of a response curve at every code, from resampled parts of the views."""
 
 from collections.abc import Sequence
 
@@ -64,7 +64,7 @@ def standard_errors(
 def _exponent_error(labels: Array, shift: Array, trust: Array) -> float:
     """Standard error, relative, of the exponent that scattered labels leave to the curve.
 
-    It is the slope of a line through the shifts, whose scatter tells how far labels are off.
+    It is the slope of a line through the shifts, whose scatter measures the errors of labels.
     """
     centred = labels - (trust * labels).sum() / trust.sum()
     scatter = (trust * shift**2).sum() / max(trust.sum() - 2.0, 1.0)

@@ -47,7 +47,7 @@ class Channel:
 
     @cached_property
     def place(self) -> Index:
-        """Of each sample's code on the grid."""
+        """Place of each sample's code on the grid."""
         return at(self.code)
 
     @cached_property
@@ -57,7 +57,7 @@ class Channel:
 
     @cached_property
     def begins(self) -> npt.NDArray[np.int32]:
-        """Of each photosite, where its samples begin; and where the last ones end."""
+        """Index of each photosite's first sample, and the end of the last one's."""
         return np.searchsorted(self.site, np.arange(len(self.group) + 1)).astype(np.int32)
 
     def only(self, keep: npt.NDArray[np.bool_]) -> "Channel":

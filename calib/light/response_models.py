@@ -1,11 +1,11 @@
-"""The shapes that a response curve may take, from none to free: each tells ln(light) of a code.
+"""Shapes of a response curve, from none to free: each maps a code to ln(light).
 
 A value for every code (Debevec and Malik, SIGGRAPH 97) is not among them: where exposures are in equal steps
 its ripples of that period change no held-out sample, and cost 3 to 10 % of error.
 
 All of them meet sRGB at one code, so that grey stays grey and the curves of a camera's channels share one
-scale. What they are asked for is the curve and its derivatives on one grid of codes, from which everything
-else is looked up.
+scale. Each gives the curve and its derivatives on one grid of codes, from which all other values are
+interpolated.
 """
 
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ _ABOVE = 256.0 / 255.0
 
 GRID: Array = np.arange(0.0, 255.0 + 0.5 / PER_CODE, 1.0 / PER_CODE)
 _CODES = np.maximum(GRID, 0.25)
-"""Those of the grid, without the zero that has no logarithm."""
+"""Codes of the grid, without the zero that has no logarithm."""
 _CENTRE = MIDDLE * PER_CODE
 
 
@@ -50,7 +50,7 @@ class Shape(Protocol):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Display name."""
         ...
 
     @property
@@ -89,7 +89,7 @@ class Known:
         return np.zeros((0, 0))
 
     def curve(self, theta: Array) -> Array:
-        """That of sRGB."""
+        """Curve of sRGB."""
         return SRGB
 
     def slopes(self, theta: Array) -> Array:
@@ -139,7 +139,7 @@ class Blend:
 
     @property
     def name(self) -> str:
-        """With the number of its terms."""
+        """Name with the number of its terms."""
         return f"blend of {self.terms} terms"
 
     @property

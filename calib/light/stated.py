@@ -1,4 +1,4 @@
-"""What the files of photographs say their camera did not change from one to the next."""
+"""Settings that a camera kept from one photograph to the next, by their files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
 """Code values of the same scene points in views of different exposure: a response without any bracket.
 
 Auto-exposed photographs, or one exposure a view, show no photosite twice; but a matte point has the same
-radiance from everywhere, so what features match tells the curve as a bracket does, with more noise.
+radiance from everywhere, so matched features determine the curve as a bracket does, with more noise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from imaging.session.calibration import Response
 from imaging.session.session import Session
 
 LEAST_SPAN = 2 * float(np.log(2.0))
-"""Of ln k, that labels have to span: over less, gloss and falloff bend the light more than a curve does."""
+"""Least span of ln k over the labels: over less, gloss and falloff bend the light more than a curve does."""
 WIDEST = 640
 """px; wider photographs are reduced to it before features are found, of which a few thousand suffice."""
 PATCH = 5
@@ -34,7 +34,7 @@ PATCH = 5
 MOST_PAIRS = 1500
 """Pairs of views that are matched; of more, those nearest in order, which are mostly neighbours."""
 CELLS = 4
-"""Features are held out by the cells of so many rows and columns of the view that saw them first."""
+"""Rows and columns of cells, of the view that saw them first, by which features are held out."""
 GUESS = Response(kind="srgb", evidence="to find features by")
 
 Array = npt.NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""How bright each scene point is in each view that sees it."""
+"""Brightness of each scene point in each view that sees it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear Rec.709."""
+"""Luminance weights of linear Rec.709."""
 LEAST_SNR = 10.0
 WINDOW = 5
 """px of a picture, over which light is averaged; wider ones are reduced until it suffices."""
@@ -137,7 +137,7 @@ def _sites(
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Where views saw scene points; rows are observations, in order of points and views.
+    """Observations of scene points; rows are observations, in order of points and views.
 
     point: int [N], which scene point; view: int [N], of `views`; feature: int [N], of that view; radius:
     float64 [N], 1 at the corner of the image; direction: float64 [N, 3], unit, from the point to the camera;
@@ -153,7 +153,9 @@ class Sightings:
     region: npt.NDArray[np.int64]
 
     def values(self, of_features: Mapping[ViewId, Array]) -> Array:
-        """What views hold of each of their features, [K] or [K, C], at those that were seen: [N, ...]."""
+        """Gather the values that views hold of each of their features, [K] or [K, C], at the observed ones:
+        [N, ...].
+        """
         seen = self.views[self.view[0]] if len(self.view) else next(iter(of_features))
         found = np.empty((len(self.point), *of_features[seen].shape[1:]))
         for number, view in enumerate(self.views):
@@ -164,7 +166,9 @@ class Sightings:
 
 
 def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]]) -> Sightings:
-    """Of all scene points that two views or more see; usable: bool [K], which features of a view count."""
+    """Collect the observations of all scene points that two views or more see; usable: bool [K], which
+    features of a view count.
+    """
     images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
     views = sorted(ViewId.of_image(image.name) for image in images.values())
     number = {index: views.index(ViewId.of_image(image.name)) for index, image in images.items()}

@@ -1,4 +1,4 @@
-"""Which views look at a scene point from nearly the same side."""
+"""Grouping of the views that look at a scene point from nearly the same side."""
 
 import numpy as np
 import numpy.typing as npt

@@ -1,4 +1,4 @@
-"""Which of falloff towards the corners and unequal sensitivities of the cameras held-out regions ask for."""
+"""Falloff towards the corners and sensitivities of the cameras, as held-out regions ask for them."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ LENSES = (0.25, 3.0)
 """Falloffs of real lenses in natural log of light at the corner, as multiples of that law's: telecentric
 lenses have less, open apertures more."""
 NOTICED = 0.005
-"""Less than this, natural log of light between cameras, is left out: nobody misses it."""
+"""Smallest effect, natural log of light between cameras, that is corrected."""
 LEAST_FALLOFF = 0.02
 """And a falloff that takes less than this anywhere. One wrongly taken puts as much into every picture."""
 NOTICED_IN_SHEEN = 0.02
@@ -42,7 +42,7 @@ TOO_DARK = (
 
 @dataclass(frozen=True)
 class Falloff:
-    """What was found, by camera name."""
+    """Falloff, by camera name."""
 
     vignetting: dict[str, Coefficients]
     gain: dict[str, float]
@@ -58,13 +58,13 @@ def estimate(
     uncorrected: Mapping[str, float] | None = None,
     without: Collection[LightPart] = (),
 ) -> Falloff:
-    """Falloff and gains that tracks of held-out regions ask for, and nothing else.
+    """Estimate the falloff and gains that tracks of held-out regions ask for, and nothing else.
 
-    cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
-    model share a falloff unless their own predict held-out tracks better. Of falloff and gains the one that
-    tells more is tried first, so that it does not pass for the other. comparable: whether the cameras see the
-    same light; if not, they get no gains. uncorrected: of each camera whose files are RAW, natural log of
-    light at the corner by the cosine's fourth power, at most 0. without: parts that nobody wants.
+    cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one model
+    share a falloff unless their own predict held-out tracks better. Of falloff and gains the one with the
+    larger effect is tried first, so that it is not mistaken for the other. comparable: whether the cameras
+    see the same light; if not, they get no gains. uncorrected: of each camera whose files are RAW, natural
+    log of light at the corner by the cosine's fourth power, at most 0. without: parts to leave out.
     """
     count = len(cameras)
     none = Terms((), gains=False)
@@ -170,11 +170,12 @@ def _size(name: str, fit: Fit) -> str:
 
 
 def _shines(tracks: Tracks, terms: Terms, cameras: int) -> tuple[Rung, Tracks] | None:
-    """Whether points look different from different sides, and each side of a point as a track of its own.
+    """Test whether points look different from different sides, and return each side of a point as a track of
+    its own.
 
-    A sheen that faces the cameras is brightest in the middle of every view, as if lenses fell off. Views
-    that look from nearly the same side see alike sheen: what they tell of the lens is told by both, or the
-    others tell of the surface. None where too few points are seen twice from one side.
+    A sheen that faces the cameras is brightest in the middle of every view, as if lenses fell off. Views that
+    look from nearly the same side see alike sheen: the lens shows in both, or the others show the surface.
+    None where too few points are seen twice from one side.
     """
     sides = by_side(tracks.point, tracks.direction)
     twice = np.bincount(sides)[sides] >= 2
@@ -210,7 +211,7 @@ def _row(values: Array) -> Coefficients:
 
 
 def _gain(tracks: Tracks, low: Terms, high: Terms, cameras: int) -> tuple[float, float]:
-    """By how much `high` predicts held-out regions better than `low`, and the standard error of that."""
+    """Gain of `high` over `low` in predicting held-out regions, and its standard error."""
     fold = np.unique(tracks.region, return_inverse=True)[1] % FOLDS
     differences = []
     for held in range(FOLDS):
@@ -233,6 +234,6 @@ def _by_region(tracks: Tracks, values: Array) -> Array:
 
 
 def _mean_and_error(differences: Sequence[Array]) -> tuple[float, float]:
-    """Over all regions."""
+    """Mean and standard error over all regions."""
     gains = np.concatenate(differences)
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))

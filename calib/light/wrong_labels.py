@@ -19,10 +19,10 @@ FEWEST = 60
 
 
 def departures(samples: Samples, response: Response, shift: dict[float, float]) -> Array:
-    """ln of the exposure over what label and shift say, [S], of each photograph of one view.
+    """Natural log of the exposure over label and shift, [S], of each photograph of one view.
 
-    Most of a view's photographs are taken to be right. NaN where nothing can be told: of two photographs
-    that contradict each other, and of those that share too few codes with the others.
+    Most of a view's photographs are taken to be right. NaN if undecidable: of two photographs that contradict
+    each other, and of those that share too few codes with the others.
     """
     found = np.full(samples.codes.shape[1], np.nan)
     if not len(samples.codes):

@@ -21,7 +21,7 @@ from imaging.session.view_id import ViewId
 Array = npt.NDArray[np.float64]
 
 LUMINANCE = XYZ_FROM_REC709[1]
-"""Of linear Rec.709 (ITU-R BT.709)."""
+"""Luminance weights of linear Rec.709 (ITU-R BT.709)."""
 FEWEST = 9
 """Pixels of each colour in a quarter of an area."""
 MOST_LOST = 0.01
@@ -30,7 +30,7 @@ LEAST_SNR = 10.0
 MOST_UNEVEN = 0.2
 """Relative standard error of the mean of an area whose parts differ."""
 EXPOSURE_ERROR = 0.04
-"""Relative, of labels: what shutters are off by where overlapping exposures tell nothing."""
+"""Relative error of labels: that of shutters, where overlapping exposures give no measurement."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ AIM = 0.01
 """Relative, of every reading: the meter and the marked area see not quite the same place from the same
 side."""
 FALLOFF_UNKNOWN = 0.3
-"""Relative, at the corner: what a lens may take there that nobody measured."""
+"""Relative error at the corner of a lens whose falloff is unknown."""
 GAIN_UNKNOWN = 0.05
 """Relative: cameras of one model that nothing has compared."""
 
@@ -34,10 +34,10 @@ def scaled(
     readings: Sequence[LuminanceReading] | None,
     earlier: LuminanceScale | None,
 ) -> CalibrationRecord:
-    """The record with the scale of its light, and the rung that says how it was found.
+    """Add the scale of its light to the record, and the rung on its source.
 
-    readings: None: those of `earlier`, a calibration of the session before; none: the scale is forgotten.
-    Where it cannot be had the record has none, and the rung says why.
+    readings: None: those of `earlier`, a calibration of the session before; empty: the scale is dropped.
+    Where it cannot be measured the record has no scale, and the rung gives the reason.
     """
     rungs = tuple(rung for rung in record.rungs if rung.name != RUNG)
     bare = record.model_copy(update={"luminance": None, "rungs": rungs})

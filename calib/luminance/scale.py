@@ -81,5 +81,5 @@ def _contradiction(
 
 
 def _percent(share: float) -> str:
-    """With two digits, and never as a power of ten."""
+    """Format with two digits, and never as a power of ten."""
     return f"{float(f'{100 * share:.2g}'):g} %"

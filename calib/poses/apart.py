@@ -96,7 +96,9 @@ def unjoined(names: Collection[str], why: str) -> Rung:
 
 
 def _tied(model: Any, other: Any, rigs: Sequence[Sequence[str]]) -> tuple[str, str, Tie, int]:
-    """The cameras, one of each model, that share most frames, how they are tied, and how many frames tell."""
+    """The cameras, one of each model, that share most frames, their mounting, and the number of those
+    frames.
+    """
     here, there = _poses(model), _poses(other)
     shared = {
         (one, name): sorted(here[one].keys() & there[name].keys())

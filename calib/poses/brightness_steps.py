@@ -20,7 +20,7 @@ OTHERWISE_LIT = 0.03, 0.1
 """Median difference of natural log brightness between the two views of a pair beyond which they do not show
 the same surface, at least and at most. Of neighbours that do, it is below 0.03 in RAW brackets."""
 UNEVEN = 0.1, 0.3
-"""The same of the median absolute difference, which tells two sides apart that are as bright on the whole."""
+"""The same of the median absolute difference, which distinguishes sides of equal overall brightness."""
 BESIDE = 30.0
 """Degrees between views that see the same side."""
 NEARBY, FEWEST_APART = 16.0, 3
@@ -64,7 +64,7 @@ def otherwise_lit(pairs: Pairs, brightness: Mapping[ViewId, Array]) -> set[tuple
 def lit_apart(
     poses: Mapping[ViewId, Array], pairs: Pairs, brightness: Mapping[ViewId, Array], steady: Collection[str]
 ) -> bool:
-    """Tell if views that stand beside each other by their poses are not as bright.
+    """Return whether views that stand beside each other by their poses differ in brightness.
 
     Args:
         poses: cam_from_world [4, 4] of the registered views.
@@ -80,7 +80,8 @@ def lit_apart(
 def warning(
     poses: Mapping[ViewId, Array], pairs: Pairs, brightness: Mapping[ViewId, Array], exact: Collection[str]
 ) -> str | None:
-    """What to tell of views that look from nearly the same side and are not as bright; None where they are.
+    """Warning about views that look from nearly the same side and differ in brightness; None if they
+    agree.
 
     poses: cam_from_world [4, 4] of the views that are placed. exact: cameras whose brightness is known so
     well that it differs only where things do.

@@ -1,4 +1,4 @@
-"""Whether enough views and points confirm poses that no pair of views contradicts.
+"""Confirmation by enough views and points of poses that no pair of views contradicts.
 
 Any two views fit together, and a few of many that match do by chance where parts of a scene look alike. Nor
 does a pair contradict poses that put all views on a line, before rows of windows: then every match along a
@@ -21,7 +21,7 @@ the walk be straight ahead; of ten views on a line that was none it is 0.13."""
 
 
 def unconfirmed(placed: Collection[ViewId], pairs: Pairs, threefold: float) -> str | None:
-    """Return what to tell of poses that too few other views or points confirm; None where enough do.
+    """Return a warning about poses that too few other views or points confirm, or None.
 
     placed: the views that have a pose. pairs: of all views that match. threefold: see `seen_by_three`.
     """

@@ -21,7 +21,7 @@ FEWEST_AGAINST = 30
 SUPPORTED = 0.5
 """Share of a pair's matches that fit the model, below which the pair contradicts it."""
 STRONG = 0.5
-"""A pair is strong that has so many times the matches of the best that holds a view in its place."""
+"""Ratio of its matches to those of the best pair that supports a view's pose above which a pair is strong."""
 
 
 def contradicting(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[ViewId, ViewId], int]:
@@ -77,7 +77,7 @@ def _best(pairs: Pairs, placed: Collection[ViewId]) -> dict[ViewId, int]:
 
 
 def strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[ViewId, ViewId], int]) -> bool:
-    """Tell if a pair contradicts the poses that has as many matches as those that hold its views there."""
+    """Return whether a pair contradicts the poses with as many matches as those that support its views."""
     holding = {pair: own for pair, own in pairs.items() if pair not in against}
     best = _best(holding, placed_views(reconstruction))
     return any(

@@ -39,7 +39,7 @@ NO_START = (
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What poses are found from, but for the lenses, which may be begun with twice."""
+    """Inputs of the poses, except for the lenses, of which two initial guesses may be tried."""
 
     features: Mapping[ViewId, Features]
     rigs: Sequence[Sequence[str]]
@@ -59,9 +59,10 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class FirstModels:
-    """The model of most views, and those of cameras that no match joins to it though their rig may.
+    """Model of most views, and those of cameras that no match joins to it though their rig may.
 
-    held: cameras whose lenses the files tell. unplaced: why other cameras that are apart have no model.
+    held: cameras whose lenses are from the files. unplaced: reasons why other cameras that are apart have no
+    model.
     """
 
     main: ResolvedModel
@@ -102,7 +103,7 @@ def first_models(
 
 @dataclass(frozen=True, eq=False)
 class _Placing:
-    """What views are placed from once they are matched."""
+    """Inputs of the placing of views after matching."""
 
     scene: Scene
     database: Any
@@ -111,7 +112,7 @@ class _Placing:
     max_error: float
 
     def placed(self, names: frozenset[str]) -> tuple[ResolvedModel, frozenset[str], frozenset[str]]:
-        """The model of most views of these cameras, those whose lenses the files tell, and those apart."""
+        """Model of most views of these cameras, those with lenses from the files, and those apart."""
         scene, database, models, max_error = self.scene, self.database, self.models, self.max_error
         held: frozenset[str] = frozenset()
         pairs, views = self._of(names)
@@ -157,8 +158,7 @@ class _Placing:
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
 
     def _without_twins(self, settled: ResolvedModel, pairs: Pairs) -> ResolvedModel:
-        """The model without views that stand at a look-alike of their place, as the mounting of the cameras
-        tells."""
+        """The model without views at a look-alike of their place, as the mounting of the cameras shows."""
         rigs = self.scene.rigs
         if not any(len(rig) > 1 for rig in rigs) or self.scene.keep_doubtful:
             return settled

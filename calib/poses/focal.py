@@ -1,4 +1,4 @@
-"""What is made of a focal length that the scene tells, and of one that it does not."""
+"""Decision on a focal length: from the scene, or from elsewhere where the scene does not determine it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ from imaging.session.records import Rung
 
 
 def focal_priors(told: Mapping[int, FocalLength]) -> dict[int, FocalPrior]:
-    """Return what files tell, as a term of the adjustment, by COLMAP's number of a camera."""
+    """Return the files' focal lengths as a term of the adjustment, by COLMAP's number of a camera."""
     return {number: FocalPrior(one.px, one.spread * one.px) for number, one in told.items()}
 
 
@@ -26,7 +26,7 @@ def settle_focal(
     names: Mapping[int, str],
     told: Mapping[str, FocalLength],
 ) -> tuple[Free, tuple[Rung, ...]]:
-    """Hold the focal lengths that the scene does not tell, and adjust the rest of the model to them.
+    """Hold the focal lengths that the scene does not determine, and adjust the rest of the model to them.
 
     Args:
         reconstruction: the pycolmap model, adjusted, which is changed where a focal length is held.

@@ -1,11 +1,11 @@
-"""How two cameras that see nothing in common are mounted to each other, from how both of them move.
+"""Hand-eye calibration of cameras with non-overlapping views.
 
-On a rigid rig the motion of one camera between two frames tells that of the other: R_b X = X R_a of turns,
-and (R_b - 1) x + s t_b = X t_a of shifts, X and x being the place of the one in the other and s the ratio of
-the units of their scenes (hand-eye calibration: Tsai and Lenz, 1989; of structure from motion, whose scale is
-unknown: Andreff, Horaud and Espiau, "Robot Hand-Eye Calibration Using Structure-from-Motion", 2001; of the
-cameras of a rig: Esquivel, Woelk and Koch, "Calibration of a Multi-Camera Rig from Non-overlapping Views",
-2007).
+On a rigid rig the motion of one camera between two frames determines that of the other: R_b X = X R_a of
+turns, and (R_b - 1) x + s t_b = X t_a of shifts, X and x being the place of the one in the other and s the
+ratio of the units of their scenes (hand-eye calibration: Tsai and Lenz, 1989; of structure from motion, whose
+scale is unknown: Andreff, Horaud and Espiau, "Robot Hand-Eye Calibration Using Structure-from-Motion", 2001;
+of the cameras of a rig: Esquivel, Woelk and Koch, "Calibration of a Multi-Camera Rig from Non-overlapping
+Views", 2007).
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,11 @@ from imaging.errors import CalibrationError
 Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 5
-"""In which both cameras are placed. Three determine all; the others tell how well."""
+"""Fewest frames in which both cameras are placed. Three determine the mount; the others its error. Three
+determine all; the others tell how well.
+"""
 LEAST_TURN = 2.0
-"""Degrees, root mean square of the turns about an axis, below which they are none."""
+"""Smallest rotation about an axis, degrees rms, that counts."""
 LEAST_MOVE = 0.02
 """Root mean square by which a camera has to leave the places that a turn about one point explains, as a share
 of the distance of what it sees."""
@@ -144,7 +146,7 @@ def _start(a: Array, b: Array) -> tuple[Array, Array, float]:
 
 
 def _misses(parameters: Array, start: tuple[Array, Array, float], a: Array, b: Array, weight: float) -> Array:
-    """Of each frame the turn, rad, and the weighted shift by which b is not where a says, [6 N]."""
+    """Residuals of each frame: rotation, rad, and weighted shift of b against its place by a, [6 N]."""
     b_from_a, a_from_b, scale = _moved(parameters, start)
     left = b_from_a @ a @ a_from_b @ np.linalg.inv(_scaled(b, scale))
     turn = Rotation.from_matrix(left[:, :3, :3]).as_rotvec()

@@ -1,4 +1,4 @@
-"""What is known of lenses and of the rig before the scene is looked at, put into a model of the scene."""
+"""Known lenses and rig poses, put into a model of the scene."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -48,7 +48,8 @@ def camera_of(lens: Lens) -> Any:
 
 
 def to_metres(reconstruction: Any, known: KnownRig, rig: Sequence[str]) -> float | None:
-    """Scale a model by the distances between the cameras of a rig; returns the factor, None if there is none.
+    """Scale a model by the distances between the cameras of a rig; returns the factor, or None without
+    any.
 
     By the median over all pairs of cameras of all frames: each is a distance that was measured.
     """

@@ -1,4 +1,4 @@
-"""That rows of an image are exposed one after another is not modelled, but told where it may matter.
+"""Rolling shutter, which is not modelled: the doubt that is raised where it may matter.
 
 Residuals hardly show it: poses and lens bend until the points fit (`bench/calibration/rolling_shutter.py`).
 """
@@ -10,7 +10,7 @@ from statistics import median
 from imaging.session.records import Rung, ShotRecord
 
 FREQUENT = 0.5
-"""Seconds from frame to frame, below which nobody stands still in between."""
+"""Interval between frames, seconds, below which the rig cannot have stood still in between."""
 FEWEST_STEPS = 5
 _ROWS = (
     "all rows of an image count as exposed at the same time, which they are where the camera stands still or "
@@ -19,7 +19,7 @@ _ROWS = (
 
 
 def rungs(shots: Iterable[ShotRecord]) -> tuple[Rung, ...]:
-    """That rows count as exposed at once; and a doubt, where shots of a scene follow each other quickly."""
+    """Rungs that state the global shutter, and a doubt, where shots of a scene follow each other quickly."""
     begun: dict[str, dict[int, float]] = {}
     for shot in shots:
         if shot.kind == "scene" and shot.captured_at is not None:
@@ -41,7 +41,7 @@ def rungs(shots: Iterable[ShotRecord]) -> tuple[Rung, ...]:
 
 
 def _pause(moments: Iterable[float]) -> float:
-    """Seconds from one to the next, in the median; inf where too few tell, or clocks of whole seconds do."""
+    """Median interval, seconds; inf with too few times, or with clocks of whole seconds."""
     ordered = sorted(moments)
     steps = [after - before for before, after in pairwise(ordered)]
     usual = median(steps) if len(steps) >= FEWEST_STEPS else 0.0

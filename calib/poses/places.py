@@ -18,9 +18,9 @@ FEWEST = 6
 AGREE = 4.0
 """Standard deviations by which a place may miss."""
 WIDE = 3.0
-"""The same, by which the places have to spread in two directions: else they tell no turn."""
+"""Least spread of the places in two directions for their rotation to count."""
 _TILT, _HEADING = np.radians(10.0), np.radians(60.0)
-"""By which attitudes may miss in the median; beyond, they are not what they are taken for."""
+"""Largest median residuals of attitudes; beyond, they are rejected."""
 
 
 def align_to_places(

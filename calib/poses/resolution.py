@@ -91,7 +91,7 @@ class ResolvedModel:
 
     @property
     def cameras(self) -> set[str]:
-        """Those with a registered view."""
+        """Cameras with a registered view."""
         return {view.camera for view in placed_views(self.reconstruction)}
 
 
@@ -168,15 +168,16 @@ class _Choice:
         return Rung(name=CHECK, taken=taken, reason=self.reason)
 
     def _folded(self) -> bool:
-        """Tell if light may say that the model is folded: it is exact, or views beside each other are not as
-        bright."""
+        """Return whether the light shows the model to be folded: it is exact, or neighbouring views differ in
+        brightness.
+        """
         if self.matches.exact:
             return True
         poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
         return lit_apart(poses, self.matches.pairs, self.matches.brightness, self.matches.steady)
 
     def _differs_beside(self) -> bool:
-        """Tell if views that the first model has look from the same side are not as bright."""
+        """Return whether views that look from the same side in the first model differ in brightness."""
         poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
         matches = self.matches
         return warning(poses, matches.pairs, matches.brightness, matches.steady) is not None

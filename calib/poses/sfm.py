@@ -31,7 +31,9 @@ from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
 MAX_ERROR = 4.0
-"""Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
+"""Largest error of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half
+of it.
+"""
 ALIGNED = 0.4
 """Patches err by less than features, of whose error this is a part."""
 _LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fisheye")
@@ -40,7 +42,7 @@ _LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fishey
 
 @dataclass(frozen=True, eq=False)
 class SceneModel:
-    """What structure from motion found; lenses and errors in pixels of the pictures.
+    """Result of structure from motion; lenses and errors in pixels of the pictures.
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
@@ -65,14 +67,14 @@ class SceneModel:
 
     @property
     def untold(self) -> frozenset[str]:
-        """Cameras whose focal length the scene does not tell, so that it was held."""
+        """Cameras whose focal length the scene does not determine, so that it was held."""
         held = set() if self.free is None else {key for key, one in self.free.focal.items() if one.held}
         images = self.reconstruction.images.values()
         return frozenset(ViewId.of_image(one.name).camera for one in images if one.camera_id in held)
 
     @property
     def rigged(self) -> bool:
-        """Whether cameras are tied to each other."""
+        """True if cameras are tied to each other."""
         return any(rung.name == "rig_constraint" and rung.taken for rung in self.rungs)
 
 
@@ -99,14 +101,14 @@ def solve(
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size. rigs:
     names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes from a
-    file's focal length rather than from nothing. focal: what files tell of it, at picture size, which counts
-    in the adjustment as far as the scene does not tell better. known: what a board gave, which stays, lenses
-    at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
-    nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
-    than those of features. exact: cameras whose brightness differs only where things do. steady: those whose
-    exposure stays the same, beside them. kept: matches of an earlier run. keep_doubtful: keep views that
-    others contradict, with a warning. stated: where views were taken, as their files say; the model comes to
-    lie there, in metres, where they agree with each other.
+    file's focal length rather than from nothing. focal: prior from the files, at picture size, of the weight
+    that its spread has against the scene. known: lenses at picture size and rig poses from a board, which
+    stay; the model is in metres where that placed two cameras of a rig. blank: reasons why views show
+    nothing. pictures: of views with little noise, as grey PNGs, for places more exact than those of features.
+    exact: cameras whose brightness differs only where things do. steady: those whose exposure stays the same,
+    beside them. kept: matches of an earlier run. keep_doubtful: keep views that others contradict, with a
+    warning. stated: where views were taken, as their files say; the model comes to lie there, in metres,
+    where they agree with each other.
     """
     require_features(features, blank or {})
     scene = Scene(
@@ -180,11 +182,11 @@ class _Adjusted:
 
     @property
     def is_fisheye(self) -> bool:
-        """Whether the lenses were found to be fisheyes of two terms."""
+        """True if the lenses are fisheyes of two terms."""
         return self.free.model == "RADIAL_FISHEYE"
 
     def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
-        """Its lenses, with the principal points of the first guesses."""
+        """Lenses with the principal points of the first guesses."""
         lenses = _model(self.reconstruction, (), None, metric=False).lenses
         return {
             name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})

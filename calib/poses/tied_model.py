@@ -13,7 +13,7 @@ from imaging.progress import Progress
 from imaging.session.records import Rung
 
 ROUNDS = 4
-"""Of adjusting and cutting outliers."""
+"""Rounds of adjusting and cutting outliers."""
 LOOSE = 1.5
 """Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
 

@@ -1,1 +1,1 @@
-"""What a sensor is, measured from darks and flats after EMVA 1288, or from the brackets of a scene."""
+"""Sensor measurements from darks and flats after EMVA 1288, or from the brackets of a scene."""

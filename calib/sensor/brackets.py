@@ -30,7 +30,7 @@ LOW = 0.25
 OUTLIERS = 6.0
 """Standard deviations beyond which a photosite shows something that moved."""
 USEFUL = 0.1
-"""Relative error above which a gain is not told; of read noise twice that."""
+"""Largest useful relative error of a gain; of read noise twice that."""
 GAIN_SYSTEMATIC, READ_SYSTEMATIC, BLACK_SYSTEMATIC = 0.005, 0.03, 0.01
 """Errors beyond chance, relative, relative and DN: levels are not of one light within a bin; the fixed
 pattern of the dark does not cancel, so that a read noise by brackets holds it; rounding."""
@@ -65,9 +65,10 @@ def compare(
     counts: npt.NDArray[np.bool_] | None = None,
     tile: Period = EVEN,
 ) -> ExposurePair | None:
-    """Two exposures, DN [H, W], by the levels `black` [sites] and `white`; None where they share too little.
+    """Two exposures, DN [H, W], by the levels `black` [sites] and `white`; None where they share too
+    little.
 
-    counts: bool [H, W], what the masks of both let through; None: all. tile: rows and columns of the CFA.
+    counts: bool [H, W], pixels that count in the masks of both; None: all. tile: rows and columns of the CFA.
     """
     off = black[:, None, None]
     long, short = (sites(frame, tile).astype(np.float64) - off for frame in (longer, shorter))
@@ -147,7 +148,9 @@ def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Blind:
-    """What pairs of exposures told; None: not determined. black: [sites] correction to the black assumed."""
+    """Sensor parameters from pairs of exposures; None: not determined. black: [sites] correction to the black
+    assumed.
+    """
 
     transfer: Transfer | None
     black: Array
@@ -155,7 +158,7 @@ class Blind:
     plateau: Ceiling | None
     levels: tuple[LevelPairs, ...]
     reason: str
-    """Why there is no gain, if there is none."""
+    """Reason why the gain is missing, or empty."""
 
 
 def pooled(pairs: Sequence[ExposurePair], white: float) -> Blind:

@@ -1,4 +1,4 @@
-"""Where photosites really saturate: nominal white levels are 10 to 15 % off on some makes."""
+"""Saturation level of photosites: nominal white levels are 10 to 15 % off on some makes."""
 
 from dataclasses import dataclass
 

@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 PATTERN = 1.0
-"""What is known of the fixed pattern beforehand, natural log: a quarter of the scatter, give or take this."""
+"""Prior of the fixed pattern, natural log: a quarter of the scatter, with this standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Dark:
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Of each CFA site: value and error, float64 [sites], DN; common: of the error what all sites share."""
+    """Mean and standard error per CFA site, float64 [sites], DN; common: the correlated part of the error."""
 
     value: Array
     error: Array
@@ -72,7 +72,7 @@ def level(times: Sequence[float], means: Sequence[Mean]) -> Dark:
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """Of one CFA site that counts coarsely, or from 0: black, DN, scatter in time, DN; errors of both."""
+    """Black of one CFA site with coarse or clipped counts: black, DN, scatter in time, DN; errors of both."""
 
     black: float
     scatter: float

@@ -16,7 +16,7 @@ SIGMAS = 6.5
 """Distance from the neighbours, in robust standard deviations of all photosites of the site; normal
 scatter passes this once in 1e10, and the skew of a few electrons still under once in 1e5."""
 NEIGHBOURS = 7
-"""Side of the window, in photosites of one site, whose median stands for the neighbours."""
+"""Side of the window, in photosites of one site, whose median is the reference value."""
 NOISY = 1e-9
 """Chance with which a good photosite's scatter in time passes for noisy."""
 

@@ -22,8 +22,9 @@ FILE_BLACK = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """What the files say: black of the CFA sites, float64 [sites], and white, DN; tile: its
-    rows and columns."""
+    """Levels in the files: black of the CFA sites, float64 [sites], and white, DN; tile: its rows and
+    columns.
+    """
 
     black: Array
     white: float
@@ -45,9 +46,9 @@ class Frames:
 def measure_emva(
     frames: Frames, nominal: Nominal, iso: float | None, gain: Measured | None = None
 ) -> tuple[SensorCalibration, FlatFalloff | None]:
-    """Return what the frames tell; the fall of light is that of the f-number of the flats.
+    """Measure the sensor from the frames; the fall of light is that of the f-number of the flats.
 
-    gain: as it is known from elsewhere, for darks without flats.
+    gain: known from elsewhere, for darks without flats.
     """
     stacks = [*frames.darks, *frames.flats]
     shape = stacks[0].variance.shape
@@ -129,7 +130,9 @@ def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
 
 
 def is_coarse(stacks: Sequence[Stack]) -> bool:
-    """Whether darks scatter too little, or too close to 0, for their numbers to be taken as they are."""
+    """Return whether darks scatter too little, or too close to 0, for their numbers to be taken as they
+    are.
+    """
     shortest = min(stacks, key=lambda one: one.time)
     spread = np.median(sites(shortest.variance, shortest.tile), axis=(1, 2))
     return bool(np.any(spread < SMALLEST) or shortest.levels.min() < 4.0 * np.sqrt(spread.max()))
@@ -173,7 +176,7 @@ def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
 
 
 def _in_the_dark(points: Points, gain: Measured) -> Transfer | None:
-    """Darks alone tell the floor, which a gain from elsewhere turns into electrons."""
+    """Read noise from darks alone, which a gain from elsewhere turns into electrons."""
     if not len(points.light):
         return None
     weight = points.freedom / points.variance.mean() ** 2 / 2.0
@@ -184,7 +187,7 @@ def _in_the_dark(points: Points, gain: Measured) -> Transfer | None:
 def _electrons(
     frames: Frames, transfer: Transfer, level: darks.Dark, top: float, ends: bool, usable: Bool, put: object
 ) -> None:
-    """What is stated in electrons."""
+    """Quantities in electrons."""
     assert callable(put)
     gain, error = transfer.gain, float(np.sqrt(transfer.covariance[0, 0]))
     put("gain", gain, error)

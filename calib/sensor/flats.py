@@ -27,7 +27,7 @@ class FlatFalloff:
 
 
 def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
-    """The fall of light towards the corners; None where the image is too small to tell.
+    """The fall of light towards the corners; None if the image is too small.
 
     A uniform source is rarely quite uniform: a slope across the image is fitted along and left out.
     """

@@ -1,4 +1,4 @@
-"""The focal length that a photograph's metadata tell, in pixels, and how far that may be off."""
+"""Focal length from a photograph's metadata, in pixels, and its error."""
 
 import math
 import tempfile
@@ -19,7 +19,7 @@ _SHAPES = 4 / 3, 3 / 2
 _OWN_SHAPE = 0.02
 """Relative, by which a picture's shape may differ from that of a sensor."""
 _BUILT = 0.025
-"""By which lenses differ from the equivalent on their label, relative: zooms and near focus by the most."""
+"""Relative deviation of lenses from the equivalent on their label: zooms and near focus by the most."""
 _MILLIMETRES = 0.02
 _TABLE = 0.03
 """The same where the sensor's size comes from the file, and from a table of models."""
@@ -31,10 +31,10 @@ _DISAGREE = 3.0
 
 @dataclass(frozen=True)
 class FocalLength:
-    """What files tell of a focal length.
+    """Focal length from files.
 
-    px: at the size that was asked for. spread: its standard deviation, relative. words: what the files say,
-    and the pixels of the image that it comes to.
+    px: at the requested size. spread: its standard deviation, relative. words: the files' statement, and its
+    value in pixels.
     """
 
     px: float
@@ -77,7 +77,9 @@ def focal_length(metadata: FrameMetadata, width: int, height: int) -> FocalLengt
 
 
 def _by_equivalent(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:
-    """By the 35 mm equivalent, which refers to the diagonal of the sensor and is a whole number."""
+    """Focal length by the 35 mm equivalent, which refers to the diagonal of the sensor and is a whole
+    number.
+    """
     equivalent = metadata.focal_length_35mm
     if equivalent is None or not 4 < equivalent < 3000:
         return None
@@ -107,7 +109,9 @@ def _diagonals(width: int, height: int) -> list[float]:
 
 
 def _by_millimetres(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:
-    """By the focal length and the size of the sensor, as the file or pycolmap's table of cameras tells it."""
+    """Focal length by millimetres and the size of the sensor, from the file or pycolmap's table of
+    cameras.
+    """
     focal = metadata.focal_length_mm
     if focal is None or not 0.5 < focal < 3000:
         return None
@@ -126,9 +130,9 @@ def _by_millimetres(metadata: FrameMetadata, width: int, height: int) -> FocalLe
 
 @cache
 def sensor_width(make: str, model: str) -> float | None:
-    """The width of a camera's sensor, mm, by pycolmap's table of cameras; None where that has no such model.
+    """The width of a camera's sensor, mm, by pycolmap's table of cameras; None for an unknown model.
 
-    pycolmap tells it by nothing but the focal length of a file.
+    pycolmap exposes it only as the focal length of a file.
     """
     if not make or not model:
         return None

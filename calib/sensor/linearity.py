@@ -1,8 +1,8 @@
-"""Whether a RAW signal is proportional to the light, from exposures that show the same at several levels.
+"""Linearity of a RAW signal, from exposures that show the same at several levels.
 
-Of two exposures every level tells `long / short = ratio (1 - a long) / (1 - a short)`: the ratio is free, as
+Of two exposures every level gives `long / short = ratio (1 - a long) / (1 - a short)`: the ratio is free, as
 shutter labels are rounded and light flickers, and an error of black, which bends the lowest levels only, is
-fitted along within what is known of it. What is left is the share `a` of the signal that is missing at white.
+fitted along within its known error. The remainder is the share `a` of the signal that is missing at white.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ DEVIATES = 0.008
 CERTAIN = 4.0
 """Standard errors by which the share has to differ from 0."""
 LOWEST = 0.02
-"""Level of the longer exposure, relative to white, below which levels tell of black rather than of a bend."""
+"""Level of the longer exposure, relative to white, below which an error of black outweighs a bend."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class LevelPairs:
 
 @dataclass(frozen=True)
 class Straightness:
-    """share: of the signal missing at white, and its standard error; points: how many levels told it."""
+    """Linearity. share: of the signal missing at white, and its standard error; points: number of levels."""
 
     share: float
     error: float
@@ -43,7 +43,7 @@ class Straightness:
 
     @property
     def linear(self) -> bool:
-        """Whether the data do not say otherwise."""
+        """True unless the data show otherwise."""
         return abs(self.share) < max(DEVIATES, CERTAIN * self.error)
 
 

@@ -33,7 +33,7 @@ COARSE = 8
 
 @dataclass(frozen=True)
 class MeasuredSensor:
-    """What was measured of one camera.
+    """Measurements of one camera.
 
     at: of every ISO that its shots have; nominal: what the files say, ISO by ISO; falloff: by flats of the
     f-number of the scene, where there are any; missing: what lacks, in words.
@@ -155,7 +155,7 @@ def _pixels(session: Session, shots: Iterable[ShotRecord]) -> Iterator[npt.NDArr
 
 
 def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: Nominal) -> Blind | None:
-    """Return what the brackets of the scene tell at one ISO; None without brackets."""
+    """Return the measurements from the brackets of the scene at one ISO; None without brackets."""
     usable = [
         (view, shots)
         for view in views
@@ -181,7 +181,7 @@ def _told(value: tuple[float, float]) -> Measured:
 
 
 def _filled(measured: SensorCalibration, blind: Blind, nominal: Nominal) -> SensorCalibration:
-    """Return what darks and flats did not tell, as the brackets tell it."""
+    """Complete the measurements of darks and flats with those of the brackets."""
     told: dict[str, object] = {}
     error = blind.black_error
     # A black that is not known to a tenth of a DN is left to the file.

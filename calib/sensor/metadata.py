@@ -1,4 +1,4 @@
-"""What the files themselves say about a camera: noise, colour, and a first guess of the focal length."""
+"""Camera parameters in the files: noise, colour, and a first guess of the focal length."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -18,15 +18,15 @@ from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session
 
 GUESSED_FOCAL = 1.2
-"""Focal length guessed where no file tells it, in image widths (or heights, if larger)."""
+"""Focal length guessed where no file states it, in image widths (or heights, if larger)."""
 
 
 @dataclass(frozen=True)
 class CameraSensor:
-    """One camera as its files describe it, and what was measured of it beyond that.
+    """Camera as its files describe it, and the measurements beyond that.
 
     noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
-    ColorMatrix; lens: no distortion, the focal length guessed; focal: what a file told of it.
+    ColorMatrix; lens: no distortion, the focal length guessed; focal: that in a file.
     """
 
     noise: SensorNoise | None
@@ -35,7 +35,7 @@ class CameraSensor:
     focal: FocalLength | None
     measured: MeasuredSensor = field(default_factory=MeasuredSensor)
     white_change: float | None = None
-    """By how much the row of W changed when it was measured, relative; None: it was not, or there is none."""
+    """Relative change of the row of W when it was measured; None without a measurement or without W."""
 
 
 def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> CameraSensor:

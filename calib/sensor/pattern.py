@@ -41,7 +41,7 @@ def dark_signal(dark: Stack, usable: Bool) -> tuple[float, float] | None:
 
 
 def _strength(halves: list[Array], mask: Bool, level: Array) -> tuple[float, float] | None:
-    """Of the halves relative to a level. It divides last: both have its noise in common."""
+    """Strength of the halves relative to a level. It divides last: both have its noise in common."""
     # A photosite beside a defect has fewer neighbours; leaving it out is simpler than its own factor.
     whole = ndimage.minimum_filter(mask, size=(1, BOX, BOX), mode="constant", cval=0)
     if whole.sum() < 500:

@@ -48,7 +48,7 @@ class Points:
         return Points(light, self.variance * slope**2, self.freedom)
 
     def part(self, keep: npt.NDArray[np.bool_]) -> "Points":
-        """Those that `keep` [N] names."""
+        """The points that `keep` [N] selects."""
         return Points(self.light[keep], self.variance[keep], self.freedom[keep])
 
 
@@ -71,7 +71,7 @@ class Transfer:
 
 
 def fit(points: Points) -> Transfer | None:
-    """The line through the points by weighted least squares; None where they do not tell a slope.
+    """Fit the line through the points by weighted least squares; None where they do not determine a slope.
 
     Weights are of the fitted variances, not of the measured ones, which would pull the line down.
     """

@@ -1,4 +1,4 @@
-"""What was measured of the sensors, in the words of a ladder."""
+"""Ladder rungs of the sensors' measurements."""
 
 from collections.abc import Mapping
 from itertools import chain
@@ -25,7 +25,7 @@ NAMES = frozenset(
 
 
 def rungs(found: Mapping[str, MeasuredSensor], stated: int, total: int) -> tuple[Rung, ...]:
-    """One rung for each thing that may be measured of sensors whose RAW is there; none if there is none.
+    """One rung for each quantity of the sensors whose RAW is available; empty without RAW.
 
     stated: cameras whose files name their noise, of all.
     """

@@ -16,7 +16,9 @@ TILE = 8
 """Side of a tile, in photosites of one CFA site: small enough for the fall of light not to matter."""
 Period = tuple[int, int]
 EVEN: Period = (2, 2)
-"""Of Bayer; and of mono, since many sensors are read out by even and odd rows or columns."""
+"""Tile of even and odd rows and columns: that of Bayer; and of mono, since many sensors are read out by
+it.
+"""
 FULL = 0.995
 """Share of the largest DN of a stack from which a photosite may be full."""
 
@@ -25,12 +27,12 @@ FULL = 0.995
 class Stack:
     """Repeated frames of one exposure, in DN.
 
-    time: s; of flats any measure of the exposure. frames: how many. halves: float32 [2, H, W], means of
+    time: s; of flats any measure of the exposure. frames: their number. halves: float32 [2, H, W], means of
     every other frame, which share the fixed pattern and nothing else (of one frame, twice that frame).
     variance: float32 [H, W], in time, of frames brought to the level of the first. levels: float64
     [frames, sites], mean of the CFA sites in each frame. rows: variance of what is common to a row of a
     frame, DN^2, and its standard error. top: largest DN. tile: rows and columns after which the CFA repeats,
-    whose sites are told apart.
+    whose sites are separate.
     """
 
     time: float
@@ -52,7 +54,7 @@ class Stack:
 def gather(
     frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float | None = None, tile: Period = EVEN
 ) -> Stack:
-    """Repeated frames, read one after another; ValueError if there is none or their sizes differ.
+    """Read repeated frames one after another; ValueError without any or if their sizes differ.
 
     black: of flats, DN: their light flickers, so frames are scaled to one level above it. Darks (None)
     are shifted to one level instead. tile: as of `Stack`.

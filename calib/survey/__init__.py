@@ -1,1 +1,1 @@
-"""Where a scene is in coordinates that others know: by surveyed points, by GPS, by another session."""
+"""Placement of a scene in external coordinates: by surveyed points, by GPS, by another session."""

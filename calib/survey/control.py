@@ -1,4 +1,4 @@
-"""What a session is placed by: surveyed points with what shows them, and another session."""
+"""Control of a session's coordinates: surveyed points with their marks, and another session."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +22,9 @@ class Control:
 def read_control(
     session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
 ) -> Control | None:
-    """What these files say; None: no survey is given. InputError of one sentence for what cannot be used."""
+    """Read the control from these files; None without a survey. InputError of one sentence for unusable
+    files. InputError of one sentence for what cannot be used.
+    """
     if survey is None:
         if marks is not None or markers is not None:
             raise InputError("Marks and markers are of surveyed points: give --survey FILE with them.")
@@ -43,7 +45,7 @@ def read_control(
 
 
 def control_of(coordinates: CoordinateSystem) -> Control | None:
-    """Return what an earlier calibration was placed by, from its record; None: by no survey."""
+    """Return the control of an earlier calibration, from its record; None without a survey."""
     if not coordinates.points:
         return None
     points = {one.name: SurveyPosition(one.position, one.sigma) for one in coordinates.points}

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 NAME = "gps"
 FEWEST = 6
 SURE_SCALE, SURE_TURN = 0.1, 10.0
-"""Standard errors, relative and degrees, beyond which positions tell too little to place a scene by."""
+"""Standard errors, relative and degrees, beyond which positions are too inaccurate to place a scene by."""
 _LEAST = 1e-3
 """m: receivers do not do better."""
 
@@ -41,7 +41,7 @@ class GpsFit:
 
     @property
     def sure(self) -> bool:
-        """Whether it is good enough to place a scene by."""
+        """True if it is accurate enough to place a scene by."""
         scale, turn, _ = self.errors
         return (scale is None or scale <= SURE_SCALE) and turn <= SURE_TURN
 
@@ -60,7 +60,7 @@ def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPos
 
 
 def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFit | str:
-    """Return how the model lies by its positions, or why they do not tell."""
+    """Fit the model to its positions, or return the reason why they do not determine it."""
     views = [view for view in sorted(positions) if view in model.poses]
     told = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
     different = len(np.unique(told, axis=0)) if len(views) else 0
@@ -94,7 +94,9 @@ def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFi
 
 
 def place_by_gps(model: SceneModel, found: GpsFit | str) -> tuple[SceneModel, CoordinateSystem | None, Rung]:
-    """The model in east, north and up, or as it was where positions tell too little; the rung says why."""
+    """The model in east, north and up, or unchanged where positions are too inaccurate; the rung gives the
+    reason.
+    """
     if isinstance(found, str):
         return model, None, Rung(name=NAME, taken=False, reason=found)
     scale, turn, place = found.errors

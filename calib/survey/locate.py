@@ -1,4 +1,4 @@
-"""Which coordinates a scene gets: another session's, a survey's, those of its photographs, or its own."""
+"""Choice of a scene's coordinates: another session's, a survey's, those of its photographs, or its own."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 _KNOWN = 0.05
-"""By which a survey's lengths may differ from those of a board or a ruler, relative."""
+"""Relative difference allowed between a survey's lengths and those of a board or a ruler."""
 
 
 def located(
@@ -33,10 +33,10 @@ def located(
     read: Callable[[View], Picture],
     progress: Progress,
 ) -> tuple[SceneModel, CoordinateSystem | None]:
-    """The model in the best coordinates that there are, and what these are; None: its own.
+    """Place the model in the best coordinates available, and return these; None: its own.
 
     features: of the views, as the model was made from them. target: a session whose coordinates are wanted.
-    read: the picture of a view, in which markers are looked for. A rung of the model tells why.
+    read: returns the picture of a view, in which markers are detected. A rung of the model gives the reason.
     """
     if target is not None:
         try:
@@ -65,7 +65,7 @@ def located(
 
 
 def _expected(model: SceneModel, by_gps: GpsFit | str | None) -> Expected | None:
-    """Return what tells the scale beside a survey."""
+    """Return the scale expected beside a survey."""
     if model.metric:
         return Expected(1.0, "the board or the positions of the rig's cameras", _KNOWN)
     if isinstance(by_gps, GpsFit) and by_gps.sure and by_gps.errors[0] is not None:

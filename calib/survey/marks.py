@@ -1,4 +1,4 @@
-"""Where views show surveyed points: clicked by somebody, or found as ArUco and AprilTag markers."""
+"""Positions of surveyed points in views: clicked by a person, or detected as ArUco and AprilTag markers."""
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -18,12 +18,12 @@ from imaging.session.view_id import ViewId
 
 Picture = npt.NDArray[np.uint8]
 Marks = dict[str, dict[ViewId, PointMark]]
-"""By the name of the point and the view."""
+"""Marks by the names of the point and the view."""
 
 _COLUMNS = ("name", "image", "u", "v")
 _NUMBERED = re.compile(r"(?:(?:aruco|april)?(?:target|marker|tag|id)?[ _-]*)0*(\d+)", re.IGNORECASE)
 _CORNER = 5
-"""px, half width of what is looked at around a corner of a marker, at most."""
+"""Largest half width of the window around a corner of a marker, px."""
 
 
 def read_marks(path: Path, session: Session, names: Collection[str]) -> Marks:
@@ -87,7 +87,7 @@ def _photographs(session: Session) -> dict[str, set[ViewId]]:
 
 
 def dictionary_of(name: str) -> str:
-    """OpenCV's name of a dictionary of markers, whatever its case; InputError where there is none."""
+    """OpenCV's name of a dictionary of markers, in any case; InputError for an unknown one."""
     for own in dir(cv2.aruco):
         if own.startswith("DICT_") and own.upper() in (name.upper(), f"DICT_{name.upper()}"):
             return own

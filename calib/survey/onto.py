@@ -1,7 +1,7 @@
-"""A scene placed in the coordinates of another session of the same scene, by what both sessions saw.
+"""Alignment of a scene with another session of the same scene, by what both sessions saw.
 
 Both have been calibrated by themselves. Features of their pictures are matched, each pair verified by
-its epipolar geometry; scene points of both that the same features show tell the similarity between the two.
+its epipolar geometry; scene points of both behind the same features determine the similarity between the two.
 """
 
 from collections.abc import Mapping
@@ -35,11 +35,11 @@ Array = npt.NDArray[np.float64]
 NAME = "onto"
 FEWEST_POINTS = 30
 LEAST_SHARE = 0.3
-"""Of the shared points that have to agree about where the scenes are."""
+"""Least share of the shared points that have to agree on the alignment."""
 NEAR = 1.5
 """px between a feature of a picture and the place where the calibration saw a scene point."""
 ROUGH = 0.02
-"""Of the spread of the shared points, by which one may miss at first."""
+"""Largest residual at first, as a share of the spread of the shared points."""
 TOO_FAR = 4.0
 """Medians by which it may miss at last."""
 MAX_ERROR = 4.0
@@ -47,7 +47,7 @@ MAX_ERROR = 4.0
 _FLOOR = 1 / 255
 """Added to the light of 8-bit pictures before its logarithm: a step of theirs in the dark."""
 _MARK = "onto "
-"""Before the names of the other session's cameras, which may be called as ours."""
+"""Prefix of the other session's cameras, whose names may be the same as ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,9 @@ class Target:
 
 
 def read_target(folder: Path) -> Target:
-    """A calibrated session; InputError where it is none, or has no poses, or not those of its shots."""
+    """Open a calibrated session; InputError if it is not calibrated, or has no poses, or not those of its
+    shots.
+    """
     record = read_calibration(folder)
     colmap = folder / "calibration" / "colmap"
     if not record.views or is_stale(folder, record) or not (colmap / "points3D.bin").is_file():
@@ -183,7 +185,7 @@ class _Seen:
         self._numbers, self._places = numbers, places
 
     def at(self, pixels: Array) -> tuple[npt.NDArray[np.int64], Array]:
-        """Numbers and places of the scene points at these places, px; -1 where there is none."""
+        """Numbers and places of the scene points at these places, px; -1 for none."""
         away, nearest = self._tree.query(pixels)
         near = away < NEAR
         index = np.where(near, nearest, 0)

@@ -1,6 +1,4 @@
-"""A scene placed by surveyed points: the similarity that they tell, and what is wrong with those that do not
-fit.
-"""
+"""Placement of a scene by surveyed points: the similarity, and the faults of those that do not fit."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -25,11 +23,11 @@ NAME = "survey"
 UPSIDE_DOWN = -0.5
 """Mean height of the upper edges of pictures less that of what they look at: 1 of upright cameras."""
 GROSS = 0.01
-"""Of the spread of the points, by which none has to miss whatever its errors are said to be."""
+"""Largest residual, as a share of the spread of the points, whatever their stated errors."""
 LEAST_ERROR = 0.05
 """px by which marks err at least."""
 OTHER_UNIT = 0.05
-"""By which a factor may differ from that of a unit."""
+"""Tolerance of a factor between units."""
 _UNITS = {
     "millimetres": 1e3,
     "centimetres": 1e2,
@@ -58,7 +56,7 @@ class _Points:
 
 @dataclass(frozen=True)
 class Expected:
-    """The metres of a unit of the scene as something else tells them, and by how much that may be off."""
+    """Expected metres per unit of the scene from another source, and their error."""
 
     scale: float
     teller: str
@@ -72,12 +70,11 @@ def place_by_survey(
     sizes: Mapping[str, tuple[int, int]],
     expected: Expected | None = None,
 ) -> tuple[SceneModel, CoordinateSystem]:
-    """The model in the coordinates of a survey, less its offset, and how well it stands in them.
+    """Place the model in the coordinates of a survey, less its offset, and return the quality of the fit.
 
-    marks: px of the files. sizes: of the files of each camera, px. expected: the scale as something else
-    tells it. Errors: CalibrationError of one sentence
-    where too few points are seen, or they do not agree with the scene or with what told its scale; then the
-    model is as it was.
+    marks: px of the files. sizes: of the files of each camera, px. expected: the scale from another source.
+    Errors: CalibrationError of one sentence where too few points are seen, or they contradict the scene or
+    its scale; then the model is unchanged.
     """
     shrunk = {name: np.array([lens.width, lens.height]) / sizes[name] for name, lens in model.lenses.items()}
     views = Views(model.reconstruction)
@@ -137,7 +134,8 @@ def place_by_survey(
 
 
 def _upside_down(model: SceneModel, found: Similarity) -> str:
-    """Why the scene would stand on its head, as points of one plane with exchanged axes let it; else empty.
+    """Explanation of an upside-down scene, as points of one plane with exchanged axes allow it; else
+    empty.
 
     Upright cameras have their upper edge up, or look down, whatever there is between the two.
     """
@@ -151,7 +149,7 @@ def _upside_down(model: SceneModel, found: Similarity) -> str:
 
 
 def _is_gross(points: _Points, found: Similarity, fits: npt.NDArray[np.bool_], noise: Array) -> bool:
-    """Whether even those that agree best miss by more than noise and a share of their distances explain."""
+    """Return whether even the best agreeing points miss by more than noise and a share of their distances."""
     there = points.there[fits]
     rms = float(np.sqrt(((found(points.here[fits]) - there) ** 2).sum(1).mean()))
     spread = float(np.sqrt(((there - there.mean(0)) ** 2).sum(1).mean()))
@@ -176,7 +174,7 @@ def _points(survey: Survey, sightings: Mapping[str, Sighting]) -> _Points:
 
 
 def _require_same_unit(ratio: float, expected: Expected) -> None:
-    """CalibrationError where a survey has other lengths than what else tells them."""
+    """Raise CalibrationError if a survey's lengths contradict the other source."""
     if abs(ratio - 1) <= expected.tolerance:
         return
     near = max(expected.tolerance, OTHER_UNIT)

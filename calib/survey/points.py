@@ -34,7 +34,7 @@ WHOLE, LARGE = 100.0, 1000.0
 
 @dataclass(frozen=True)
 class SurveyPosition:
-    """Where a point is, m, and the standard error of each coordinate, if it is stated."""
+    """Position of a point, m, and the standard error of each coordinate, if it is stated."""
 
     position: tuple[float, float, float]
     sigma: float | None = None
@@ -50,7 +50,7 @@ class Survey:
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """What single precision wants the coordinates less of, m; zeros where they are small."""
+        """Offset subtracted from the coordinates for single precision, m; zeros where they are small."""
         places = np.array([point.position for point in self.points.values()])
         if np.abs(places).max() < LARGE:
             return 0.0, 0.0, 0.0

@@ -16,7 +16,7 @@ MISSED = 4.0
 """px of the picture by which a mark may miss where the others put the point."""
 _STEPS = 10
 _SLIGHT = 1e-5
-"""Of the distance, by which a point is moved to see what its projection does."""
+"""Displacement of a point, as a share of the distance, for numerical derivatives of its projection."""
 
 
 @dataclass(frozen=True, eq=False)

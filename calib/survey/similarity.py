@@ -19,9 +19,9 @@ MOST_TRIPLES = 4000
 TOO_FAR = 4.0
 """Standard errors by which a point may miss."""
 FEW = 6
-"""Points below which their own scatter tells little of how well they should fit."""
+"""Fewest points whose own scatter measures their accuracy."""
 UNSTATED = 0.0025
-"""Of the spread of the points: how well few of them are taken to fit where nothing states their errors."""
+"""Assumed accuracy of few points without stated errors, as a share of their spread."""
 _NORM = 1.538
 """Median length of a normal vector of three coordinates, in standard deviations of one of them."""
 
@@ -45,7 +45,7 @@ class Similarity:
 
     @property
     def sim3d(self) -> Any:
-        """As pycolmap has it."""
+        """Conversion to pycolmap's type."""
         return pycolmap.Sim3d(float(self.scale), pycolmap.Rotation3d(self.rotation), self.translation)
 
 
@@ -125,7 +125,7 @@ def _triples(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def is_line(points: Array, noise: float) -> bool:
-    """Whether points [K, 3] lie on a line, as far as their errors tell, so that a turn about it is open."""
+    """Return whether points [K, 3] lie on a line within their errors, so that a rotation about it is open."""
     spread = np.linalg.svd(points - points.mean(0), compute_uv=False) / np.sqrt(len(points))
     return bool(spread[1] <= max(3 * noise, 1e-3 * spread[0]))
 
@@ -133,7 +133,8 @@ def is_line(points: Array, noise: float) -> bool:
 def standard_errors(
     target: Array, misses: Array, noise: Array, groups: npt.NDArray[np.int64] | None = None
 ) -> tuple[float, float, float]:
-    """Of scale (relative), rotation (worst axis, degrees) and the middle's place (worst axis) of a fit.
+    """Standard errors of a fit: scale (relative), rotation (worst axis, degrees) and the middle's place
+    (worst axis).
 
     target, misses: [K, 3] of what was fitted; noise: [K], by which it was weighed. Errors are what noise
     makes, or more where misses are more than noise explains. groups: [K], which points err together; then

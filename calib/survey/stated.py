@@ -1,4 +1,4 @@
-"""Where photographs say that they were taken, how their camera hung, and how far that may be off."""
+"""Positions and gimbal attitudes in photographs' files, and their errors."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,7 +22,9 @@ FLAT, UP = 2.5, 6.0
 BAROMETER = 0.4
 """m, of a drone's heights against each other."""
 TILT, HEADING = np.radians(0.5), np.radians(15.0)
-"""Of a gimbal: it hangs level to half a degree, and its compass is as good as compasses near motors are."""
+"""Standard deviations of a gimbal: it hangs level to half a degree, and its compass is as good as compasses
+near motors are.
+"""
 
 
 def stated_places(session: Session, views: Sequence[View]) -> dict[ViewId, StatedPlace]:
