@@ -50,9 +50,9 @@ def recorded_light(observation: Observation, image: torch.Tensor, view: View) ->
     told = np.flatnonzero(~np.isnan(recorded))
     if len(told) > MOST_SAMPLES:
         told = np.sort(np.random.default_rng(0).choice(told, MOST_SAMPLES, replace=False))
-    planes = _rendered(observation, image, view), recorded, merged.clipped, at_most
-    rendered, light, clipped, dark = (plane.reshape(-1)[told] for plane in planes)
-    return RecordedLight(rendered, np.asarray(light, np.float32), clipped, dark)
+    rendered, light = (plane.reshape(-1)[told] for plane in (_rendered(observation, image, view), recorded))
+    at_least, at_most = (plane.reshape(-1)[told] for plane in (merged.clipped, at_most))
+    return RecordedLight(rendered, np.asarray(light, np.float32), at_least, at_most)
 
 
 def against_photographs(views: Sequence[RecordedLight]) -> dict[str, Any]:
