@@ -1,4 +1,4 @@
-"""How good a reconstruction is: held-out views against the truth, where there is one, and the shots."""
+"""Evaluation of a reconstruction: held-out views against the truth, if known, and the shots."""
 
 import itertools
 import time
@@ -54,15 +54,14 @@ def evaluate(
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`). width: of the widest of
     them, px; None: as the scene was trained. Figures of one width only can be compared, since the wider a
-    picture is, the more detail it asks for (`common_width`).
-    What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
-    truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
-    means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values. Where
-    there is no truth, errors in stops are against the held-out photographs (`recon.observe.recorded_light`).
-    `views` has the same per view and `bands`, of a scene of bands, per band. `measured_on` says whether the
-    views are test views, which nothing was chosen by, or the validation view that the training was ended by,
-    where that is the only one; `held_out` and `validation` name both kinds. Below four views nothing is held
-    out: the result says so and has no such figures.
+    picture is, the more detail it asks for (`common_width`). `rig.report.metrics` explains the names. Figures
+    against truth use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single
+    scale for all of them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned
+    radiance) pool their values. Without truth, errors in stops are against the held-out photographs
+    (`recon.observe.recorded_light`). `views` has the same per view and `bands`, of a scene of bands, per
+    band. `measured_on` says whether the views are test views, on which no choice rests, or the validation
+    view that ended the training, if that is the only one; `held_out` and `validation` name both kinds. Below
+    four views nothing is held out: the result states that and has no such figures.
     """
     folder = find_reconstruction(Path(folder))
     if folder.is_file():
@@ -117,8 +116,9 @@ def common_width(folders: Sequence[Path]) -> int:
 def measured(
     opened: Opened, progress: Progress = unreported
 ) -> tuple[Images, list[float], list[dict[str, Any]], dict[str, Any]]:
-    """Of each reported view light [H, W, 3] and where it is seen, seconds a render and figures; and what is
-    pooled over all."""
+    """Measure each reported view: light [H, W, 3] with its mask, seconds a render and figures; and the
+    pooled values.
+    """
     views = opened.dataset.reported
     seconds: list[float] = []
     rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
@@ -226,7 +226,9 @@ def _against_shots(opened: Opened, image: torch.Tensor, view: View, row: dict[st
 
 
 def _by_band(opened: Opened, light: list[Float], truth: list[Float], scale: float) -> list[dict[str, Any]]:
-    """Of each band what its shots (raw_psnr) and its true light say; the scale is that of all bands."""
+    """Figures of each band: raw_psnr of its shots, and errors of its true light; the scale is that of all
+    bands.
+    """
     ours, true = (
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
     )
@@ -248,7 +250,7 @@ def _by_band(opened: Opened, light: list[Float], truth: list[Float], scale: floa
 
 
 def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> None:
-    """Put the mean of the figures that there are into the row, if there are any."""
+    """Put the mean of the available figures into the row."""
     present = [figure for figure in figures if figure is not None]
     if present:
         row[key] = float(np.mean(present))

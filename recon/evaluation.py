@@ -1,4 +1,4 @@
-"""What an evaluation found, as `metrics.json` has it; `rig.report.metrics` says what the names mean."""
+"""Results of an evaluation, as in `metrics.json`; `rig.report.metrics` explains the names."""
 
 from typing import Any, Literal
 
@@ -8,10 +8,10 @@ from imaging.record import Record
 
 
 class Figures(Record):
-    """Figures of held-out views; None: nothing to compare with, or nothing held out.
+    """Figures of held-out views; None without a reference, or without held-out views.
 
     PSNRs are in dB. The light is held against the truth, `aligned` by one scale for the whole scene; RAW
-    files and photographs against what the render predicts of them.
+    files and photographs against their prediction from the render.
     """
 
     hdr_psnr_mu_aligned: float | None = None
@@ -20,24 +20,25 @@ class Figures(Record):
     hdr_psnr_mu_p999: float | None = None
     """Aligned, over the 99.9th percentile of the true light instead of its maximum, both clipped there."""
     stops_median: float | None = None
-    """Half of all values of light are nearer to the truth than so many stops; without a truth, to the light
-    of the held-out photographs, noise included, which is but a bound where they clip."""
+    """Median absolute error in stops, against the truth; without a truth, against the light of the held-out
+    photographs, noise included, which is but a bound where they clip.
+    """
     stops_dark: float | None = None
     """The same of the darkest tenth of that light."""
     stops_middle: float | None = None
-    """Of what lies between that and the brightest hundredth."""
+    """The same between that and the brightest hundredth."""
     stops_bright: float | None = None
-    """Of its brightest hundredth."""
+    """The same in the brightest hundredth."""
     stops_brightest: float | None = None
-    """Of its brightest thousandth."""
+    """The same in the brightest thousandth."""
     pu21_psnr: float | None = None
     raw_psnr: float | None = None
     ldr_psnr_oe: float | None = None
-    """Of photographs at exposures that were trained on."""
+    """PSNR of photographs at exposures that were trained on."""
     ldr_psnr_ne: float | None = None
-    """At others."""
+    """PSNR at other exposures."""
     ldr_psnr_white: float | None = None
-    """Of photographs with alpha, before white."""
+    """PSNR of photographs with alpha over a white background."""
     ssim: float | None = None
     ssim_ne: float | None = None
     ciede2000_mean: float | None = None
@@ -49,14 +50,14 @@ class Figures(Record):
 
 
 class ViewFigures(Figures):
-    """Of one view."""
+    """Figures of one view."""
 
     view: str
     """`frame/camera`."""
 
 
 class BandFigures(Record):
-    """Of one band of a scene of bands; the light is aligned by the scale of all bands."""
+    """Figures of one band of a scene of bands; the light is aligned by the scale of all bands."""
 
     band: str
     raw_psnr: float | None = None
@@ -65,7 +66,7 @@ class BandFigures(Record):
 
 
 class Decade(Record):
-    """How far light is off where the truth is from `low` to `high`: shares of the truth."""
+    """Relative error of the light where the truth is from `low` to `high`, as shares of the truth."""
 
     low: float
     high: float
@@ -76,33 +77,35 @@ class Decade(Record):
 
 
 class Evaluation(Figures):
-    """Of a scene: means over its held-out views, or what their values have in common."""
+    """Figures of a scene: means over its held-out views, or values common to them."""
 
     schema_version: Literal[1] = 1
     method: str
     measured_on: Literal["test", "validation"] | None = None
-    """Whether nothing was chosen by the views, or the training was ended by them; None: there are none."""
+    """Kind of the views: test views, or views that ended the training; None without views."""
     held_out_note: str | None = None
-    """What is to be known of the held-out views, where something is."""
+    """Caveat about the held-out views, if any."""
     stops_against: Literal["truth", "photographs"] | None = None
-    """What errors in stops are against."""
+    """Reference of the errors in stops."""
     stops_bound: float | None = None
     """Share of the brightest hundredth that all photographs clip: less light than their bound is an error."""
     alignment_scale: float | None = None
-    """That brings the light of the scene to the truth."""
+    """Scale factor that aligns the scene's radiance with the truth."""
     width: int | None = None
     """px of the widest picture that is measured; scenes of one session can be compared at the same only."""
     truth_peak: float | None = None
     """Maximum of the true light over the held-out views."""
     truth_p999: float | None = None
-    """Its 99.9th percentile."""
+    """99.9th percentile of the truth."""
     pu21_display_peak: float | None = None
     """cd/m2 at which PU21 takes that maximum."""
     relative_error_by_decade: tuple[Decade, ...] | None = None
     """Darkest first."""
     bands: tuple[BandFigures, ...] | None = None
     pose_rotation_deg: float | None = None
-    """Of a simulated session: degrees, median over views, after the best similarity; `_max`: the worst."""
+    """Pose error of a simulated session: degrees, median over views, after the best similarity; `_max`: the
+    worst.
+    """
     pose_rotation_deg_max: float | None = None
     pose_translation_relative: float | None = None
     """Relative to the largest distance of two cameras."""
@@ -112,21 +115,21 @@ class Evaluation(Figures):
     gain_error: float | None = None
     read_noise_error: float | None = None
     response_rmse: float | None = None
-    """In code values of 0..1."""
+    """RMS error of the response, in code values of 0..1."""
     train_seconds: float
     iterations: int
     gaussians: int
     size_bytes: int
-    """Of splats.ply."""
+    """Size of splats.ply."""
     held_out: tuple[str, ...]
     """Names of the test views."""
     validation: tuple[str, ...]
     """Names of the views that could end the training."""
     views: tuple[ViewFigures, ...]
-    """Of each view that was measured."""
+    """Figures of each view that was measured."""
     render_fps: float | None = Field(default=None, gt=0)
     """Held-out views drawn per second, on the processor."""
 
     def known(self) -> dict[str, Any]:
-        """The figures that there are, by name: what metrics.json has."""
+        """Available figures, by name: the content of metrics.json."""
         return self.model_dump(mode="json", exclude_none=True)

@@ -102,7 +102,7 @@ def _pairs(opened: Opened, view: View, light: Float, goal: Float | None) -> Iter
 
 
 def _summary(name: str, maps: list[Float]) -> dict[str, float]:
-    """Mean and median of the pixels of all pictures; nothing where there are none."""
+    """Mean and median of the pixels of all pictures; empty without pictures."""
     pixels = np.concatenate([errors.reshape(-1) for errors in maps]) if maps else np.empty(0)
     if not pixels.size:
         return {}

@@ -193,9 +193,9 @@ def _reconstruct(
     method_rungs: tuple[Rung, ...],
     on_log: Callable[[dict[str, Any]], None],
 ) -> None:
-    """`reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write.
+    """Run `reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write.
 
-    asked: what the checkpoint tells this training by, whatever size the time had room for.
+    asked: the key of this training in the checkpoint, whatever size the time had room for.
     """
     training, decided = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
     run = dataclasses.replace(run, dataset=run.dataset.with_depths(decided.settings.depth_scale))

@@ -32,7 +32,7 @@ from recon.splat import SplatCamera
 PROBE_WIDTH = 1024
 """Pixels, of a light probe."""
 FIRST_FRAME = 1001
-"""Of a path, as film counts."""
+"""First frame number of a path, as in film."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +64,23 @@ def render(
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
-    """Render views of a reconstruction, or a path through it, into `out`; the files written, EXR first.
+    """Render views of a reconstruction, or a path through it, into `out`; return the files, EXR first.
 
     views: names `frame/camera`; None: every view of the scene. path: cameras to draw instead, as `orbit`,
     `spline:240` or a file (`recon.rendering.camera_paths`, `camera_files`); files are NAME.####.exr, numbered
-    from first_frame, None: as the file says, else from 1001.
+    from first_frame, None: that of the file, else 1001.
 
     Of each an EXR of linear radiance in the units of the calibration, its primaries those of `space` (of a
     scene of bands a spectral EXR, a channel each, and PNG in false colours), with `layers` of data
     (`recon.rendering.data_layers`) in parts of their own, and one PNG for each of `stops`: the radiance times
     2^(exposure + stops), by `shown`, in sRGB. Where the photographs had alpha, the EXR has it as A with the
-    light premultiplied, the PNG as straight alpha. exposure: None takes what shows the median of the scene
-    as middle grey; the EXR name that factor as `rig:exposure`. width: of the pictures, px; None: as the
-    views were trained, or the path says. video: an MP4 of the first of `stops` too, of `rate` frames a
-    second. raw: the name of a camera, by whose sensor a bracket of DNG is written of each as well
-    (`recon.rendering.simulated_raw`). on_message: is given a line on frames that see nothing of the scene.
+    light premultiplied, the PNG as straight alpha. exposure: None: chosen so that the median of the scene is
+    middle grey; the EXR states that factor as `rig:exposure`. width: of the pictures, px; None: that of the
+    trained views, or of the path. video: an MP4 of the first of `stops` too, of `rate` frames a second. raw:
+    the name of a camera, by whose sensor a bracket of DNG is written of each as well
+    (`recon.rendering.simulated_raw`). on_message: callback for lines on frames that see nothing of the scene.
     ReconstructionError for a view that the scene does not have, and, after all is written, where no frame
-    sees any of its Gaussians; InputError for a bad path, or a camera that is not known.
+    sees any of its Gaussians; InputError for a bad path, or an unknown camera.
     """
     out = Path(out)
     for layer in layers:
@@ -127,7 +127,7 @@ def render(
 def _tell_empty(
     scene: Scene, empty: Sequence[str], frames: int, moving: bool, say: Callable[[str], None]
 ) -> None:
-    """Say which frames see nothing of a scene; ReconstructionError where all are so."""
+    """Report the frames that see nothing of a scene; ReconstructionError if all do."""
     if not empty:
         return
     if len(empty) < frames:
@@ -152,11 +152,12 @@ def render_probe(
     space: Space = "rec709",
     shown: Shown = displayed,
 ) -> list[Path]:
-    """All light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in `out`.
+    """Render all light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in
+    `out`.
 
     place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is. width:
     of the map, px, which is half as high. The other arguments are as of `render`; the layout of the map, in
-    its header, is that of the scene's environment.exr. InputError for a place that is none.
+    its header, is that of the scene's environment.exr. InputError for an invalid place.
     """
     out = Path(out)
     store.require_writable(out)
@@ -225,10 +226,10 @@ def camera_path(
     within: str | PathLike[str] | None = None,
     camera: str | None = None,
 ) -> CameraPath:
-    """The path that `render` takes by its name, `orbit`, `spline:240` or a file.
+    """Resolve the path of `render` by its name, `orbit`, `spline:240` or a file.
 
-    within: the file of `rig export` in whose coordinates a file is that does not tell them; None: those of
-    the calibration. camera: of a stage of USD, by name. InputError for what is no path.
+    within: the file of `rig export` that defines the coordinates of a file without its own; None: those of
+    the calibration. camera: of a stage of USD, by name. InputError for an invalid path.
     """
     found = named_path(scene, str(path))
     if found is None:

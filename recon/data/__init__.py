@@ -1,1 +1,1 @@
-"""What training looks at: views, pixels, the light of brackets, the truth where there is one."""
+"""Data of a training: views, pixels, the light of brackets, and the truth if known."""

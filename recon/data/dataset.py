@@ -32,7 +32,7 @@ MOST_TRACKED = 20_000
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a camera does to radiance, before any shot's exposure.
+    """Response of a camera to radiance, before any shot's exposure.
 
     kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
     camera_from_rec709: float64 [channels, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
@@ -60,13 +60,13 @@ class View:
     sensor: Sensor
     shots: tuple[Shot, ...]
     channels: int = 3
-    """Of the scene's light: Rec.709's, or the bands of the session."""
+    """Channels of the scene's light: Rec.709's, or the bands of the session."""
     depth: DepthMapFile | None = None
-    """What was measured beside it."""
+    """Measured depth of the view."""
 
     @property
     def id(self) -> ViewId:
-        """Which view it is."""
+        """Identity of the view."""
         return ViewId(self.frame, self.camera)
 
     @property
@@ -76,17 +76,17 @@ class View:
 
     @property
     def held(self) -> bool:
-        """Whether what its shots show is in memory; else each look at it reads a file."""
+        """True if its shots are in memory; otherwise each access reads a file."""
         return all(shot.planes.held for shot in self.shots)
 
     @property
     def transparent(self) -> bool:
-        """Whether alpha tells anything of it."""
+        """True if its alpha is not all opaque."""
         return any(shot.planes.transparent for shot in self.shots)
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
-        """Where any of the shots tells anything, bool [H, W]: not behind a mask."""
+        """Mask of the pixels with data in any of the shots, bool [H, W]: not behind a mask."""
         valid = self.shots[0].valid
         if not bytes_of(valid) and valid.flat[0]:  # all of it, as of most photographs
             return np.broadcast_to(np.bool_(True), valid.shape[:2])
@@ -96,9 +96,9 @@ class View:
 
     @property
     def alpha(self) -> Float | None:
-        """How much of each pixel's light comes from the scene, 0..1, float32 [H, W]; None: all of it.
+        """Share of each pixel's light that comes from the scene, 0..1, float32 [H, W]; None: all of it.
 
-        Elsewhere is nothing: what alpha says of the photographs of the view, on the average.
+        The rest is empty background. It is the mean alpha of the view's photographs.
         """
         told = [alpha for alpha in (shot.alpha for shot in self.shots) if alpha is not None]
         if len(told) < 2:
@@ -126,15 +126,15 @@ class Dataset:
     held_out: tuple[View, ...]
     calibration: CalibrationRecord
     calibration_sha256: str
-    """Of calibration.json, and of split.json where there is one."""
+    """Hash of calibration.json, and of split.json if it exists."""
     watched: frozenset[str] = frozenset()
     """Names of the validation views."""
     world: WorldTransform = SAME
-    """Where the scene, with its views, lies in the world of the calibration."""
+    """Transform from the scene, with its views, to the world of the calibration."""
     bands: tuple[Band, ...] = ()
-    """The channels of the scene's light, by wavelength; none: those of Rec.709."""
+    """Channels of the scene's light, by wavelength; empty: those of Rec.709."""
     depth_scale: float | None = 1.0
-    """What its depth maps, as they were loaded, are multiplied by; None: they are left out."""
+    """Factor of its depth maps, as they were loaded; None: they are left out."""
 
     @property
     def validation(self) -> tuple[View, ...]:
@@ -167,7 +167,7 @@ class Dataset:
         return tuple(sorted(self.train + self.held_out, key=lambda view: view.id))
 
     def with_depths(self, scale: float | None) -> "Dataset":
-        """The same with the depth maps of all views times a scale; None: without them."""
+        """Multiply the depth maps of all views by a scale; None drops them."""
         train, held_out = (
             tuple(scaled(view, scale) for view in views) for views in (self.train, self.held_out)
         )
@@ -181,7 +181,7 @@ class Dataset:
     def tracks(
         self, most: int | None = None
     ) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
-        """The same points [P, 3], and which of them the image of each name saw, as `read_tracks` has them.
+        """Points [P, 3], and which of them the image of each name saw, as `read_tracks` has them.
 
         most: of the points, those that most images saw; None: all.
         """

@@ -1,9 +1,9 @@
-"""Decoded shots on the disk, for data sets that memory does not hold: read at each look, and let go again.
+"""Decoded shots on the disk, for data sets that exceed the memory: each access reads them anew.
 
 A file of `SESSION/decoded/` has one shot as a training of some width sees it, bit for bit: 8 or 16 bits a
 sample where a table of so many numbers gives every one of them, as it does for the codes of cameras, else
 float32; masks have a bit a sample. Its name is a hash of all that its pixels depend on, so what is there is
-right or not found. What is damaged or missing is decoded anew, also in the midst of a training. The folder
+right or not found. Damaged or missing files are decoded anew, also in the midst of a training. The folder
 may be deleted at any time.
 
 Files are read, not mapped: a map of 500 views takes the address space that `ulimit -v` limits, and what was
@@ -37,10 +37,10 @@ from recon.data.pixels import decode_shot
 from recon.data.shot import Planes, Shot, bytes_of
 
 FOLDER = "decoded"
-"""Of a session."""
+"""Folder in a session."""
 _FORMAT = 1
 _TRIED = 10_000
-"""Samples that are looked at before all of them: most pictures that are no codes end there."""
+"""Number of samples tested before all of them: most pictures that are no codes end there."""
 _MASKS = ("saturated", "dark", "valid")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
 
@@ -89,7 +89,7 @@ class StoredPlanes:
 
     @property
     def held(self) -> bool:
-        """They are not."""
+        """Always False."""
         return False
 
     @property
@@ -100,22 +100,22 @@ class StoredPlanes:
 
     @property
     def alpha(self) -> Float | None:
-        """None: there is none."""
+        """Alpha, or None."""
         return self._read("alpha", lambda file: _decoded(file, "alpha")) if self.transparent else None
 
     @property
     def saturated(self) -> Bool:
-        """Where the pixels are lower bounds."""
+        """Mask of pixels that are lower bounds."""
         return self._mask("saturated")
 
     @property
     def dark(self) -> Bool:
-        """Where they are upper bounds."""
+        """Mask of pixels that are upper bounds."""
         return self._mask("dark")
 
     @property
     def valid(self) -> Bool:
-        """Where they are anything."""
+        """Mask of pixels with data."""
         return self._mask("valid")
 
     def _mask(self, name: str) -> Bool:
@@ -226,7 +226,7 @@ def _written(path: Path, source: Source) -> tuple[Planes, dict[str, Any]]:
 
 @np.errstate(all="ignore")
 def _encoded(name: str, values: Float) -> dict[str, npt.NDArray[Any]]:
-    """Codes of the fewest bits with the table of what they stand for, else the values themselves."""
+    """Codes of the fewest bits with their table of values, else the values themselves."""
     low, high = values.min(), values.max()
     for kind in (np.uint8, np.uint16):
         last = np.iinfo(kind).max

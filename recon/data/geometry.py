@@ -38,7 +38,9 @@ def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
 
 
 def inside(lens: SplatCamera, pixels: Array, depth: Array) -> npt.NDArray[np.bool_]:
-    """Which of `project`ed points a picture shows: those in front of the camera and within its bounds."""
+    """Return which of `project`ed points a picture shows: those in front of the camera and within its
+    bounds.
+    """
     x, y = pixels[..., 0], pixels[..., 1]
     within = (depth > 0) & (x >= 0) & (y >= 0) & (x < lens.width) & (y < lens.height)
     return np.asarray(within)

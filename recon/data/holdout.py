@@ -1,4 +1,4 @@
-"""Which views are held out of training: one in eight, or those that a data set's split tests on."""
+"""Held-out views: one in eight, or those that a data set's split tests on."""
 
 import math
 from collections.abc import Iterable

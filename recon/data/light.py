@@ -32,7 +32,7 @@ class Light:
 
 
 Images = Sequence[tuple[Float, Bool]]
-"""What `radiance_image` makes of views, in their order; of a large data set each look reads a file."""
+"""Radiance images of views, in their order; for a large data set each access reads a file."""
 
 BRIGHTEST = 0.9999
 """Share of the pixels that are darker than light of 1 in scene units."""
@@ -64,7 +64,9 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
 
 
 def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images:
-    """Those of the training views: in memory if their shots are, else in a file without a name."""
+    """Radiance images of the training views: in memory if their shots are, else in a temporary file without a
+    name.
+    """
 
     def each() -> Iterator[tuple[Float, Bool]]:
         for done, view in enumerate(dataset.train):
@@ -82,7 +84,7 @@ def kept_images(dataset: Dataset, images: Iterable[tuple[Float, Bool]]) -> Image
 
 
 class StoredImages(Sequence[tuple[Float, Bool]]):
-    """Images [H, W, C] with masks [H, W] on a disk, until nobody refers to them any more."""
+    """Images [H, W, C] with masks [H, W] on a disk, which are freed with the last reference."""
 
     def __init__(self, folder: Path, images: Iterable[tuple[Float, Bool]]) -> None:
         self._file = store.scratch(folder)
@@ -144,7 +146,7 @@ def light_of(dataset: Dataset, images: Images) -> Light:
 
     normaliser: the 99.99th percentile of the largest channel, so that a hot pixel does not set it; 1
     for a scene without any light. reference: one code value (of 12 bits for linear input, of 8 for
-    photographs) of the longest exposures, the least that they can tell from black, but not less
+    photographs) of the longest exposures, the least that they can distinguish from black, but not less
     than 2^-20 of the normaliser, which is what it is for EXR, whose numbers have no steps.
     """
     top = _brightest(images, sum(view.lens.width * view.lens.height for view in dataset.train))
@@ -154,7 +156,7 @@ def light_of(dataset: Dataset, images: Images) -> Light:
 
 
 def _brightest(images: Images, pixels: int) -> float:
-    """The percentile of so many pixels, of which only those above it are ever held together."""
+    """Percentile of that many pixels, of which only those above it are ever held together."""
     place = BRIGHTEST * (pixels - 1)
     above = pixels - math.floor(place)
     largest = np.empty(0, np.float32)

@@ -87,7 +87,7 @@ def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
 
 
 def calibration_sha256(session: Path) -> str:
-    """Of calibration.json, and of split.json where there is one: what places and parts the views."""
+    """Hash of calibration.json, and of split.json if it exists: the poses and the split of the views."""
     digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
     if (session / SPLIT).exists():
         digest.update((session / SPLIT).read_bytes())
@@ -153,7 +153,7 @@ def _counts(camera: str, groups: Collection[ViewId], out: Collection[ViewId]) ->
 
 
 def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
-    """Of the names and hashes of shots and their masks, in order of name."""
+    """Hash of the names and hashes of shots and their masks, in order of name."""
     lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
@@ -168,7 +168,7 @@ def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens
 
 
 def _band(session: Session, shot: ShotRecord, cfa: Cfa | None) -> int | None:
-    """The place of a shot's band among those of the session; None: it has none."""
+    """Index of a shot's band among those of the session, or None."""
     names = [band.name for band in in_order(session.record.bands)]
     if not names:
         return None

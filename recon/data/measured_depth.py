@@ -19,13 +19,13 @@ Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
 
 FEWEST_LOOKS = 30
-"""At scene points, of all views together, that tell a scale."""
+"""Fewest samples at scene points, of all views together, that determine a scale."""
 MOST_SCATTER = 0.1
-"""Of ln depth, beyond which maps and scene points are not of one scene: monocular guesses scatter more."""
+"""Largest scatter of ln depth for maps and scene points of one scene: monocular guesses scatter more."""
 SURFACE = 1.1
 """Times the nearest of four neighbouring pixels, within which all are of one surface."""
 MOST_POINTS = 20_000
-"""Scene points that are looked at where no view says which of them it saw."""
+"""Most scene points that are projected where no view records which of them it saw."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _resized(values: Float, height: int, width: int) -> Float:
 
 @dataclass(frozen=True)
 class DepthFit:
-    """How the depth maps of training views agree with the scene points.
+    """Agreement of the depth maps of training views with the scene points.
 
     views: with a map. scale: what their units are to be multiplied by. scatter: standard deviation of ln
     depth about that, robust. looks: at scene points.
@@ -87,7 +87,7 @@ class DepthFit:
 
     @property
     def fits(self) -> bool:
-        """Whether the maps tell depths of this scene."""
+        """True if the maps hold depths of this scene."""
         return self.looks >= FEWEST_LOOKS and self.scatter <= MOST_SCATTER
 
     def told(self) -> str:
@@ -102,10 +102,10 @@ class DepthFit:
 
 
 def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, npt.NDArray[np.int64]]) -> DepthFit | None:
-    """The scale of the depth maps of `views`; None: no view has one.
+    """Fit the scale of the depth maps of `views`; None if no view has one.
 
     xyz: scene points [P, 3]; tracks: which of them the image of each name saw, as far as that is known. One
-    scale for all: what each map needs a scale of its own for is no measurement.
+    scale for all: maps that need a scale each are no measurement.
     """
     ratios: list[Array] = []
     maps = [view for view in views if view.depth is not None]
@@ -128,7 +128,7 @@ def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, npt.NDArray[np
 
 
 def scaled(view: "View", scale: float | None) -> "View":
-    """A view with its depth map, if it has one, times a scale; None: without it."""
+    """Multiply the depth map of a view, if it has one, by a scale; None drops it."""
     if view.depth is None:
         return view
     return replace(view, depth=None if scale is None else replace(view.depth, unit=view.depth.unit * scale))

@@ -62,7 +62,7 @@ def read_shot(
 
 @contextmanager
 def decoded_once() -> Iterator[None]:
-    """Within the block a file that is read again as it was is not decoded again.
+    """Cache decoded files within the block; an unchanged file is not decoded again.
 
     For a training that is evaluated and reported at once: each of them reads the same shots, which stay in
     memory until the block ends, as those of one data set do anyway.
@@ -87,7 +87,7 @@ def decode_shot(
     sensors: Sequence[SensorCalibration],
     mask: Path | None,
 ) -> tuple[Shot, Cfa | None]:
-    """`read_shot` of a file that nobody has decoded yet."""
+    """Decode a file anew, as `read_shot` without a cache."""
     shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
     shot = shot.showing(saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
     if mask is None:

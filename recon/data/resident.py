@@ -8,8 +8,9 @@ from recon.data.shot import bytes_of
 
 FLOAT = 4
 MOST_HELD = 0.25
-"""Of the free memory, what decoded shots may take and be held there. What is begun with them (targets, light,
-renders of an evaluation) takes as much again and more."""
+"""Share of the free memory that decoded shots may take and be held there. Arrays made from them (targets,
+light, renders of an evaluation) take as much again and more.
+"""
 
 
 def pixels_of(view: View) -> int:

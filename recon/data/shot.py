@@ -61,33 +61,33 @@ class HeldPlanes:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the pixels."""
+        """Shape of the pixels."""
         return self.pixels.shape
 
     @property
     def transparent(self) -> bool:
-        """Whether there is alpha."""
+        """True if it has alpha."""
         return self.alpha is not None
 
     @property
     def held(self) -> bool:
-        """They are."""
+        """Always True."""
         return True
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One exposure.
+    """Exposure of a view.
 
-    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
-    (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
-    saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
-    this bright (LDR only). valid: bool, same shape; False where the file holds no number. A mask that is the
-    same everywhere is read-only. alpha: float32 [H, W], alpha of a photograph, 0..1; None: all is opaque, or
-    nothing is told of it. All of these may be read from a disk at each look: take them once.
-    noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
-    only), as it was measured, else that of the file's white level. band: the channel of the scene's light
-    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709.
+    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1 (RAW;
+    noise below black stays negative), code values 0..1 (LDR), or linear light (HDR). saturated: bool, same
+    shape: the scene is at least this bright. dark: bool, the scene is at most this bright (LDR only). valid:
+    bool, same shape; False where the file holds no number. A mask that is the same everywhere is read-only.
+    alpha: float32 [H, W], alpha of a photograph, 0..1; None: opaque or unknown. Each access of these may read
+    a file: take them once. noise: of the linear signal; None if unknown. ceiling: the signal at which the
+    sensor saturates (RAW only), as it was measured, else that of the file's white level. band: the channel of
+    the scene's light that it shows, of a mono camera behind a filter; None: all of them, as its camera sees
+    Rec.709.
     """
 
     file: str
@@ -121,32 +121,32 @@ class Shot:
 
     @property
     def saturated(self) -> Bool:
-        """Where it is a lower bound."""
+        """Mask of saturated pixels; there the signal is a lower bound."""
         return self.planes.saturated
 
     @property
     def dark(self) -> Bool:
-        """Where it is an upper bound."""
+        """Mask of dark pixels; there the signal is an upper bound."""
         return self.planes.dark
 
     @property
     def valid(self) -> Bool:
-        """Where it is anything."""
+        """Mask of pixels with data."""
         return self.planes.valid
 
     @property
     def alpha(self) -> Float | None:
-        """How much of the light comes from the scene."""
+        """Share of the light that comes from the scene."""
         return self.planes.alpha
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the pixels."""
+        """Shape of the pixels."""
         return self.planes.shape
 
     @property
     def top(self) -> float:
-        """Where the signal ends: the ceiling of RAW, the last code of a photograph."""
+        """Saturation level of the signal: the ceiling of RAW, the last code of a photograph."""
         return 1.0 if self.ceiling is None else self.ceiling
 
     def showing(self, **planes: Any) -> "Shot":
@@ -155,7 +155,7 @@ class Shot:
         return replace(self, planes=HeldPlanes(**{name: getattr(self, name) for name in names} | planes))
 
     def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
-        """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
+        """The shot as linear light; codes are decoded by `response` (None: they are linear already)."""
         signal = self.pixels if response is None else decode(self.pixels, response)
         return LinearFrame(
             signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
@@ -163,10 +163,11 @@ class Shot:
 
 
 def measured_light(shot: Shot, response: Response) -> tuple[float, float] | None:
-    """Least and most linear radiance, of what is grey, that a shot tells from its noise and from white.
+    """Least and most linear radiance, of something grey, that a shot measures above its noise and below
+    white.
 
     By `ABOVE` standard deviations of a photosite, or of a code value; vignetting and colour filters are not
-    counted. None: no limits are known, as of EXR.
+    counted. None if the limits are unknown, as of EXR.
     """
     if isinstance(shot.noise, SensorSignalNoise):
         slope, floor = ABOVE**2 * shot.noise.slope, ABOVE**2 * shot.noise.floor

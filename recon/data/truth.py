@@ -64,7 +64,8 @@ def calibration_errors(session: Path, calibration: CalibrationRecord) -> dict[st
 
 
 def _pose_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[str, float]:
-    """After the best similarity: rotation by the mean of the orientations, scale and shift by centres.
+    """Pose errors after the best similarity: rotation by the mean of the orientations, scale and shift by
+    centres.
 
     The rotation between the two worlds is taken from the orientations, not from the centres: a rig
     that stands in a line says nothing about the turn around that line. Distances are relative to the
@@ -110,7 +111,7 @@ def _centres(cam_from_world: Array) -> Array:
 
 
 def _exposure_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[str, float]:
-    """Of the ratio of every shot to the longest of its bracket."""
+    """Errors of the ratio of every shot to the longest of its bracket."""
     brackets: dict[ViewId, list[tuple[float, float]]] = {}
     for entry in truth["exposures"]:
         scale = calibration.exposure_scale.get(entry.get("file", ""))

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 ROUNDING_PX = 0.01
-"""Float32 coordinates may move what is seen by so many pixels."""
+"""Largest movement of image points by float32 coordinates, px."""
 
 
 class WorldTransform(Record):
@@ -33,11 +33,12 @@ class WorldTransform(Record):
 
     @classmethod
     def of(cls, cameras: Mapping[str, Array], colmap: Path) -> Self:
-        """For cameras, by image name of the model in the folder `colmap`: cam_from_world [4, 4] each.
+        """Choose the scene's coordinates for cameras, by image name of the model in the folder `colmap`:
+        cam_from_world [4, 4] each.
 
         The origin is the median of their centres; the unit the median, over the cameras, of the median depth
         of the points that a camera saw, or of all in front of it where the model does not say. Without
-        points it is the largest distance of a camera from the origin, as in 3DGS, where that is none, 1.
+        points it is the largest distance of a camera from the origin, as in 3DGS, or 1 if that is 0.
         """
         centres = np.array([-motion[:3, :3].T @ motion[:3, 3] for motion in cameras.values()])
         origin = np.median(centres, axis=0)
@@ -72,7 +73,7 @@ class WorldTransform(Record):
         return replace(camera, cam_from_world=motion)
 
     def offset(self, focal: float) -> Vector:
-        """What world coordinates have to be given less of to be float32, for focal lengths up to `focal` px.
+        """Offset subtracted from world coordinates before float32, for focal lengths up to `focal` px.
 
         Zero where rounding to float32 moves nothing by more than `ROUNDING_PX` at the scene's depth; else
         the origin, rounded to ten times the power of ten next to the unit, so that it is short to write.

@@ -1,4 +1,4 @@
-"""What a training may take, or has to reach: time, size, Gaussians or quality, as one word says it."""
+"""Budget of a training: time, size, Gaussians or quality, in one word."""
 
 import math
 import re
@@ -68,7 +68,7 @@ class Budget:
         return int(self.amount) if self.unit == "Gaussians" else None
 
     def __str__(self) -> str:
-        """As it could be written on the command line."""
+        """Format as on the command line."""
         if self.unit == "bytes":
             power = 9 if self.amount >= 1e9 else 6 if self.amount >= 1e6 else 3
             return f"{self.amount / 10**power:g}{ {9: 'GB', 6: 'MB', 3: 'KB'}[power] }"

@@ -1,4 +1,4 @@
-"""Which corrections a training may make: by what the calibration knows, else by the evidence of a trial."""
+"""Corrections that a training may make: by the errors of the calibration, else by the evidence of a trial."""
 
 from collections.abc import Sequence
 from typing import get_args
@@ -24,18 +24,21 @@ from recon.train.training import Training
 
 ALL: tuple[Refined, ...] = get_args(Refined)
 TRIED: tuple[Refined, ...] = ("poses", "exposures", "vignetting")
-"""By trials, where the calibration does not tell; glare is told by scene points."""
+"""Corrections decided by trials, where the calibration does not state errors; glare is measured on scene
+points.
+"""
 KNOWN_PX = 0.3
-"""Poses that are surer than this, in pixels of the training images, leave next to nothing to gain, and no
-trial can tell it (bench/recon/refine.py)."""
+"""Pose error, in pixels of the training images, below which a correction has next to nothing to gain, and no
+trial can measure it (bench/recon/refine.py).
+"""
 KNOWN_PERCENT = 1.0
 """And exposures that are surer than this."""
 TRIAL_WIDTH = 320
 TRIAL_GAUSSIANS = 10_000
 TRIAL_LOOKS = 20
-"""At each view of a trial, at least; the corrections need so many to arrive."""
+"""Fewest iterations a view in a trial; the corrections need that many to converge."""
 TRIAL_SHARE = 0.2
-"""Of the training's own iterations, at least."""
+"""Smallest share of the training's own iterations."""
 UNIT = "dB of the residuals of views held out of a trial"
 
 
@@ -47,9 +50,11 @@ def refinement_for(
     ranks: Ranks,
     progress: Progress,
 ) -> Refinement:
-    """Return what a training with these settings corrects: as asked, else by evidence; the same on all ranks.
+    """Return the corrections of a training with these settings: as requested, else by evidence; the same on
+    all ranks.
 
-    images: radiance images of the training views. against_trials: why none is made; None: they are.
+    images: radiance images of the training views. against_trials: the reason against trials, or None if they
+    are allowed.
     """
     asked = settings.overrides.refine
     shares, glare = glare_of(dataset, images, "refine glare")
@@ -143,14 +148,14 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
 
 
 def _displayed(dataset: Dataset, method: str, name: Refined) -> Rung | None:
-    """The rung, where no light is told from display values."""
+    """Rung of methods that do not separate the light from display values."""
     if dataset.kind == "ldr" and method == vanilla.NAME:
         return _rung(name, False, "display values are taken as they are, with no idea of light")
     return None
 
 
 def pose_error_px(dataset: Dataset) -> float | None:
-    """Median over the training views of what the errors of their poses come to, px; None: not known.
+    """Median over the training views of the effect of their pose errors, px; None if unknown.
 
     Standard errors of rotation and of place are added, the one at the view's focal length, the other at its
     median depth.
@@ -189,10 +194,10 @@ def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View
 
 
 def _curve_error(response: Response, judged: bool) -> float | None:
-    """Return how far exposures taken from a curve may be off, natural log; None: it was not measured.
+    """Return the error, natural log, of exposures taken from a curve; None if it was not measured.
 
-    The curve's own error where its exposures were judged apart from their labels; elsewhere what its
-    exposures disagree by, most of which is noise.
+    The curve's own error where its exposures were judged apart from their labels; elsewhere the disagreement
+    of its exposures, most of which is noise.
     """
     if not judged or not response.sigma:
         return response.residual

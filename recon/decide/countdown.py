@@ -26,7 +26,7 @@ class TooShort(InputError):
 
 @dataclass
 class Countdown:
-    """What is left of `seconds` that began at `began`, a reading of `clock`.
+    """Remaining time of `seconds` that began at `began`, a reading of `clock`.
 
     page: whether the scene is evaluated and reported after it is trained; made False where that does not
     fit. reserve: seconds that are kept for what follows training. say: is given a line on what is left out.

@@ -39,11 +39,11 @@ NO_TIME = "not tried, since a trial would take its time from the budget"
 
 @dataclass(frozen=True)
 class Run:
-    """A reconstruction under way: what it is of, and what it runs on.
+    """Running reconstruction: its subject and its environment.
 
-    asked: the settings asked for, the method among them. countdown: of a budget of time. say: is given lines
-    on what has no room, and on what is predicted. smaller: what is trained where the time has no room for
-    this; None: nothing.
+    asked: the requested settings, the method among them. countdown: of a budget of time. say: callback for
+    messages on skipped steps and predictions. smaller: the smaller training if the time is too short for this
+    one, or None.
     """
 
     dataset: Dataset
@@ -59,10 +59,10 @@ class Run:
 
 @dataclass(frozen=True)
 class Case(Run):
-    """What every decision may look at: the run, and the views.
+    """Inputs of every decision: the run, and the views.
 
-    dataset: with its depth maps, if there are any that fit, in scene coordinates. images: the radiance images
-    of the training views; look: seconds that they took. depths: how the maps fit; None: there are none.
+    dataset: with its depth maps, if they fit, in scene coordinates. images: the radiance images of the
+    training views; look: seconds that they took. depths: the fit of the maps, or None without maps.
     """
 
     images: Images
@@ -72,7 +72,7 @@ class Case(Run):
 
     @classmethod
     def of(cls, run: Run) -> "Case":
-        """Look at the training views for the first time."""
+        """Read the training views for the first time."""
         began = run.clock()
         images = radiance_images(run.dataset, run.progress)
         light, depths = light_of(run.dataset, images), depth_fit(run.dataset, images, run.progress)
@@ -83,17 +83,17 @@ class Case(Run):
         return cls(**parts, images=images, light=light, look=look, depths=depths)
 
     def seconds_left(self) -> float | None:
-        """Until training has to be over, the same on all ranks; None where time is no matter."""
+        """Seconds until training has to be over, the same on all ranks; None without a time limit."""
         return None if self.countdown is None else self.ranks.broadcast(self.countdown.left())
 
 
 @dataclass(frozen=True)
 class Decisions:
-    """What is decided so far.
+    """Decisions so far.
 
-    settings: those asked for, with what was decided in place of it. first: points of a sweep over all depths,
-    where poses came without any. points: to start from. far: what is
-    behind them at the start. against_trials: why none is made; None: they are. rungs: the evidence for the
+    settings: the requested ones, with decisions in place of defaults. first: points of a sweep over all
+    depths, where poses came without any. points: to start from. far: the environment behind them at the
+    start. against_trials: the reason against trials, or None if they are allowed. rungs: the evidence for the
     size, the environment and depth; that for the corrections is in `refinement`.
     """
 
@@ -138,12 +138,12 @@ def decide(case: Case) -> Decisions:
 
 
 def longest(case: Case, decided: Decisions) -> Decisions:
-    """Looks at how much other scenes gained by how many iterations; chooses how many there are at most."""
+    """Cap the iterations where earlier scenes stopped improving."""
     return decided.setting(iterations=iterations_at_most(case.asked))
 
 
 def report(case: Case, decided: Decisions) -> Decisions:
-    """Looks at how long the views took; chooses whether the budget of time has room for the report.
+    """Decide whether the budget of time has room for the report, by the time that the views took.
 
     TooShort where it has no room for a training.
     """
@@ -154,7 +154,7 @@ def report(case: Case, decided: Decisions) -> Decisions:
 
 
 def degree(case: Case, decided: Decisions) -> Decisions:
-    """Looks at scene points from all sides; chooses the degree of the harmonics, and leaves its rung."""
+    """Choose the degree of the harmonics by scene points seen from all sides, and leave its rung."""
     first = (
         None if len(case.dataset.points().xyz) else points_of_poses(case.dataset, case.images, case.progress)
     )
@@ -163,13 +163,13 @@ def degree(case: Case, decided: Decisions) -> Decisions:
 
 
 def most_gaussians(case: Case, decided: Decisions) -> Decisions:
-    """Looks at preset, budget and samples of the views; chooses how many Gaussians there are at most."""
+    """Choose the maximum number of Gaussians by preset, budget and samples of the views."""
     return decided.setting(max_gaussians=most_for(case.dataset, case.asked, decided.settings.degree or 0))
 
 
 def room(case: Case, decided: Decisions) -> Decisions:
-    """Looks at the speed of a few iterations; TooShort where the time has no room for the fewest, be it only
-    after a start, where a smaller size is there that would begin with one.
+    """Raise TooShort where the time has no room for the fewest iterations, by the speed of a few; after a
+    start only, if a smaller size exists that would begin with one.
     """
     seconds = case.seconds_left()
     if case.countdown is not None and seconds is not None:
@@ -184,7 +184,7 @@ def room(case: Case, decided: Decisions) -> Decisions:
 
 
 def start(case: Case, decided: Decisions) -> Decisions:
-    """Looks at the time there is; chooses how many views are swept for depth, and the points of the start."""
+    """Choose the number of views that are swept for depth, by the time, and the points of the start."""
     asked, countdown = case.asked, case.countdown
     count = int(asked.start_share * decided.settings.max_gaussians)
     rng = np.random.Generator(np.random.PCG64([asked.seed, 0x57A27]))
@@ -198,7 +198,7 @@ def start(case: Case, decided: Decisions) -> Decisions:
 
 
 def trials(case: Case, decided: Decisions) -> Decisions:
-    """Looks at preset, overrides, views and speed; chooses whether trials may decide what follows."""
+    """Decide whether trials may be made, by preset, overrides, views and speed."""
     reason, seconds = reason_against_trials(case.dataset, case.asked), case.seconds_left()
     if reason is None and case.countdown is not None and seconds is not None:
         begin, plan = partial(decided.training, case), decided.settings.plan()
@@ -209,8 +209,8 @@ def trials(case: Case, decided: Decisions) -> Decisions:
 
 
 def environment(case: Case, decided: Decisions) -> Decisions:
-    """Looks at what views see in the same directions, then at a trial; chooses whether light from far away is
-    behind the Gaussians, and leaves its rung.
+    """Decide whether an environment lies behind the Gaussians, by views that look in the same directions,
+    then by a trial, and leave its rung.
     """
     points = decided.points
     assert points is not None
@@ -228,8 +228,8 @@ def environment(case: Case, decided: Decisions) -> Decisions:
 
 
 def depth(case: Case, decided: Decisions) -> Decisions:
-    """Looks at how depth maps fit the scene points, then at trials; chooses how much training compares with
-    them, and leaves its rungs.
+    """Choose the weight of measured depth, by its fit to the scene points, then by trials, and leave its
+    rungs.
     """
     weight, rungs = depth_for(
         case.dataset, case.depths, decided.settings, decided.against_trials, case.ranks, case.progress
@@ -240,7 +240,7 @@ def depth(case: Case, decided: Decisions) -> Decisions:
 
 
 def corrections(case: Case, decided: Decisions) -> Decisions:
-    """Looks at the errors of the calibration, else at trials; chooses what training corrects in it."""
+    """Choose the corrections of the calibration, by its errors, else by trials."""
     asked = decided.of_trials(case)
     refinement = refinement_for(
         case.dataset, case.images, asked, decided.against_trials, case.ranks, case.progress
@@ -249,7 +249,7 @@ def corrections(case: Case, decided: Decisions) -> Decisions:
 
 
 def gaussians(case: Case, decided: Decisions) -> Decisions:
-    """Looks at trials, or at the samples of the views; chooses how many Gaussians the scene is given."""
+    """Choose the number of Gaussians, by trials or by the samples of the views."""
     asked = decided.of_trials(case)
     points, colours = decided.points, decided.settings.degree or 0
     assert points is not None
@@ -264,7 +264,7 @@ def gaussians(case: Case, decided: Decisions) -> Decisions:
 
 
 def iterations(case: Case, decided: Decisions) -> Decisions:
-    """Looks at a training in miniature, where there is a budget; chooses how many iterations fit into it.
+    """Choose the iterations that fit into a budget, by a training in miniature.
 
     Leaves a prediction of the quality. TooShort where too few iterations fit.
     """
@@ -308,7 +308,7 @@ ORDER: tuple[Callable[[Case, Decisions], Decisions], ...] = (
 
 
 def iterations_at_most(asked: Settings) -> int:
-    """As many as were asked for; with early stop as many of them as were worth it in other scenes."""
+    """Number of iterations requested; with early stop, capped where other scenes stopped improving."""
     if not asked.early_stop:
         return asked.iterations
     return math.ceil(enough(asked.iterations * asked.batch) / asked.batch)

@@ -1,4 +1,4 @@
-"""How long a reconstruction takes in all, said when one view of each camera is read.
+"""Duration of a whole reconstruction, stated when one view of each camera is read.
 
 What it does is counted, and each count has its time on a processor. Those were measured on two cores (the
 trainings of bench/results/presets.md, and fox as a draft), and hold for others within `SURE`.
@@ -23,20 +23,22 @@ from recon.train.device import training_device
 BEGIN = 10.0
 """Processor seconds of imports, of kernels that were compiled before, and of files that are written."""
 READ = 0.05
-"""Of a megapixel of a file."""
+"""Processor seconds a megapixel of a file."""
 SWEEP = 1.5
-"""Of the depths of a megapixel of a training view."""
+"""Processor seconds for the depths of a megapixel of a training view."""
 STEP, DRAWN, PLANE, GAUSSIAN = 0.005, 0.12, 0.04, 0.5e-6
-"""Of an iteration: itself; of its render and of each plane of its shots, by the megapixel; of a Gaussian."""
+"""Processor seconds of an iteration: of its own; of its render and of each plane of its shots, by the
+megapixel; of a Gaussian.
+"""
 MEASURED = 8.0
-"""Of a megapixel of a held-out view, in evaluation and report."""
+"""Processor seconds a megapixel of a held-out view, in evaluation and report."""
 REPORT = 4.0
 ON_ALL_CORES = 0.65
 """Share of the time which all cores do (bench/results/budget.md: 37 s of the clock for 55 of a processor)."""
 MOST_TRIALS = 1.1
-"""Of the training, what trials take at most (`recon.decide.probe.WITH_TRIALS`)."""
+"""Largest share of the training that trials take (`recon.decide.probe.WITH_TRIALS`)."""
 SURE = 0.7, 1.6
-"""Of what is counted, what a reconstruction may take."""
+"""Relative uncertainty of the duration that is counted."""
 WORTH_SAYING = 30.0
 """Seconds; what is sooner done needs no word."""
 
@@ -105,7 +107,7 @@ class Work:
         return STEP + view * (DRAWN + PLANE * self.planes) + GAUSSIAN * gaussians
 
     def processor_seconds(self) -> tuple[float, float]:
-        """Without any trial, and with as many as may be made; no more sure than `SURE` says."""
+        """Processor seconds without any trial, and with the most trials; within `SURE`."""
         pace = self._step(self.view, 0.75 * self.gaussians)
         plain = (
             BEGIN
@@ -120,7 +122,7 @@ class Work:
         return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
 
     def told(self, cores: int, at_most: bool = False) -> str | None:
-        """Return how long it takes in all on so many cores; None: not worth a word.
+        """Return the duration in words on that many cores; None if it is too short to mention.
 
         at_most: whether the training may end before its last iteration.
         """
@@ -146,9 +148,10 @@ def how_long(
     overrides: Overrides,
     early_stop: bool,
 ) -> str | None:
-    """Return what a reconstruction takes that begins now, in words; None: it is short, or a time was given.
+    """Return the duration, in words, of a reconstruction that begins now; None: it is short, or a time was
+    given.
 
-    On GPUs, and where light is that of bands, nothing was measured and nothing is said. Arguments as
+    None also on GPUs and for bands, where nothing was measured. Arguments as
     `recon.data.load.load` and `recon.reconstruct.reconstruct` have them.
     """
     opened = Session.open(session)
@@ -167,7 +170,7 @@ def how_long(
 
 
 def words(seconds: float) -> str:
-    """A time of about so many seconds: `40 s`, `5 min`, `2 h 10 min`."""
+    """Format about that many seconds: `40 s`, `5 min`, `2 h 10 min`."""
     if seconds < 90:
         return f"{max(round(seconds / 5) * 5, 5)} s"
     minutes = round(seconds / 60)

@@ -1,4 +1,4 @@
-"""Whether light from far away is behind the Gaussians: asked of geometry first, then of a trial."""
+"""Decision on light from far away behind the Gaussians: by geometry first, then by a trial."""
 
 from dataclasses import replace
 
@@ -31,14 +31,16 @@ BESIDE, CLEAR = 0.06, 0.03
 stands in for a trial. Demo and gallery have 2 % alike, and as many beside; objects before a light probe 18 %,
 8 % fewer beside."""
 MOST_VIEWS = 12
-"""Looked at for it, evenly chosen."""
+"""Most views sampled for it, evenly chosen."""
 ACROSS = 40
-"""Pixels looked at in a row of a view."""
+"""Pixels sampled in a row of a view."""
 APART = 0.2
-"""Of the extent of the rig: cameras nearer to each other see near things alike, too."""
+"""Least distance of two cameras, as a share of the extent of the rig: nearer ones see near things alike,
+too.
+"""
 FEWEST_LOOKS = 2
 TRIAL_LOOKS = 10
-"""At each view of a trial; a far field that is worth anything shows at once."""
+"""Iterations a view in a trial; an environment that is worth anything shows at once."""
 
 
 def environment_for(

@@ -1,4 +1,6 @@
-"""What a training will take of a machine, said before it is begun, or when it has read its first views."""
+"""Forecast of a training's demand on a machine, made before it begins, or when it has read its first
+views.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +17,7 @@ from recon.decide.presets import QUALITIES, QualityName
 from recon.scene.harmonics import DEGREE
 
 Counts = Mapping[str, tuple[int, int]]
-"""Of each camera, how many views it has in all, and to train on."""
+"""Number of views of each camera in all, and to train on."""
 
 
 def fitting(
@@ -27,7 +29,8 @@ def fitting(
     overrides: Overrides,
     budget: Budget | None,
 ) -> tuple[Need, bool]:
-    """What a training takes where `free` bytes are left, and whether its images stay on the disk for that.
+    """Return the demand of a training where `free` bytes are left, and whether its images stay on the disk
+    for that.
 
     firsts: a view of each camera. overrides, budget: as `reconstruct` has them.
     """
@@ -54,7 +57,7 @@ def forecast(
     overrides: Overrides,
     budget: Budget | None,
 ) -> int:
-    """Bytes that a training takes at its peak, where a process of so many threads may take `room` in all.
+    """Forecast the peak bytes of a training, where a process of that many threads may take `room` in all.
 
     Reads a view of each camera. InputError, with the setting that would fit, where it takes more.
     """

@@ -1,4 +1,4 @@
-"""How well a training predicts a view that it did not see, whose own pose and exposures are not sure either.
+"""Held-out quality of a training on a view whose own pose and exposures are uncertain too.
 
 They are fitted on one half of the picture, with the Gaussians as they are, and the other half is judged. The
 halves are squares that alternate as on a chessboard.
@@ -23,7 +23,9 @@ SQUARE = 8
 STEPS = 40
 POSE_RATES = (2e-3, 1e-4)
 EXPOSURE_RATES = (5e-2, 5e-4)
-"""At the first and the last step. Adam's steps are about as long: exposures half a stop off arrive."""
+"""Learning rates of the exposures at the first and the last step. Adam's steps are about as long: exposures
+half a stop off converge.
+"""
 ROUGHLY = 2 / 255
 """Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
 

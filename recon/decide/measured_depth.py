@@ -1,4 +1,4 @@
-"""Whether training compares with measured depth, and with what weight: by trials, or by scene points."""
+"""Weight of measured depth in a training: by trials, or by scene points."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,24 +20,24 @@ from recon.train.ranks import Ranks
 
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)
-"""That are tried (bench/decided/depth.py)."""
+"""Weights that are tried (bench/decided/depth.py)."""
 USUAL = 0.1
 """The weight where no trial can be made, and there are few views."""
 FEW_VIEWS = 12
 """Training views, below which the term is worth it even without a trial: to what the start gains it adds 0.2
 to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/decided/depth.py)."""
 SURE_SCATTER = 0.03
-"""Of ln depth about scene points, below which depth is good enough for that."""
+"""Scatter of ln depth about scene points below which depth is accurate enough for that."""
 
 AS_TOLD = 0.05
-"""Of ln depth, by which the scale that swept points tell may be off (toy scenes of six views: 0.01)."""
+"""Largest error of ln depth of a scale from swept points (toy scenes of six views: 0.01)."""
 
 
 def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit | None:
-    """Return how the depth maps of the training views agree with the scene points; None: there are no maps.
+    """Return the agreement of the training views' depth maps with the scene points; None without maps.
 
-    Where poses came without points, with those that a sweep of the images finds; a unit that is as it is said
-    to be, as far as these can tell, is believed.
+    Where poses came without points, with those that a sweep of the images finds; a unit that agrees with its
+    statement within their error is kept.
     """
     if all(view.depth is None for view in dataset.train):
         return None

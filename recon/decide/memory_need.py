@@ -14,7 +14,7 @@ from recon.data.shot import bytes_of
 KERNELS = 110_000_000
 """Bytes of compiled kernels, of libraries that are loaded on the way, and of writing the scene."""
 NUMBERS = 14, 9, 15
-"""Of a Gaussian: those of degree 0, and what degrees 1 and 2 add."""
+"""Numbers of a Gaussian: those of degree 0, and the additional ones of degrees 1 and 2."""
 ADAM = 4
 """Each number with its gradient and the two averages of Adam."""
 TABLES = 1300
@@ -23,7 +23,7 @@ peaks of three sets of photographs (`bench/real/memory.py`)."""
 LOOKS = 72_000_000
 """Bytes of the points' looks from all views, and of the depth planes of a view."""
 MOST_IMAGES = 0.5
-"""Of the free memory, what images and all that is made of them may take and be held there."""
+"""Share of the free memory that images and all arrays made of them may take and be held there."""
 LOOK = 48
 """Bytes of a pixel whose shots are read and made targets at each look, beside both; by what trainings on RAW
 brackets of 0.8 megapixels took (6 views and 12: 0.88 and 0.98 GB where 0.87 was said without)."""
@@ -43,7 +43,7 @@ class Need:
     width: int
     count: int
     held: int = 0
-    """Of the images, what is in memory already."""
+    """Bytes of the images that are in memory already."""
 
     @property
     def total(self) -> int:
@@ -98,7 +98,7 @@ def need(
     *,
     stored: bool = False,
 ) -> Need:
-    """What training takes at its peak. firsts: a view of each camera; counts: of its views, and to train on.
+    """Peak memory of a training. firsts: a view of each camera; counts: of its views, and to train on.
 
     Of shots in memory the peak is either where the start has the light of all views beside them, or where
     training has come to hold the targets of all of them. stored: the shots are on the disk; then one view at

@@ -1,4 +1,4 @@
-"""Which method a session asks for, and what of a model it requires: decided before training, in seconds."""
+"""Choice of the method for a session, before training, in seconds."""
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from recon.observe.calibrated_curves import STOP_APART, Curves, developed
 from recon.observe.tone_grid import EXACT
 
 BEYOND_ONE = 1.5
-"""Stops between photographs that were exposed one by one, from which on they tell of more light than display
-values hold. A castle whose photographs lie 1.1 stops apart is better with gains on display values
-(bench/decided/each_photograph.py)."""
+"""Stops between separately exposed photographs above which they hold more light than display values. A castle
+whose photographs lie 1.1 stops apart is better with gains on display values
+(bench/decided/each_photograph.py).
+"""
 
 
 def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]:
@@ -34,9 +35,9 @@ def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ..
 def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     """The method for `auto`, and the reasons.
 
-    Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since
-    only then the curve can be told from the light; otherwise display values are all there is. What a camera
-    chose anew for each photograph is gains on these, unless that spans more light.
+    Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since only
+    then the curve can be separated from the light; otherwise display values are all there is. Settings that a
+    camera chose anew for each photograph become gains on these, unless they span more light.
     """
     if dataset.kind != "ldr":
         if any(view.sensor.kind == "ldr" for view in dataset.views):
@@ -68,10 +69,10 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
 
 
 def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
-    """What else of the image formation is modelled, and why; all from the calibration, without a trial.
+    """Rungs on the rest of the image formation; all from the calibration, without a trial.
 
-    Whether training corrects the calibration is told by `recon.decide.corrections`, how many Gaussians there
-    are and whether their colours depend on the direction by `recon.decide.size`.
+    Whether training corrects the calibration is decided by `recon.decide.corrections`, the number of
+    Gaussians and whether their colours depend on the direction by `recon.decide.size`.
     """
     clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
     shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
@@ -102,7 +103,7 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
 
 
 def uncoloured(dataset: Dataset) -> list[str]:
-    """Cameras that gave RAW and whose colour nothing tells: their light is taken as it is, in camera RGB."""
+    """Cameras that gave RAW and have no known colour: their light stays in camera RGB."""
     named = {camera.name for camera in dataset.calibration.cameras if camera.camera_from_rec709 is not None}
     raw = dict.fromkeys(view.camera for view in dataset.views if view.sensor.kind == "raw")
     return [name for name in raw if name not in named]

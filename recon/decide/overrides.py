@@ -1,4 +1,4 @@
-"""What a user sets in place of what the preset and the method of a training would take."""
+"""User's overrides of the preset and the method of a training."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,34 +21,34 @@ _REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
 
 
 class Overrides(Record):
-    """Settings by name; None: as the preset and the method have it. The fields are the keys of `--set`."""
+    """Settings by name; None: the preset's or the method's. The fields are the keys of `--set`."""
 
     iterations: int | None = Field(default=None, ge=1, le=10_000_000)
     gaussians: int | None = Field(default=None, ge=16, le=100_000_000)
-    """At most so many."""
+    """Maximum number of Gaussians."""
     width: int | None = Field(default=None, ge=16, le=100_000)
     """Wider images are scaled down to it, px."""
     degree: int | None = Field(default=None, ge=0, le=2)
-    """Of the harmonics that make colours depend on the direction."""
+    """Degree of the harmonics that make colours depend on the direction."""
     ssim: float | None = Field(default=None, ge=0, le=1)
     """Weight of SSIM in the loss; the rest is L1."""
     growth: float | None = Field(default=None, ge=0, le=0.95)
     """Share of the Gaussians that training does not begin with but grows."""
     views: int | None = Field(default=None, ge=1)
-    """Training views that are looked at, evenly chosen."""
+    """Number of training views in use, evenly chosen."""
     exposures: int | None = Field(default=None, ge=1)
-    """Shots of each training view's bracket that are looked at, evenly chosen."""
+    """Number of shots of each training view's bracket in use, evenly chosen."""
     refine: str | None = Field(default=None, pattern=_REFINE)
-    """What training corrects in the calibration, joined by +, or none."""
+    """Corrections of the calibration by training, joined by +, or none."""
 
     environment: bool | None = None
-    """Whether there is light from far away behind the Gaussians, a radiance by direction: 1 or 0."""
+    """Light from far away behind the Gaussians, a radiance by direction: 1 or 0."""
     depth: float | None = Field(default=None, ge=0, le=100)
     """Weight of measured depth in the loss; 0: depth maps are left out, at the start, too."""
 
     @classmethod
     def of(cls, words: Sequence[str]) -> Self:
-        """From `KEY=VALUE`, such as `iterations=500`; InputError if a key or a value is not possible."""
+        """Parse `KEY=VALUE`, such as `iterations=500`; InputError if a key or a value is not possible."""
         pairs = [word.partition("=") for word in words]
         for word, (key, _, value) in zip(words, pairs, strict=True):
             if key not in cls.model_fields or not value:

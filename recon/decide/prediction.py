@@ -1,4 +1,4 @@
-"""What held-out quality a training will reach, predicted from a training in miniature.
+"""Prediction of a training's held-out quality from a training in miniature.
 
 Quality over the length n of a whole schedule goes as q(n) = end - rise / (1 + (n / half)^power): slowly
 while Gaussians look for their places, fastest around `half` iterations, and last by a power law, as learning
@@ -22,7 +22,7 @@ class Prediction(Record):
     low: float
     high: float
     iterations: int
-    """Of the training that it is about, each of one view."""
+    """Iterations of the predicted training, each of one view."""
     tried: int
     """Iterations of the miniature that it comes from."""
     tried_db: float
@@ -48,7 +48,7 @@ SCENES = _scene_curves()
 
 
 def lacking(curves: Array, iterations: float) -> Array:
-    """dB [C] that schedules of so many iterations lie below the end of the curves [C, 3]."""
+    """Shortfall in dB [C] of schedules of that many iterations against the end of the curves [C, 3]."""
     rise, half, power = np.exp(curves.T)
     below: Array = rise / (1 + (iterations / half) ** power)
     return below

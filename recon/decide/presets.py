@@ -1,4 +1,4 @@
-"""What a training may be asked for by name: methods, presets, and the settings that `--set` overrides.
+"""Named choices of a training: methods, presets, and the settings that `--set` overrides.
 
 Nothing heavy is imported, so that the help of a command can show it.
 """
@@ -20,10 +20,11 @@ OVERRIDES = (
 
 @dataclass(frozen=True)
 class Quality:
-    """A preset: how long, how many at most, how fine. bench/recon/presets.py has the fronts behind it.
+    """Preset: iterations, maximum number of Gaussians, resolution. bench/recon/presets.py has the fronts
+    behind it.
 
     looks: iterations for each training view, where those of the preset are fewer. each: Gaussians likewise.
-    Lego (100 views of 200 px, 2,500 iterations) has 31.5 dB before white with 40,000 Gaussians and 32.2 with
+    Lego (100 views of 200 px, 2,500 iterations) has 31.5 dB over white with 40,000 Gaussians and 32.2 with
     100,000.
     """
 
@@ -34,11 +35,11 @@ class Quality:
     each: int = 0
 
     def iterations_of(self, views: int) -> int:
-        """Return how many for so many training views: each has to be looked at often enough."""
+        """Return the iterations for that many training views: each has to be seen often enough."""
         return max(self.iterations, self.looks * views)
 
     def gaussians_of(self, views: int) -> int:
-        """The most for so many training views: they show more of the scene."""
+        """Maximum number of Gaussians for that many training views: they show more of the scene."""
         return max(self.gaussians, self.each * views)
 
 

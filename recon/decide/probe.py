@@ -18,11 +18,11 @@ WARM_UP, TRIAL = 2, 3
 LATE = 0.7
 """Share of the schedule at which the first iterations are timed: everything is on there that ever is."""
 SHARE = 0.08
-"""Of a time and of a schedule, what the miniature may take."""
+"""Shares of a time and of a schedule that the miniature may take."""
 SHORTEST = 25
-"""Iterations of a miniature. Where the time has no room for them, there is none, and nothing is predicted."""
+"""Iterations of a miniature. Where the time has no room for them, there is no miniature and no prediction."""
 GROWTH = 1.25
-"""How much longer an iteration takes on the mean of a training than with the Gaussians it starts with."""
+"""Ratio of the mean time of an iteration in a training to that with the Gaussians it starts with."""
 WITH_TRIALS = 2.1
 """Time of a training with its trials, over what its first iterations predict of it without: 1.1 and 0.6 of
 two scenes of which only the number of Gaussians is tried, which makes what follows shorter; 1.7 and 2.1 of
@@ -35,7 +35,7 @@ _ALONE = Ranks()
 
 @dataclass(frozen=True)
 class Probe:
-    """What the miniature measured.
+    """Measurements of the miniature.
 
     iterations: of its schedule. pace: seconds an iteration. db: held-out quality at its end; None without
     held-out views, and where there was no time for a miniature.
@@ -50,7 +50,7 @@ class Probe:
         return max(int(RESERVE * seconds / self.pace), 0)
 
     def seconds_for(self, iterations: int) -> float:
-        """The time to give for so many iterations."""
+        """Time for that many iterations."""
         return iterations * self.pace / RESERVE
 
 
@@ -64,11 +64,11 @@ def probe(
     progress: Progress = unreported,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
-    """Train to the end of a schedule of some dozen iterations, and throw it away.
+    """Train to the end of a schedule of some dozen iterations, and discard the result.
 
     It grows to as many Gaussians and switches on as many harmonics as the one that is planned, so its mean
-    pace is that of the true one. `begin` makes a new training; `seconds` is the time that there is in all,
-    None where time is no matter. If that is too short for it, a few iterations have to do.
+    pace is that of the true one. `begin` makes a new training; `seconds` is the time in all, None without a
+    limit. If that is too short for it, a few iterations have to do.
     """
 
     progress("probing the scene", 0, 1)
@@ -96,7 +96,7 @@ def has_time_for_trials(
     ranks: Ranks = _ALONE,
     clock: Callable[[], float] = time.monotonic,
 ) -> bool:
-    """Return whether the whole schedule fits into `seconds` after the trials that tell what is to be trained.
+    """Return whether the whole schedule fits into `seconds` after the trials.
 
     The same on all ranks; the result depends on the machine. Arguments as those of `probe`.
     """

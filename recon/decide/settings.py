@@ -1,4 +1,4 @@
-"""What decides a training besides the session."""
+"""Settings of a training besides the session."""
 
 import math
 from dataclasses import replace
@@ -18,37 +18,39 @@ from recon.train.training import Plan
 
 
 class Settings(Record):
-    """What decides a training besides the session: the same settings and seed give the same bytes."""
+    """Settings of a training besides the session: the same settings and seed give the same bytes."""
 
     method: Literal["nh-3dgs", "hdr-gs", "vanilla"]
     quality: Literal["draft", "standard", "best"]
     seed: int
     iterations: int
-    """As planned at the start; a budget in seconds was turned into this number from the speed found then."""
+    """Iterations as planned at the start; a budget in seconds was turned into this number from the speed
+    measured then.
+    """
     max_gaussians: int
-    """As many at most as were asked for, or, of a training that was begun, as the scene was given."""
+    """Maximum number of Gaussians as requested, or, of a training that was begun, as chosen."""
     max_width: int
     batch: int = 1
     """Views a step; as many as processes trained together."""
     budget: float | None = None
-    """What was asked for, in `budget_unit`; None: the preset."""
+    """Budget as requested, in `budget_unit`; None: the preset."""
     budget_unit: Unit = "s"
     early_stop: bool = False
-    """Whether to train no longer than is worth it."""
+    """Whether training ends once it stops improving."""
     overrides: Overrides = Overrides()
-    """What was set by hand."""
+    """Overrides by the user."""
     environment: bool = False
     """Whether light from far away is behind the Gaussians, as decided."""
     depth: float = 0.0
     """Weight of measured depth in the loss, as decided."""
     depth_scale: float | None = None
-    """What the units of depth maps are multiplied by; None: there are none, or they are left out."""
+    """Factor of the units of depth maps; None: without maps, or they are left out."""
     degree: int | None = None
-    """Of the harmonics, as the scene was given it; None: as `overrides` or the method has it."""
+    """Degree of the harmonics, as chosen for the scene; None: that of `overrides` or the method."""
 
     @property
     def watches(self) -> bool:
-        """Whether held-out views may end the training."""
+        """True if held-out views may end the training."""
         return self.early_stop or (self.budget is not None and self.budget_unit == "dB")
 
     @property
@@ -76,7 +78,7 @@ class Settings(Record):
 
     @property
     def size(self) -> str:
-        """How wide and how many, in words."""
+        """Width and number of Gaussians, in words."""
         return f"{self.max_width} px and {self.max_gaussians:,} Gaussians"
 
     def words(self) -> dict[str, str]:
@@ -122,9 +124,9 @@ def asked_for(
     early_stop: bool,
     processes: int,
 ) -> Settings:
-    """The settings as asked for: a size in the budget, else what was set, else the preset.
+    """Settings as requested: a size in the budget, else an override, else the preset.
 
-    With several processes a step takes a view of each, and there are so many times fewer.
+    With several processes a step takes a view of each, and their number is divided by that of the processes.
     """
     preset = QUALITIES[quality]
     iterations = overrides.iterations or preset.iterations_of(len(dataset.train))

@@ -28,7 +28,7 @@ from recon.train.ranks import Ranks
 
 COUNT, COLOUR = "number of Gaussians", "direction-dependent colour"
 TRIAL_SHARE = 0.1
-"""Of the training's iterations, what a trial takes."""
+"""Share of the training's iterations that a trial takes."""
 LOSS = 0.25
 """dB that fewer Gaussians may lose in a trial: on the demo and the gallery, 160 px wide, those that are
 chosen by it lose 0.08 and 0.14 dB of the light in a whole training (bench/recon/count.py)."""
@@ -38,9 +38,10 @@ MATERIAL = 0.45
 0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0 costs 0.12 dB of the picture, on the
 gallery degree 1 costs 0.04 (bench/decided/ablation.py)."""
 UNTOLD = 0
-"""The degree where too few views see the same points to tell. Of four and of eight views of the demo and
-the gallery it has 0.1 to 0.4 dB more of the light than degree 2, even where surfaces shine
-(bench/decided/few_views.py)."""
+"""Degree if too few views see the same points to decide. Of four and of eight views of the demo and the
+gallery it has 0.1 to 0.4 dB more of the light than degree 2, even where surfaces shine
+(bench/decided/few_views.py).
+"""
 MOST_HALVINGS = 5
 PLAIN = 14
 """Numbers of a Gaussian whose colour is the same from everywhere: place, size, turn, opacity, colour."""
@@ -121,10 +122,10 @@ def gaussians_for(
     progress: Progress,
     device: torch.device,
 ) -> tuple[int, Rung]:
-    """The number of Gaussians, and why: as asked, else by evidence; the same number on all ranks.
+    """Number of Gaussians, and the reason: as requested, else by evidence; the same number on all ranks.
 
-    against_trials: why none is made; None: they are. points: what a training of `most_for` Gaussians would
-    start from.
+    against_trials: the reason against trials, or None if they are allowed. points: the start of a training of
+    `most_for` Gaussians.
     """
     if not ranks.first:  # only the first one writes why
         return int(ranks.broadcast(0)), Rung(name=COUNT, taken=False, reason="as the first process decided")
@@ -210,12 +211,12 @@ class Ladder:
 
     @property
     def iterations(self) -> int:
-        """Of a trial."""
+        """Iterations of a trial."""
         settings = self.trials.settings
         return max(1, round(TRIAL_SHARE * settings.iterations * settings.batch))
 
     def db(self, count: int) -> Array:
-        """Quality of every view that judges, [views], of a training with so many Gaussians."""
+        """Quality in every judging view, [views], of a training with that many Gaussians."""
         if count not in self.measured:
             trials, fitted = self.trials, bool({*self.refined.parameters} & {"poses", "exposures"})
             if not self.measured:

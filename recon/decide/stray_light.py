@@ -1,9 +1,9 @@
-"""How much of the light each lens scatters, told by dark scene points before surroundings that change.
+"""Scatter of light in each lens, measured by dark scene points as the surroundings of their images change.
 
-A dark point has one light of its own. What it seems to have more where its picture lies nearer to lamps is
+A dark point has one light of its own. The light that it gains where its picture lies nearer to lamps is
 veiling glare: `E = (1 - share) L + share halo`, the halo being that of the picture itself
-(`recon.observe.glare`). Points are eliminated; what is left is a linear problem of one number a camera. A
-black level that is off by as much in all views is no part of it.
+(`recon.observe.glare`). Points are eliminated; there remains a linear problem of one number a camera. A black
+level that is off by as much in all views is no part of it.
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ Array = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 
 DARK = 0.1
-"""Of the light of its halo, what a point has at most: what brighter ones differ by is their gloss."""
+"""Most light of a point, relative to that of its halo: brighter points differ by their gloss."""
 LEAST = 0.002
 """Share of the light below which glare is left to be."""
 NOISE, SHIFT = 0.02, 0.3
-"""What makes looks at a point differ: a part of its light, and a place that is off by so many px."""
+"""Standard deviations of samples at a point: a share of its light, and a displacement in px."""
 UNSURE = 0.2
-"""Of a halo, what may come from clipped light, which is a lower bound."""
+"""Largest share of a halo that may come from clipped light, which is a lower bound."""
 FEWEST_VIEWS, FEWEST_POINTS = 5, 30
 FOLDS, ROUNDS, HUBER = 5, 10, 1.5
 UNIT = "ln(1 + r^2) per held-out point, r in standard deviations"
@@ -40,8 +40,8 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass(frozen=True, eq=False)
 class DarkSights:
-    """What cameras [N] saw of dark points [N]: light and halo [N] there, in what noise and a misplaced look
-    would change the point's light by.
+    """Observations of dark points [N] by cameras [N]: light and halo [N] there, and the standard deviation of
+    the light by noise and displacement.
     """
 
     point: Int
@@ -111,7 +111,7 @@ def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSig
 
 
 def _gains(sights: DarkSights, held: Bool, cameras: int) -> Array:
-    """By how much each held-out point is told better with the shares that the other points tell."""
+    """Gains in the prediction of each held-out point with the shares from the other points."""
     shares, test = _solved(sights.part(~held), cameras), sights.part(held)
     after = _residual(test, shares)
     scale = max(robust_scale(after), 1e-6)

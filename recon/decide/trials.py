@@ -1,6 +1,6 @@
-"""Short trainings on a part of the training views, judged on the others: the evidence for what is chosen.
+"""Short trainings on a part of the training views, judged on the others: the evidence of a choice.
 
-The session's own held-out views are never looked at.
+The session's own held-out views are never used.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from recon.train.training import Plan, Training
 FEWEST_VIEWS = 4
 """Held out of a trial; with fewer there is no telling a gain from luck."""
 HELD_OUT = 4
-"""One training view in so many is held out of a trial; those of the session are left for the end."""
+"""Stride of the training views held out of a trial; those of the session are left for the end."""
 SAMPLES = 2
 """Samples of the training views, over all colours of a pixel, for a Gaussian: with fewer it learns noise."""
 
@@ -36,7 +36,7 @@ _CPU = torch.device("cpu")
 
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
-    """Return why nothing is decided by trials, whatever time there is; None: it may be."""
+    """Return the reason against trials, whatever the time, or None."""
     decided_apart = dict.fromkeys(("refine", "environment", "depth"))
     if settings.overrides.model_copy(update=decided_apart) != Overrides():
         return "not tried, since settings were fixed by hand"
@@ -49,9 +49,9 @@ def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
 
 
 def room(dataset: Dataset) -> int:
-    """The most Gaussians that the training views can tell apart.
+    """Maximum number of Gaussians that the training views can resolve.
 
-    A pixel of a mosaic is one sample, any other one three; a bracket is one look at the same.
+    A pixel of a mosaic is one sample, any other one three; a bracket counts once.
     """
     samples = sum(
         view.lens.width * view.lens.height * (1 if view.shots[0].pixels.ndim == 2 else 3)
@@ -74,8 +74,8 @@ def _parted(dataset: Dataset) -> Dataset:
 
 @dataclass
 class Steps:
-    """How far a series of trainings is, and the fits of views that judge them: one length for all, so that
-    the time left falls from the first to the last.
+    """Progress over a series of trainings and the fits of views that judge them, in one length, so that the
+    time left falls from the first to the last.
 
     total: iterations and steps of fits, at most, where they are known.
     """
@@ -86,7 +86,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Trials:
-    """What trials of one session have in common.
+    """Common inputs of the trials of one session.
 
     part: the data set whose held-out views are those that judge a trial, all of them from the training
     views. images: radiance images of those that train. points: where trials start, SfM points first.
@@ -131,11 +131,11 @@ class Trials:
         environment: bool | None = None,
         depth: float | None = None,
     ) -> Training:
-        """A training to the end of a short schedule, of at most so many Gaussians.
+        """Train to the end of a short schedule, with at most that many Gaussians.
 
         degree: of the harmonics; None: the method's own. points: to start from; None: all. environment:
-        whether light is behind the Gaussians, depth: the weight of measured depth; None: as the settings have
-        it.
+        whether light is behind the Gaussians, depth: the weight of measured depth; None: that of the
+        settings.
         """
         method = replace(
             METHODS[self.settings.method](self.part, self.light),
@@ -163,7 +163,7 @@ class Trials:
         return training
 
     def fitted(self, steps: int, message: str) -> None:
-        """Count so many steps of fits of views."""
+        """Count steps of fits of views."""
         self.steps.done += steps
         self.progress(message, self.steps.done, max(self.steps.done, self.steps.total))
 

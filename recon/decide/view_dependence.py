@@ -1,6 +1,6 @@
-"""How much better the light of scene points is predicted when it may depend on the direction of the look.
+"""Gain in the prediction of scene points' light with dependence on the viewing direction.
 
-Every scene point that many training views saw is looked at as often. The luminance of each look is predicted
+Every scene point that many training views saw has as many samples. The luminance of each sample is predicted
 from all the others: by their mean, and by harmonics of the direction fitted to them. No training is needed.
 """
 
@@ -21,26 +21,29 @@ from recon.splat import SplatCamera
 Array = npt.NDArray[np.float64]
 
 FEWEST_VIEWS = 8
-"""That have to see a point: with fewer, harmonics have next to nothing to be fitted to."""
+"""Fewest views of a point: with fewer, harmonics are hardly constrained."""
 FEWEST_POINTS = 50
 MOST_POINTS = 2000
-"""Those that most views saw; more of them tell no more."""
+"""Most points, those that most views saw; more of them add nothing."""
 RIDGE = 0.1
 """Variance of a look over that of a coefficient: how far the coefficients are trusted to be off zero."""
 MOST_UNTRACKED = 5000
 CELLS = 80
 """Across a picture, in which the nearest of points covers the others."""
 BEHIND = 0.05
-"""Of its depth, by how much a point may lie behind the nearest beside it and not be covered."""
+"""Largest distance, relative to its depth, of a point behind the nearest beside it that still counts as
+visible.
+"""
 NOISE, SHIFT = 0.01, 0.3
-"""What makes looks differ without any gloss: a part of the light, and a place that is off by so many px."""
+"""Standard deviations of samples without any gloss: a share of the light, and a displacement in px."""
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Of V views at P points: log luminance [V, P], NaN where none; unit directions from the camera to the
-    point [V, P, 3]; by how much log luminance changes from a pixel to the next [V, P]."""
+    """Samples of V views at P points: log luminance [V, P], NaN where unseen; unit directions from the camera
+    to the point [V, P, 3]; gradient of log luminance a pixel [V, P].
+    """
 
     light: Array
     towards: Array
@@ -49,7 +52,7 @@ class Looks:
 
 @dataclass(frozen=True)
 class Gains:
-    """By how many dB degrees 1 and 2 predict better than degree 0: the means, and errors of the steps.
+    """Gains of degrees 1 and 2 over degree 0, dB: the means, and errors of the steps.
 
     db[d]: of degree d over 0, so db[0] is 0. error[low, high]: standard error of db[high] - db[low].
     """
@@ -60,10 +63,11 @@ class Gains:
 
 
 def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Looks:
-    """Every training view at every scene point that calibration saw in it; `images`: radiance images.
+    """Sample every training view at every scene point that calibration saw in it; `images`: radiance
+    images.
 
-    points [P, 3]: others, of which no more is known than where they are; some of them, evenly chosen, are
-    looked at from where they are not covered by others.
+    points [P, 3]: other points with nothing but positions; some of them, evenly chosen, are sampled in the
+    views in which they are not covered by others.
     """
     if points is None:
         xyz, tracks = dataset.tracks(MOST_TRACKED)
@@ -95,7 +99,7 @@ def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Look
 
 
 def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> npt.NDArray[np.int64]:
-    """Which of `xyz` [Q, 3] a camera sees: those in its picture with none of `points` [P, 3] before them."""
+    """Visibility of `xyz` [Q, 3] in a camera: in its picture with none of `points` [P, 3] in front."""
     size = lens.width / CELLS
     shape = math.ceil(lens.height / size) + 1, CELLS + 1
 

@@ -31,12 +31,12 @@ from recon.result.scene import Scene
 COLMAP, NERFSTUDIO, IMAGES, POINTS = "colmap", "transforms.json", "images", "sparse_pc.ply"
 MOST_POINTS = 100_000
 _RIGID = 1e-9
-"""By so much may poses of mounted cameras differ from frame to frame, relative to the scene's unit."""
+"""Tolerance of mounted cameras' relative poses from frame to frame, relative to the scene's unit."""
 Array = npt.NDArray[np.float64]
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does."""
+    """Write the file, as a writer of `rig export`."""
     if job.out.is_file():
         raise InputError(f"{job.out} is a file, and cameras fill a folder: name another --out.")
     files, drawn = write_cameras(job.out, job.scene, job.place)
@@ -89,7 +89,7 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
 
 
 def _photograph(scene: Scene, view: SceneView) -> Path | None:
-    """The picture that the calibration left of a view in the session of the scene; None: there is none."""
+    """The picture that the calibration left of a view in the session of the scene, or None."""
     previews = scene.folder.resolve().parent.parent / "calibration" / "previews"
     path = previews / view.id.image_name
     return path if path.is_file() else None
@@ -160,7 +160,7 @@ def _colmap(
 def _mounted(
     taken_by: list[int], frames: list[int], motions: list[Array], unit: float
 ) -> dict[int, Array] | None:
-    """Camera-from-rig [4, 4] of each camera, where all keep their places to the first; None: they do not."""
+    """Camera-from-rig [4, 4] of each camera, if all keep their places to the first; else None."""
     found: dict[int, Array] = {1: np.eye(4)}
     first = {
         frame: motion for camera, frame, motion in zip(taken_by, frames, motions, strict=True) if camera == 1

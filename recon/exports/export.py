@@ -24,16 +24,16 @@ FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh"
 
 @dataclass(frozen=True)
 class Format:
-    """A format: how it is written, the ends of names it is told by, and which light it can have.
+    """Export format: its writer, the suffixes of its names, and the kind of light that it holds.
 
-    default: whether light is linear if nobody says. only: whether the other is impossible.
+    default: whether light is linear by default. only: the reason against the other kind.
     """
 
     write: Callable[[Job], Written]
     suffixes: tuple[str, ...]
     linear: bool
     only: str | None = None
-    """Why the other light is refused, as the middle of a sentence; None: it is not."""
+    """Reason why the other kind of light is refused, as the middle of a sentence, or None."""
 
 
 FORMATS: dict[FormatName, Format] = {
@@ -53,7 +53,7 @@ FORMATS: dict[FormatName, Format] = {
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote, and what that lost: loss is None of what holds no Gaussians."""
+    """Written export and its loss; None if it holds no Gaussians."""
 
     format: FormatName
     linear: bool
@@ -65,7 +65,7 @@ class Exported:
     notes: tuple[str, ...] = field(default=())
 
     def data(self) -> dict[str, Any]:
-        """For --json."""
+        """Fields for --json."""
         return {
             "format": self.format,
             "linear": self.linear,
@@ -91,10 +91,10 @@ def export(
 ) -> Exported:
     """Write a scene, open or by its folder, as a file of another program.
 
-    format: None tells it by the end of the name `out`. linear: whether light stays linear; None: as is usual
-    in the format. exposure: stops, light is multiplied by 2^exposure; None: what shows the median of the
-    scene as middle grey. InputError for what the format cannot have, ReconstructionError for what the scene
-    has not.
+    format: None selects it by the extension of `out`. linear: whether light stays linear; None: the format's
+    default. exposure: stops, light is multiplied by 2^exposure; None: chosen so that the median of the scene
+    is middle grey. InputError for options that the format lacks, ReconstructionError for data that the scene
+    lacks.
     """
     out = Path(out)
     name = format or format_of(out)
@@ -131,7 +131,7 @@ def export(
 
 
 def format_of(out: Path) -> FormatName:
-    """The format that the end of a file's name tells; InputError if none does."""
+    """Format by the extension of a file's name; InputError for an unknown one."""
     for name, format in FORMATS.items():
         if out.suffix.lower() in format.suffixes:
             return name

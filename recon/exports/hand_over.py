@@ -30,7 +30,7 @@ BUILTIN = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
 """The configuration of OpenColorIO itself that ours is, with a rule for the renders: one that programs of
 2022 read."""
 LINEAR = "Linear Rec.709 (sRGB)"
-"""What that calls the colour space of the renders and of the USD file."""
+"""Name there of the colour space of the renders and of the USD file."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def hand_over(
 ) -> HandOver:
     """Write the folder: USD, EXR of the views, cameras, an OpenColorIO configuration, a page.
 
-    exposure: stops, all light is multiplied by 2^exposure; None: what shows the median as middle grey.
-    InputError where the folder has files of something else.
+    exposure: stops, all light is multiplied by 2^exposure; None: chosen so that the median is middle grey.
+    InputError if the folder has foreign files.
     """
     folder = Path(folder)
     if around := scene_around(folder):

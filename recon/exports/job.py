@@ -1,4 +1,4 @@
-"""What a writer of a format is given, and what it tells of what it wrote."""
+"""Input of a format's writer, and its report."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from recon.result.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One export. scene: sound; linear: whether light stays linear; stops: None: the scene's middle."""
+    """Export job. scene: sound; linear: whether light stays linear; stops: None: the scene's middle."""
 
     scene: Scene
     out: Path
@@ -22,7 +22,7 @@ class Job:
 
     @property
     def factor(self) -> float:
-        """On radiance, for what is linear; display values have the exposure of their photographs."""
+        """Factor on radiance, for linear light; display values have the exposure of their photographs."""
         usual = self.scene.exposure if self.scene.record.display is None else 1.0
         return usual if self.stops is None else 2.0**self.stops
 
@@ -35,7 +35,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """What a writer wrote.
+    """Report of a writer.
 
     held: the Gaussians as the file has them; truth: the same as they were; both None where it has none.
     notes: what else the file does not hold, or holds in another way; a sentence's part each.
@@ -48,7 +48,7 @@ class Written:
 
 
 def lens_note(scene: Scene) -> tuple[str, ...]:
-    """That lenses are bent and the file's cameras are not, where that is so."""
+    """Note that lenses are bent and the file's cameras are not, where it applies."""
     bent = max((bent_px(view) for view in scene.views), default=0.0)
     if bent < 0.05:
         return ()

@@ -1,4 +1,4 @@
-"""What a file cannot hold of a scene's light, in stops, measured on the scene itself.
+"""Loss of a scene's light in a file format, in stops, measured on the scene itself.
 
 The Gaussians are compared as the file holds them, quantised and clipped, with those of the scene, and so are
 pictures drawn of both. A stop is a factor of two in light. What is dimmer than the dimmest light that matters
@@ -24,9 +24,9 @@ from recon.scene.sampling import Sampling
 from recon.splat import Limits
 
 VIEWS = 4
-"""That are drawn to measure; evenly chosen."""
+"""Views drawn for the measurement; evenly chosen."""
 _SPAN = 2.0**-20
-"""Of the brightest light, where a scene does not say which light matters."""
+"""Span below the brightest light that counts, where a scene does not state which light matters."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Loss:
         return "; ".join(parts)
 
     def data(self) -> dict[str, float | None]:
-        """For --json."""
+        """Fields for --json."""
         return asdict(self)
 
 
@@ -126,7 +126,7 @@ def _light(scene: Scene, view: SceneView) -> npt.NDArray[np.float32]:
 
 
 def _renderer(scene: Scene, splats: Splats) -> Renderer:
-    """As the scene is drawn, or of display values as viewers draw, which blend those."""
+    """Renderer of the scene, or of display values in the manner of viewers, which blend those."""
     limits = scene.renderer.limits if splats.linear else Limits.gsplat()
     far = scene.renderer.environment if splats.linear and not splats.dome else None
     if far is not None:  # in the units of the file, as the Gaussians

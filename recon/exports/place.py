@@ -1,4 +1,4 @@
-"""Where a scene lies for other programs: its unit, its way up, and the lenses that they can draw."""
+"""Coordinates of a scene for other programs: its unit, its up axis, and the lenses that they can draw."""
 
 from dataclasses import dataclass, replace
 
@@ -16,10 +16,10 @@ _CORNERS = 33
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What the coordinates of a scene are.
+    """Coordinate system of a scene.
 
     metres: whether lengths are metres; else they are in a unit of the scene's own.
-    z_up: whether z points up, as a survey or GPS tells.
+    z_up: whether z points up, by a survey or GPS.
     turn: float64 [3, 3]; from the axes of the world to those of the file, of which y is up unless z is.
     note: the coordinates in words.
     """
@@ -31,7 +31,7 @@ class Place:
 
 
 def place_of(scene: Scene) -> Place:
-    """By the calibration that the scene was trained on; of a scene without one nothing is known.
+    """Coordinates from the calibration that the scene was trained on; unknown for a scene without one.
 
     What no survey and no GPS placed stands as photographers hold their cameras: the mean of their ways up
     becomes y.
@@ -63,7 +63,7 @@ def pinhole(camera: SplatCamera) -> SplatCamera:
 
 
 def bent_px(view: SceneView) -> float:
-    """How far distortion moves what a view shows at the border of the pinhole's picture, px, at most."""
+    """Largest displacement by distortion at the border of the pinhole's picture, px."""
     straight = pinhole(view.splat_camera)
     ends, near, far = np.linspace(0, 1, _CORNERS), np.zeros(_CORNERS), np.ones(_CORNERS)
     border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T

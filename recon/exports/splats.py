@@ -28,13 +28,12 @@ Array = npt.NDArray[np.float64]
 class Splats:
     """N Gaussians in the axes and the unit of the world, less an offset.
 
-    means [N, 3]; scales [N, 3], standard deviations; quats [N, 4], unit, wxyz; opacities [N], 0..1;
-    harmonics [N, (degree + 1)^2, 3] as in 3DGS: a colour is max(0, 0.5 + SH(d)). All float64.
-    linear: colours are radiance times `factor`; else sRGB codes, fitted so that pictures drawn of them and
-    clipped at 1 are those of that: of single Gaussians they may be above 1. Of a scene of
-    display values `factor` is 1, and light what a display makes of them.
-    world: where the scene lies; world coordinates are means + offset.
-    dome: how many of them, the last, stand for light from far away; 0 where that is not among them.
+    means [N, 3]; scales [N, 3], standard deviations; quats [N, 4], unit, wxyz; opacities [N], 0..1; harmonics
+    [N, (degree + 1)^2, 3] as in 3DGS: a colour is max(0, 0.5 + SH(d)). All float64. linear: colours are
+    radiance times `factor`; else sRGB codes, fitted so that pictures drawn of them and clipped at 1 are those
+    of that: of single Gaussians they may be above 1. For display values `factor` is 1, and light that of a
+    display. world: where the scene lies; world coordinates are means + offset. dome: the number of the last
+    ones, which represent light from far away; 0 without them.
     """
 
     means: Array
@@ -53,7 +52,7 @@ class Splats:
 
     @property
     def degree(self) -> int:
-        """Of the harmonics."""
+        """Degree of the harmonics."""
         return math.isqrt(self.harmonics.shape[1]) - 1
 
     @property
@@ -167,7 +166,7 @@ def _decoded(scene: Scene, factor: float) -> Splats:
 
 
 def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Splats:
-    """A scene as displays show it: sRGB of the radiance times 2^stops, None: as splats.ply has it.
+    """Convert a scene to display values: sRGB of the radiance times 2^stops, None: as splats.ply has it.
 
     ReconstructionError for another exposure of a scene of display values.
     """

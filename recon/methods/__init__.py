@@ -15,4 +15,6 @@ METHODS: dict[str, Callable[[Dataset, Light], Method]] = {
 }
 
 APPEARANCES: dict[str, Appearance] = {module.NAME: module.APPEARANCE for module in (nh_3dgs, hdr_gs, vanilla)}
-"""What draws a finished scene; floors and learning rates, which only training needs, are any."""
+"""Appearances for drawing a finished scene; floors and learning rates, which only training needs, are
+arbitrary.
+"""

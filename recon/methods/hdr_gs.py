@@ -13,7 +13,7 @@ APPEARANCE = LuminanceChromaticity()
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
-    """For photographs with known exposures."""
+    """Compose the method for photographs with known exposures."""
     return Method(
         name=NAME,
         appearance=replace(APPEARANCE, floor=light.reference or 2.0**-20),

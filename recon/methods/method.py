@@ -1,4 +1,4 @@
-"""What a method is made of; `recon.methods` has one small module for each."""
+"""Parts of a method; `recon.methods` has one small module for each."""
 
 from dataclasses import dataclass, field
 

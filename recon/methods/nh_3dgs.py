@@ -13,7 +13,9 @@ APPEARANCE = LuminanceChromaticity()
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
-    """For RAW brackets, camera RGB and linear EXR; photographs among them are seen as HDR-GS sees them."""
+    """Compose the method for RAW brackets, camera RGB and linear EXR; photographs among them are treated as
+    in HDR-GS.
+    """
     return Method(
         name=NAME,
         appearance=replace(APPEARANCE, floor=light.reference or 2.0**-20),

@@ -29,12 +29,13 @@ from recon.scene.appearance import PlainHarmonics, Rate
 
 NAME = "vanilla"
 APPEARANCE = PlainHarmonics(rest_rate=Rate(1.25e-3, 2.5e-4))
-"""Over 1.25e-4 throughout: lego, 200 px, degree 2, 40,000 Gaussians, 2,500 iterations: +0.34 dB before white;
-castle and monstree, 250 px, 1,000 iterations: +0.1 each."""
+"""Appearance with a learning rate above 1.25e-4 throughout: lego, 200 px, degree 2, 40,000 Gaussians, 2,500
+iterations: +0.34 dB over white; castle and monstree, 250 px, 1,000 iterations: +0.1 each.
+"""
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
-    """For any session."""
+    """Compose the method for any session."""
     if dataset.kind != "ldr":
         return Method(
             name=NAME,

@@ -1,1 +1,3 @@
-"""From rendered light to what a camera recorded: tone curves, losses, and corrections of the calibration."""
+"""Observation models, from rendered light to recorded values: tone curves, losses, and corrections of the
+calibration.
+"""

@@ -1,4 +1,4 @@
-"""What mono cameras behind filters make of light: every shot shows one channel of the scene."""
+"""Observation model of mono cameras behind filters: every shot shows one channel of the scene."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from recon.observe.targets import Targets
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What of a view does not change, for J shots in order of their bands.
+    """Constant inputs of a view, for J shots in order of their bands.
 
     rows: of each channel that was seen, its shots. falloff [H, W]; scales [J, 1, 1]; target, saturated, valid
     [J, H, W].

@@ -21,7 +21,7 @@ assumed curve is flat and the true one is not, its steps have to grow fifty time
 ASSUMED_SMOOTHNESS = 0.1
 """Weight of roughness of a curve that was not measured: such a rate follows more of the noise."""
 STOP_APART = 0.99
-"""Stops between exposures from which they tell of the curve (a little less than one, for rounding)."""
+"""Stops between exposures above which they determine the curve (a little less than one, for rounding)."""
 TOO_FAR_APART = 6.0
 """Stops between exposures from which few pixels are well exposed in both."""
 KNOWN_RESIDUAL = 0.01
@@ -48,7 +48,7 @@ class Curves:
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Curves":
-        """From the responses of the calibration: where they were measured, with the nodes that hold them."""
+        """Read the responses of the calibration: where they were measured, with the nodes that hold them."""
         photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
         responses = {view.camera: view.sensor.response for view in photographed}
         distinct = tuple(dict.fromkeys(responses.values()))
@@ -69,7 +69,8 @@ class Curves:
 
 
 def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
-    """Return whether photographs tell a curve apart from the light, that the calibration did not measure.
+    """Return whether photographs determine a curve apart from the light that the calibration did not
+    measure.
 
     Exposures that were found in photographs came through the assumed curve themselves.
     """
@@ -78,7 +79,7 @@ def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
 
 
 def developed(dataset: Dataset) -> bool:
-    """Return whether photographs differ by more than their labels tell, in exposure or white balance."""
+    """Return whether photographs differ by more than their labels, in exposure or white balance."""
     return any(
         (view.exposure, *view.white_balance) != (1.0,) * 4
         for view in dataset.calibration.views

@@ -10,7 +10,7 @@ from imaging.metrics import SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_taps
 
 
 def dense_photometric_loss(prediction: Tensor, target: Tensor, ssim_weight: float) -> Tensor:
-    """As `recon.observe.ssim.photometric_loss`, of float planes [P, H, W] on any device, by autograd."""
+    """Loss as `recon.observe.ssim.photometric_loss`, of float planes [P, H, W] on any device, by autograd."""
     taps = _taps(prediction.dtype, prediction.device)
     maps = torch.stack([prediction, target, prediction.square() + target.square(), prediction * target], 1)
     maps = maps.reshape(-1, 1, *prediction.shape[1:])

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, interpolate
 
 RADIUS = 0.02
-"""Of the image's diagonal: the halo falls off as `1 / (1 + (r / RADIUS)^2)`."""
+"""Radius as a share of the image's diagonal: the halo falls off as `1 / (1 + (r / RADIUS)^2)`."""
 CELLS = 100
 """Along the diagonal of the image in which the halo is reckoned; it has no detail that is finer."""
 

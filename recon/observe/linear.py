@@ -1,8 +1,8 @@
-"""What a camera makes of radiance: from a rendered image to what its shots should show, and the target.
+"""Observation model of linear light: from a rendered image to predicted shots, and the target.
 
 An observation model turns a rendered image (linear Rec.709, in scene units: radiance divided by the
 model's normaliser) and a view into two stacks of planes, prediction and target, in which the loss
-compares them. Shots of a bracket are so many observations of one render.
+compares them. Each shot of a bracket is an observation of one render.
 """
 
 from abc import ABC, abstractmethod
@@ -23,10 +23,11 @@ from recon.scene.appearance import Rate
 
 MIDDLE_GREY = 0.18
 SIGNAL_MU = 500.0
-"""Of the signal of a sensor. With the 5000 of the papers the noise of its darkest tones weighs more: 0.24 dB
-less, and 0.39 less in RAW (bench/decided/ablation.py)."""
+"""Mu of the signal of a sensor. With the 5000 of the papers the noise of its darkest tones weighs more: 0.24
+dB less, and 0.39 less in RAW (bench/decided/ablation.py).
+"""
 LIGHT_MU = 5000.0
-"""Of light, which has no noise floor that is known and reaches far above its white: EXR."""
+"""Mu of light, which has no known noise floor and reaches far above its white: EXR."""
 
 
 class Observation(ABC):
@@ -112,10 +113,10 @@ def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What of a view does not change, for J shots of P planes.
+    """Constant inputs of a view, for J shots of P planes.
 
-    falloff [P, h, w]; scales [J, 1, 1, 1]; target, saturated and valid [J, P, h, w]; saturated is None where
-    no sample is, valid where every one is.
+    falloff [P, h, w]; scales [J, 1, 1, 1]; target, saturated and valid [J, P, h, w]; saturated is None if no
+    sample is, valid None if every one is.
     """
 
     matrix: Tensor
@@ -127,12 +128,12 @@ class _Prepared:
     mu: float
 
     def ceiling(self) -> Tensor | None:
-        """The target where that is saturated, else infinite, [J, P, h, w]; None: no sample is."""
+        """The target where that is saturated, else infinite, [J, P, h, w]; None if no sample is saturated."""
         return None if self.saturated is None else torch.where(self.saturated, self.target, torch.inf)
 
 
 def _white(light: np.ndarray) -> float:
-    """What counts as white in an EXR, whose numbers may be of any unit: where its median is middle grey."""
+    """White of an EXR, whose numbers may have any unit: where its median is middle grey."""
     lit = light[light > 0]
     return float(np.median(lit)) / MIDDLE_GREY if lit.size else 1.0
 

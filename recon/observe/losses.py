@@ -1,4 +1,4 @@
-"""How far a predicted image is from a photograph: mu-law, L1 and SSIM on planes."""
+"""Losses between a predicted image and a photograph: mu-law, L1 and SSIM on planes."""
 
 import math
 from dataclasses import dataclass
@@ -50,10 +50,11 @@ def mu_law(signal: Tensor, mu: float) -> Tensor:
 
 
 def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None, mu: float) -> Tensor:
-    """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1, ...].
+    """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1,
+    ...].
 
-    ceiling [J, ...]: nothing above it is told apart from it, and such values have no gradient; infinite
-    where there is no such limit. Differentiable in the signal and in the scales.
+    ceiling [J, ...]: values above it count as it and have no gradient; infinite without a limit.
+    Differentiable in the signal and in the scales.
     """
     result: Tensor = _MuLaw.apply(signal, scales, ceiling, mu)  # type: ignore[no-untyped-call]
     return result

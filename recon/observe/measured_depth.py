@@ -1,4 +1,4 @@
-"""What the depth that a render has differs by from what was measured beside a photograph.
+"""Difference of a render's depth from the depth measured beside a photograph.
 
 Depth as supervision: Deng et al., arXiv 2107.02791, of how density is spread along rays. Here of the expected
 logarithm of depth alone, so that near and far count alike, and robust, so that the rims of what a scanner
@@ -16,14 +16,16 @@ from recon.observe.targets import Targets
 from recon.splat import Render
 
 SURE = 0.02
-"""Of ln depth: smaller differences count by their square, as noise of scanners does."""
+"""Threshold in ln depth: smaller differences count by their square, as noise of scanners does."""
 THERE = 0.5
 """Alpha below which nothing has been drawn yet whose depth could be wrong."""
 
 
 @dataclass(frozen=True)
 class _Measured:
-    """Of a view, [H, W]: ln of its depth in scene coordinates, and where that is known, bool."""
+    """Measured depth of a view, [H, W]: ln of its depth in scene coordinates, and where that is known,
+    bool.
+    """
 
     ln_depth: Tensor
     known: Tensor

@@ -32,7 +32,7 @@ class Mixed(Observation):
 
     @property
     def rates(self) -> dict[str, Rate]:
-        """Those of the curves."""
+        """Learning rates of the curves."""
         return self.photographs.rates
 
     def to(self, device: torch.device) -> None:
@@ -42,11 +42,11 @@ class Mixed(Observation):
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """As the view's own kind has it."""
+        """Compare by the kind of the view."""
         return self._of(view).compare(image, view, progress, factors)
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
-        """As the view's own kind has it."""
+        """Predict by the kind of the view."""
         return self._of(view).predict(image, view, k, band)
 
     def radiance(self, image: Tensor) -> Tensor:
@@ -58,7 +58,7 @@ class Mixed(Observation):
         return self.linear.units(radiance)
 
     def penalty(self, progress: float) -> Tensor | float:
-        """That of the curves."""
+        """Penalty of the curves."""
         return self.photographs.penalty(progress)
 
     def _of(self, view: View) -> Observation:

@@ -19,7 +19,7 @@ from recon.observe.tone_grid import apply_curve, curve_values, roughness
 from recon.scene.appearance import Rate
 
 LAST_CODE = 1.5 / 255
-"""A code that is nearer than this to an end of the scale bounds the light and does not tell it."""
+"""Distance of a code from an end of the scale within which it only bounds the light."""
 
 DISPLAY_POWER = 1 / 2.2
 """Display values are about light to this power."""
@@ -30,14 +30,15 @@ TYPICAL_SLOPE, LEAST_SLOPE = 0.1, 0.02
 
 @dataclass(frozen=True)
 class _Codes:
-    """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
+    """Planes [shots * 3, H, W] of a view's photographs, and the range in which they distinguish
+    predictions.
 
-    A code at the upper end of the scale is a lower bound only: nothing above it is told apart from it. One at
-    the lower end is an upper bound. above and below say where predictions beyond the code on that side count
-    as it; both do where a shot is not valid, and None is nowhere. Codes within the scale are compared
+    A code at the upper end of the scale is a lower bound only: predictions above it count as equal to it. One
+    at the lower end is an upper bound. above and below say where predictions beyond the code on that side
+    count as it; both are True where a shot is invalid; None: nowhere. Codes within the scale are compared
     wherever the calibration ends: it is of the photographs it had, and a lamp beyond them would be free to be
     of any brightness. stored: the codes, as whole numbers of 8 bits where these give every bit of them.
-    weight: what errors count, [3, H, W]; None: one.
+    weight: of errors, [3, H, W]; None: 1.
     """
 
     stored: Tensor
@@ -50,7 +51,7 @@ class _Codes:
         return _divided(self.stored) if self.stored.dtype == torch.uint8 else self.stored
 
     def bound(self, prediction: Tensor, target: Tensor) -> Tensor:
-        """The prediction, as far as the codes tell it apart from them."""
+        """Clamp the prediction to the range that the codes distinguish."""
         floor = None if self.below is None else torch.where(self.below, target, -torch.inf)
         ceiling = None if self.above is None else torch.where(self.above, target, torch.inf)
         return prediction if floor is None and ceiling is None else prediction.clamp(floor, ceiling)
@@ -113,7 +114,7 @@ class ToneCurve(Observation):
 
     @property
     def learned(self) -> bool:
-        """Whether the curve is trained at all."""
+        """True if the curve is trained."""
         return self.fixed < 1.0
 
     @property
@@ -123,7 +124,7 @@ class ToneCurve(Observation):
 
     @property
     def rates(self) -> dict[str, Rate]:
-        """That of the curves."""
+        """Learning rate of the curve."""
         return {"theta": self.curve_rate}
 
     def to(self, device: torch.device) -> None:
@@ -176,7 +177,7 @@ class ToneCurve(Observation):
         return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
 
     def _weighted(self, view: View) -> _Codes:
-        """What errors count is the same for all shots of a pixel."""
+        """Weights of errors, the same for all shots of a pixel."""
         codes = _codes(view)
         target = _by_shot(codes.target()).numpy()
         bound = np.zeros(target.shape, bool)
@@ -223,8 +224,8 @@ class Display(Observation):
     """Code values as they are, as 3DGS has them, without any idea of exposure.
 
     `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
-    developed: the calibration found what each photograph was developed with, its exposure and white balance.
-    The scene then has the display values at `k`, above 1 where only darker photographs tell them, and each
+    developed: the calibration estimated the development of each photograph, its exposure and white balance.
+    The scene then has the display values at `k`, above 1 where only darker photographs show them, and each
     photograph those times its own factors, falloff among them, to the `DISPLAY_POWER`.
     """
 
@@ -260,7 +261,7 @@ class Display(Observation):
         return torch.from_numpy(codes * light.clip(1) ** DISPLAY_POWER if self.developed else codes)
 
     def _gains(self, image: Tensor, view: View, scales: Sequence[float]) -> Tensor:
-        """On the display values of each shot, [shots, H, W, 3]; of size 1 where they are all alike."""
+        """Gains of each shot's display values, [shots, H, W, 3]; of size 1 where they are all alike."""
         if not self.developed:
             return image.new_ones(len(scales), 1, 1, 1)
         developed = np.outer(scales, view.sensor.white_balance) / self.k

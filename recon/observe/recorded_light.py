@@ -1,4 +1,4 @@
-"""The light that the photographs of a view tell, sample by sample, beside that of a render."""
+"""Light in the photographs of a view, sample by sample, beside that of a render."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from recon.observe.glare import scattered
 from recon.observe.linear import Observation
 
 MOST_SAMPLES = 200_000
-"""Of a view; of more as many are drawn, always the same."""
+"""Most samples of a view; of more as many are drawn, always the same."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RecordedLight:
 
 
 def recorded_light(observation: Observation, image: torch.Tensor, view: View) -> RecordedLight:
-    """Return what a view's photographs tell of its light, merged, beside a render [H, W, 3] of it."""
+    """Return the light in a view's photographs, merged, beside a render [H, W, 3] of it."""
     sensor = view.sensor
     response = sensor.response if sensor.kind == "ldr" else None
     merged = merge_bracket([shot.linear(response, sensor.cfa) for shot in view.shots])

@@ -1,8 +1,8 @@
-"""What training may correct in the calibration: poses, exposures, vignetting and glare, a little each.
+"""Corrections of the calibration by training: poses, exposures, vignetting and glare, a little each.
 
-Parameters beside the Gaussians, all zero at first but for the glare, which scene points tell. They move after
-the scene has taken shape; before that they would follow its gaps. What no picture can tell is taken out of
-them after every step: a motion or a scale of all cameras together, and one factor on all exposures.
+Parameters beside the Gaussians, all zero at first but for the glare, which comes from scene points. They move
+after the scene has taken shape; before that they would follow its gaps. Gauge freedoms are removed from them
+after every step: a motion or a scale of all cameras together, and one factor on all exposures.
 """
 
 from collections.abc import Callable, Collection
@@ -32,8 +32,9 @@ RATES: dict[Refined, Rate] = {
     "vignetting": Rate(2e-1, 1e-4),
     "glare": Rate(1e-3, 1e-5),
 }
-"""A view is looked at once an epoch, and Adam divides by how large its gradient is on the average: each
-look moves a pose by the rate times the square root of the number of views."""
+"""Learning rates of the corrections. A view is used once an epoch, and Adam divides by its mean gradient:
+each step moves a pose by the rate times the square root of the number of views.
+"""
 MOST_GLARE = 0.2
 """A lens that scatters more of the light shows nothing else."""
 
@@ -51,7 +52,7 @@ class Refinement:
     dataset: Dataset
     parameters: dict[Refined, Tensor]
     rungs: tuple[Rung, ...] = ()
-    """Why these are corrected, and others not."""
+    """Reasons for and against corrections."""
     _views: dict[str, int] = field(init=False, repr=False)
     _shots: dict[str, int] = field(init=False, repr=False)
     _cameras: dict[str, int] = field(init=False, repr=False)
@@ -59,7 +60,7 @@ class Refinement:
     _powers: dict[tuple[int, int], Tensor] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Number views, shots and cameras, and find what of the poses no picture tells."""
+        """Number views, shots and cameras, and find the gauge freedoms of the poses."""
         self._views = {view.name: row for row, view in enumerate(self.dataset.train)}
         files = [shot.file for view in self.dataset.train for shot in view.shots]
         self._shots = {file: row for row, file in enumerate(files)}
@@ -78,7 +79,7 @@ class Refinement:
         rungs: tuple[Rung, ...] = (),
         glare: Tensor | None = None,
     ) -> "Refinement":
-        """Nothing corrected yet; `names` say what may be. glare: what is known of it; None: nothing."""
+        """Make zero corrections; `names`: those allowed. glare: its prior, or None."""
         shapes: dict[Refined, tuple[int, ...]] = {
             "poses": (len(dataset.train), 6),
             "exposures": (sum(len(view.shots) for view in dataset.train),),
@@ -92,7 +93,7 @@ class Refinement:
 
     @classmethod
     def stored(cls, dataset: Dataset, checkpoint: Checkpoint) -> "Refinement":
-        """As it was in the training that a checkpoint was taken of, on the same data set."""
+        """Restore the state in a checkpoint's training on the same data set."""
         tensors = checkpoint.part("refinement")
         rungs = tuple(Rung.model_validate(rung) for rung in checkpoint.facts.get("refinement", []))
         names: tuple[Refined, ...] = get_args(Refined)
@@ -104,7 +105,7 @@ class Refinement:
         self._gauges = {name: value.to(device) for name, value in self._gauges.items()}
 
     def motion(self, view: View, progress: float) -> Tensor | None:
-        """How far the camera of a training view is moved, [14], as `rasterize` wants it; None: not at all."""
+        """Motion of the camera of a training view, [14], as `rasterize` wants it; None without one."""
         if progress < BEGIN or "poses" not in self.parameters:
             return None
         return camera_delta(self.parameters["poses"][self._views[view.name]], self.dataset.extent)
@@ -202,7 +203,7 @@ class Refinement:
         )
 
     def facts(self) -> dict[str, object]:
-        """For people and other programs: what was corrected by how much, by view, file and camera."""
+        """Sizes of the corrections, by view, file and camera, for people and other programs."""
         facts: dict[str, object] = {"schema_version": 1}
         values = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
         if "poses" in values:

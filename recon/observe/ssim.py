@@ -42,7 +42,9 @@ _ZERO = np.float32(0.0)
 
 
 _TAPS = np.concatenate([np.zeros(GROUP - 1), ssim_taps(), np.zeros(GROUP - 1)]).astype(np.float32)
-"""With zeros around: tap of source row i for row j of a group is _TAPS[GROUP - 1 + i - j]."""
+"""Band matrix of the taps, with zeros around: tap of source row i for row j of a group is _TAPS[GROUP - 1 + i
+- j].
+"""
 
 
 @inlined

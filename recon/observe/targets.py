@@ -1,4 +1,4 @@
-"""What of the views does not change from one look to the next: made once, and kept where it is compared."""
+"""Cache of the views' constant targets, made once, and kept where they are compared."""
 
 import sys
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from torch import Tensor
 from recon.data.dataset import View
 
 SHARE = 0.5
-"""Of a GPU's memory that may be in use before more is kept there; the rest is for Gaussians and renders."""
+"""Share of a GPU's memory in use above which no more is kept there; the rest is for Gaussians and renders."""
 
 Kept = TypeVar("Kept")
 """A dataclass; its tensors are what is kept."""
@@ -21,17 +21,17 @@ Kept = TypeVar("Kept")
 
 @dataclass
 class Targets(Generic[Kept]):
-    """Of each view: on the device of the render while there is room, else on the host.
+    """Targets of each view: on the device of the render while it has room, else on the host.
 
-    From there they are sent at each look, through page-locked memory, and nobody waits until they have come.
-    Of a view whose shots memory does not hold they are not kept on the host either, but made at each look.
+    From there they are sent at each look, through page-locked memory, asynchronously.
+    Targets of a view whose shots exceed the memory are made at each access.
     """
 
     _kept: dict[str, Kept] = field(default_factory=dict)
     _arrays: dict[int, tuple[npt.NDArray[Any], Tensor]] = field(default_factory=dict)
 
     def of(self, view: View, make: Callable[[], Kept], device: torch.device) -> Kept:
-        """Those of a view on a device; `make` gives them on the host when they are first asked for."""
+        """Return a view's targets on a device; `make` gives them on the host at the first access."""
         kept = self._kept.get(view.name)
         if kept is None:
             kept = make()

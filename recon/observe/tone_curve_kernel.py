@@ -25,7 +25,7 @@ Array = npt.NDArray[Any]
 
 
 def look_up(x: Tensor, values: Tensor, nodes: Tensor, leak: float) -> Tensor:
-    """As `recon.observe.tone_grid.apply_curve`, leaky, for float32 tensors on the CPU."""
+    """Look up as `recon.observe.tone_grid.apply_curve`, leaky, for float32 tensors on the CPU."""
     result: Tensor = _LookUp.apply(x, values, nodes, leak)  # type: ignore[no-untyped-call]
     return result
 

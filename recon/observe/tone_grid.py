@@ -62,7 +62,8 @@ class Grid:
 
 
 def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Which nodes [M] curves [..., M] need: straight lines between them are within `EXACT` of all others.
+    """Mask of the nodes [M] that curves [..., M] need: straight lines between them are within `EXACT` of all
+    others.
 
     From the left, each line as long as it may be. The first node and the last are always among them.
     """

@@ -1,1 +1,1 @@
-"""How data sets of papers measure a scene, where that is not how `recon.evaluate` does."""
+"""Published protocols of data sets, where they differ from `recon.evaluate`."""

@@ -47,9 +47,9 @@ def measure(folder: Path, progress: Progress = unreported) -> dict[str, float]:
 
 
 def score(shown: Callable[[float], Codes], photograph: Codes) -> dict[str, float]:
-    """`psnr` (dB) and `ssim` on the right half of a photograph, codes 0..1 [H, W, 3].
+    """Score the right half of a photograph, codes 0..1 [H, W, 3]: `psnr` (dB) and `ssim`.
 
-    shown: codes [H, W, 3] of the scene at an exposure so many stops off the calibration's. Each channel is
+    shown: codes [H, W, 3] of the scene at an exposure that many stops off the calibration's. Each channel is
     taken at the exposure at which it comes nearest to the left half.
     """
     half = photograph.shape[1] // 2

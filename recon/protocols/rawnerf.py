@@ -26,9 +26,9 @@ Floats = npt.NDArray[np.floating]
 Array = npt.NDArray[np.float64]
 
 MERGED_BITS = 2
-"""By which the codes of HDR+'s merged mosaics are longer than those of the shots that they are made of."""
+"""Factor by which the codes of HDR+'s merged mosaics exceed those of their shots."""
 WHITE_PERCENTILE = 97.0
-"""Of the clean picture, linear Rec.709: where its development turns white."""
+"""Percentile of the clean picture, linear Rec.709, at which its development turns white."""
 BORDER = 16
 """px left out along the edges."""
 
@@ -46,10 +46,11 @@ class Reference:
 
 
 def read_reference(merged: Path, shot: Path, ratio: float) -> Reference:
-    """The clean mosaic of a test scene, by the levels and the colours of a shot of the training's exposure.
+    """Read the clean mosaic of a test scene, with the levels and the colours of a shot of the training's
+    exposure.
 
     ratio: exposure of that shot over the exposure of those that were merged. InputError if a file is damaged,
-    the two differ in size or phase, or the shot does not tell its colours.
+    the two differ in size or phase, or the shot has no colours.
     """
     clean, raw = read_raw(merged), read_raw(shot)
     if (clean.pixels.shape, clean.cfa) != (raw.pixels.shape, raw.cfa):
@@ -76,12 +77,12 @@ def rec709_from_camera(neutral: npt.ArrayLike, camera_from_xyz: npt.ArrayLike) -
 
 
 def score(prediction: Floats, reference: Reference) -> dict[str, float]:
-    """How good camera RGB [H, W, 3] is, in the unit of the reference: `raw_psnr`, `rgb_psnr`, `rgb_ssim`.
+    """Score camera RGB [H, W, 3] in the unit of the reference: `raw_psnr`, `rgb_psnr`, `rgb_ssim`.
 
     raw_psnr, dB: of the mosaic, both clipped at white, which is the peak. rgb_psnr (dB) and rgb_ssim: of the
-    developed pictures after the affine fit, to which the prediction comes clipped too: a lamp that is
-    brighter than the sensor could tell would else be all that the fit looks at. All without a border of
-    16 px; ValueError if nothing is left.
+    developed pictures after the affine fit, to which the prediction comes clipped too: otherwise a lamp
+    brighter than the sensor's range would dominate the fit. All without a border of 16 px; ValueError if no
+    pixels are left.
     """
     inner = slice(BORDER, -BORDER), slice(BORDER, -BORDER)
     prediction, signal = np.minimum(prediction, 1.0), np.minimum(reference.signal, 1.0)

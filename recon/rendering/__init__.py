@@ -1,1 +1,1 @@
-"""What can be drawn of a finished scene: its light, and where its surfaces are and what they are known by."""
+"""Drawing of a finished scene: its light, its surfaces, and their confidence."""

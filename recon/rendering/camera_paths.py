@@ -42,7 +42,9 @@ class CameraPath:
 
 
 def named_path(scene: Scene, text: str) -> CameraPath | None:
-    """`orbit`, `orbit:N`, `spline` or `spline:N` of N frames; None: it is neither. InputError for a bad N."""
+    """Parse `orbit`, `orbit:N`, `spline` or `spline:N` of N frames; None for any other. InputError for a bad
+    N.
+    """
     name, colon, count = text.partition(":")
     if name not in ("orbit", "spline"):
         return None
@@ -56,7 +58,7 @@ def named_path(scene: Scene, text: str) -> CameraPath | None:
 
 
 def orbit(scene: Scene, frames: int) -> list[SplatCamera]:
-    """Once round what the views look at, at their median distance and height, upright.
+    """Orbit the common target of the views, at their median distance and height, upright.
 
     Where they leave more than a third of the circle out, to and fro over what they cover. It ends one frame
     before it would be where it began, so that it can be repeated.
@@ -94,7 +96,7 @@ def _swing(angles: Array, phase: Array) -> Array:
 
 
 def spline(scene: Scene, frames: int) -> list[SplatCamera]:
-    """Through the places of the views of the camera that took most, in their order, evenly fast.
+    """Interpolate the places of the views of the camera that took most, in their order, at even speed.
 
     Those of all cameras, where none took three. Positions: Catmull-Rom, centripetal (Yuksel, Schaefer and
     Keyser, "Parameterization and applications of Catmull-Rom curves", 2011); turns: a cubic spline of

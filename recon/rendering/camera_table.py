@@ -68,7 +68,7 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
 
 
 def _axes(lines: Sequence[str], path: Path) -> Axes | None:
-    """Return what the comments say of the coordinates; None: nothing."""
+    """Return the coordinate axes in the comments, or None."""
     up, metres = None, 1.0
     for number, line in enumerate(lines, 1):
         told = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)

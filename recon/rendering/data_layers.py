@@ -28,14 +28,14 @@ LAYERS: tuple[Layer, ...] = get_args(Layer)
 Plane = npt.NDArray[np.float32]
 
 _FAINT = 1e-4
-"""Opacity of a pixel below which its Gaussians tell nothing of a surface."""
+"""Opacity of a pixel below which its Gaussians do not define a surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class DataLayers:
-    """The layers of a scene, of any camera, whose pose is in the world of the calibration.
+    """Layers of a scene, of any camera, whose pose is in the world of the calibration.
 
-    progress: told while `trust` looks at the views of the scene, which it does once, when it is first asked.
+    progress: called while `trust` reads the views of the scene, once, at its first use.
     """
 
     scene: Scene
@@ -72,9 +72,9 @@ class DataLayers:
         return np.asarray(torch.where(alpha > _FAINT, normalize(drawn, dim=2), 0.0).numpy())
 
     def trust(self, camera: SplatCamera) -> Plane:
-        """By how many views, as `photographs_that_saw` counts them, what a pixel shows is known, [H, W].
+        """Number of views, as `photographs_that_saw` counts them, behind each pixel, [H, W].
 
-        The mean of the Gaussians at the pixel, by what they add to it; 0 where there are none.
+        The mean of the Gaussians at the pixel, weighted by their contributions; 0 without any.
         """
         placed = self._placed(camera)
         drawn, alpha = self._drawn(self._shapes(placed), self.photographs[:, None], placed)
@@ -82,7 +82,7 @@ class DataLayers:
 
     @cached_property
     def photographs(self) -> Tensor:
-        """Of each Gaussian, by how many views it was photographed, float32 [N]."""
+        """Number of views that photographed each Gaussian, float32 [N]."""
         return photographs_that_saw(self.scene, self.progress)
 
     def _placed(self, camera: SplatCamera) -> SplatCamera:

@@ -11,11 +11,11 @@ from recon.rendering.camera_paths import placed
 from recon.splat import SplatCamera
 
 MOST_PIXELS = 1 << 15
-"""On a side."""
+"""Most pixels on a side."""
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 """Camera axes x right, y up, z back become x right, y down, z forward."""
 _ROUNDING = 1e-3
-"""By so much may the columns of a rotation differ from unit and orthogonal: files round to few digits."""
+"""Tolerance of the columns of a rotation from unit and orthogonal: files round to few digits."""
 
 
 def camera_of(

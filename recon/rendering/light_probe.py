@@ -24,7 +24,7 @@ FINER = 2.0
 SAMPLES = 4
 """Along either side of a texel."""
 _REACH = float(np.arccos(3**-0.5))
-"""From the axis of a picture to the corner of its sixth of all directions, radians."""
+"""Angle from the axis of a picture to the corner of its sixth of all directions, radians."""
 _BORDER = 2
 """Pixels by which a picture reaches beyond that, to be interpolated there."""
 _FACES = tuple(
@@ -43,10 +43,12 @@ _FACES = tuple(
 
 @dataclass(frozen=True, eq=False)
 class LightProbe:
-    """light: linear radiance in the units of the calibration, float32 [rows, 2 * rows, C], premultiplied by
-    alpha [rows, 2 * rows], which is None of a scene without. known: share of all directions from which the
-    scene has light, 0..1; the rest is black. axes: float64 [3, 3], of longitude 90 degrees, of latitude 90
-    degrees (the uppermost row), and of the middle of the map, in world axes, as of environment.exr.
+    """Map of the light at a place.
+
+    light: linear radiance in the units of the calibration, float32 [rows, 2 * rows, C], premultiplied by alpha
+    [rows, 2 * rows], which is None of a scene without. known: share of all directions from which the scene
+    has light, 0..1; the rest is black. axes: float64 [3, 3], of longitude 90 degrees, of latitude 90 degrees
+    (the uppermost row), and of the middle of the map, in world axes, as of environment.exr.
     """
 
     light: Plane

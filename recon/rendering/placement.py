@@ -1,4 +1,5 @@
-"""Where the world of a calibration lies in a file of `rig export`, for cameras that were made in that file.
+"""Transform from the world of a calibration to a file of `rig export`, for cameras that were made in that
+file.
 
 A stage of USD and a file of glTF are turned level, and coordinates that float32 could not hold are written
 less an offset. Programs turn and scale them once more: Blender has z up, other stages are in centimetres.
@@ -25,12 +26,12 @@ Array = npt.NDArray[np.float64]
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _SAME = 1e-6
-"""By so much may what is found twice in a stage differ, relative to its size."""
+"""Relative tolerance of two definitions in one stage."""
 
 
 @dataclass(frozen=True)
 class Axes:
-    """What coordinates of a program are: whether z is up, else y; metres: of a unit."""
+    """Coordinate system of a program: whether z is up, else y; metres: of a unit."""
 
     z_up: bool
     metres: float = 1.0
@@ -45,7 +46,7 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """The world of a calibration in a file.
+    """Place of the world of a calibration in a file.
 
     file_from_local: float64 [4, 4], a rotation, one scale and a shift, from coordinates of the exported
     scene; offset: world coordinates are those of the scene plus this; axes: of the file, None: no axis is
@@ -57,9 +58,10 @@ class Placement:
     axes: Axes | None
 
     def in_world(self, camera: SplatCamera, axes: Axes | None, *, shifted: bool) -> SplatCamera:
-        """A camera that was placed in the file, by a program of some axes, None: those of the file.
+        """Transform a camera that was placed in the file, by a program of some axes, None: those of the
+        file.
 
-        shifted: whether the offset belongs to the world that is asked for.
+        shifted: whether the offset belongs to the requested world.
         """
         turn = camera.cam_from_world[:3, :3].T
         centre = -turn @ camera.cam_from_world[:3, 3]
@@ -74,7 +76,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class GivenPath:
-    """Cameras as a file has them, and what it says of its coordinates; None: nothing."""
+    """Cameras in a file, and its statement on its coordinates, or None."""
 
     path: CameraPath
     axes: Axes | None = None
@@ -82,13 +84,15 @@ class GivenPath:
 
 
 def less(offset: Sequence[float]) -> Placement:
-    """That of a file whose coordinates are those of the calibration less an offset."""
+    """Placement of a file whose coordinates are those of the calibration less an offset."""
     x, y, z = map(float, offset)
     return Placement(np.eye(4), (x, y, z), None)
 
 
 def placement_of(path: Path) -> Placement:
-    """By a file of `rig export`: USD, glTF or PLY; InputError for another, or one that does not tell."""
+    """Read the placement in a file of `rig export`: USD, glTF or PLY; InputError for another, or one without
+    a placement.
+    """
     suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path} is not there: name the file of rig export that the cameras were made in.")
@@ -122,7 +126,7 @@ def open_stage(path: Path) -> Any:
 
 
 def axes_of(stage: Any) -> Axes:
-    """Those of a stage."""
+    """Axes of a stage."""
     from pxr import UsdGeom
 
     z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
@@ -130,9 +134,10 @@ def axes_of(stage: Any) -> Axes:
 
 
 def placement_in(stage: Any, path: Path) -> Placement | None:
-    """Return where a stage, exported again or not, has the world of a calibration; None: it does not tell.
+    """Return the transform to a stage, exported again or not, from the world of a calibration; None if it has
+    none.
 
-    InputError where it is stretched, or there several times at different places.
+    InputError if it is stretched, or defined several times at different places.
     """
     from pxr import Usd, UsdGeom
 
@@ -161,7 +166,7 @@ def placement_in(stage: Any, path: Path) -> Placement | None:
 
 
 def _in_gltf(path: Path) -> Placement | None:
-    """By the node that draws the Gaussians, and the extras of its mesh."""
+    """Read the node that draws the Gaussians, and the extras of its mesh."""
     raw = path.read_bytes()
     try:
         size = struct.unpack("<I", raw[12:16])[0]
@@ -184,7 +189,7 @@ def _in_ply(path: Path) -> Placement | None:
 
 
 def told_offset(text: str) -> Placement | None:
-    """By a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`; None: there is none."""
+    """Read a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`, or return None."""
     found = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
     try:
         return None if found is None else less([float(number) for number in found.groups()])

@@ -1,4 +1,4 @@
-"""What a camera of a scene would record of it: a bracket of RAW mosaics, noise and all.
+"""Simulation of a camera's recording of a scene: a bracket of RAW mosaics, noise and all.
 
 Light becomes the camera's colours, falls off as its lens lets it, passes its filters and is counted: photons
 by Poisson's law and read noise, of the size that the noise of its own photographs has. What `rig` does not
@@ -24,7 +24,7 @@ from recon.result.scene import Scene
 BLACK, WHITE = 4096, 65535
 """Levels of the files, DN: noise below black is kept."""
 _BRIGHTEST = 1e30
-"""Light that stands for what is infinite."""
+"""Finite substitute of infinite light."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""How many photographs a part of a scene is known by.
+"""Number of photographs behind each part of a scene.
 
 A view counts for a Gaussian if it saw it and measured its light. It saw it if the light reaches its picture:
 what the Gaussian adds to the picture is at least `SHARE` of what it would add alone, or that holds at its
@@ -21,14 +21,15 @@ from recon.splat import SplatCamera, SplatStats
 from recon.splat.torch_threads import torch_on_one_thread
 
 SHARE = 0.15
-"""Of its light that has to reach the picture. Surfaces are made of several layers, of which the rear ones are
-not hidden: behind an opaque surface a hundredth gets through."""
+"""Share of its light that has to reach the picture. Surfaces are made of several layers, of which the rear
+ones are not hidden: behind an opaque surface a hundredth gets through.
+"""
 WIDTH = 480
 """Pixels across at which views are drawn for this, at most."""
 
 
 def photographs_that_saw(scene: Scene, progress: Progress = unreported) -> Tensor:
-    """Of each Gaussian, in how many views that were trained on it was seen and measured, float32 [N]."""
+    """Count the training views in which each Gaussian was seen and measured, float32 [N]."""
     views = [view for view in scene.views if view.use == "training"]
     counts = torch.zeros(len(scene.gaussians))
     for done, view in enumerate(views):
@@ -43,7 +44,9 @@ def photographs_that_saw(scene: Scene, progress: Progress = unreported) -> Tenso
 
 
 def seen(scene: Scene, camera: SplatCamera) -> Tensor:
-    """Which Gaussians a camera in scene coordinates sees, bool [N]: not those outside and those hidden."""
+    """Mask of the Gaussians that a camera in scene coordinates sees, bool [N]: not those outside and those
+    hidden.
+    """
     with torch.no_grad():
         means, quats, scales, opacities = shapes = scene.renderer.shapes(scene.gaussians, camera)
     stats = SplatStats(len(means))
@@ -59,7 +62,9 @@ def seen(scene: Scene, camera: SplatCamera) -> Tensor:
 
 
 def measured(scene: Scene, view: SceneView, camera: SplatCamera) -> Tensor:
-    """Of which Gaussians a shot of a view tells the light, bool [N]; camera: of the view, in the scene."""
+    """Mask of the Gaussians whose light a shot of a view measures, bool [N]; camera: of the view, in the
+    scene.
+    """
     parameters = scene.gaussians.parameters
     with torch.no_grad():
         away = away_from(parameters["means"], camera)

@@ -14,12 +14,13 @@ from recon.splat import SplatCamera
 
 
 def read_usd(path: Path, usual: SplatCamera, name: str | None) -> GivenPath:
-    """A camera of a stage at each frame from the stage's first to its last; those of `rig export` at theirs.
+    """Read a camera of a stage at each frame from the stage's first to its last; those of `rig export` at
+    theirs.
 
     name: of the camera or of its object, or its path; None: the first that `rig export` did not write, or
     else the first. The picture is as wide as that of the first view, and as high as the camera's aperture
-    wants, unless the camera tells. InputError if usd-core is missing, the file cannot be read, or there is no
-    such camera.
+    wants, unless the camera states its size. InputError if usd-core is missing, the file cannot be read, or
+    the camera is missing.
     """
     from pxr import Usd, UsdGeom
 
@@ -70,7 +71,7 @@ def _exported(prim: Any) -> bool:
 
 
 def _camera(prim: Any, time: Any, usual: SplatCamera, where: str) -> SplatCamera:
-    """At a time; the matrices of Gf act on row vectors."""
+    """Read the camera at a time; the matrices of Gf act on row vectors."""
     given = prim.GetCamera(time)
     if str(given.projection).endswith("Orthographic"):
         raise InputError(f"{where} is orthographic, which rig cannot draw: make it a perspective camera.")

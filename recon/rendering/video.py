@@ -43,7 +43,7 @@ class Video(AbstractContextManager["Video"]):
         self._write_frames = imageio_ffmpeg.write_frames
 
     def add(self, picture: npt.NDArray[np.uint8]) -> None:
-        """The next picture, uint8 [H, W, 3] of sRGB, or straight RGBA, which is shown before black."""
+        """Add the next picture, uint8 [H, W, 3] of sRGB, or straight RGBA, which is shown over black."""
         if picture.shape[2] == 4:
             picture = np.round(picture[..., :3] * (picture[..., 3:] / 255.0)).astype(np.uint8)
         height, width = picture.shape[:2]

@@ -18,7 +18,7 @@ Shown = Callable[[npt.NDArray[np.float32], float], npt.NDArray[np.uint8]]
 """Linear Rec.709 [H, W, 3] times a factor as a display shows it, uint8 of the same shape."""
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
-"""As many views tell the exposure of a scene."""
+"""Most views that determine the exposure of a scene."""
 _FAINT = 1 / 255
 """Alpha below which a picture shows nothing, so that its colour does not matter."""
 

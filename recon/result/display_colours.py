@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 Pair = tuple[SplatCamera, Tensor]
 
 MOST_VIEWS = 32
-"""That colours are fitted to; of more, so many evenly chosen."""
+"""Most views that colours are fitted to, evenly chosen."""
 MOST_STEPS = 100
 DC_RATE, REST_RATE = Rate(0.15, 0.015), Rate(0.03, 0.003)
 """The demo's draft comes to 34.0 dB; with two fifths of them to 32.9, with twice as much to 31.6."""
@@ -37,10 +37,10 @@ def steps_after(iterations: int) -> int:
 
 @dataclass(frozen=True)
 class DisplayColours:
-    """harmonics: float64 [N, (degree + 1)^2, 3], those of 3DGS, of sRGB codes in 0..1.
+    """Harmonics of display colours: float64 [N, (degree + 1)^2, 3], those of 3DGS, of sRGB codes in 0..1.
 
-    db: PSNR of what viewers draw with them, against the light exposed, clipped and encoded, over the views
-    that they were not fitted to; over all where there are none.
+    db: PSNR of viewers' drawings with them, against the light exposed, clipped and encoded, over the views
+    that they were not fitted to; over all without such views.
     """
 
     harmonics: Array
@@ -59,14 +59,15 @@ def display_colours(
     judged: Sequence[SplatCamera],
     progress: Progress,
 ) -> DisplayColours:
-    """Of Gaussians of linear light; `exposure` times what `renderer` draws is shown, 1 as white.
+    """Fit display colours to Gaussians of linear light; `exposure` times the drawing of `renderer` is shown,
+    1 as white.
 
-    splats: those that viewers draw in place of `gaussians`, which are among them; the others stand for the
-    environment that viewers do not know of.
+    splats: those that viewers draw in place of `gaussians`, which are among them; the others represent the
+    environment that viewers do not support.
 
     Blending display values is another thing than showing blended light: a lamp behind a veil is clipped
     before it is dimmed. So the harmonics of each Gaussian's own display values, least squares over all
-    directions, are only where a short fit starts, which brings what viewers draw near to the light of
+    directions, are only the start of a short fit, which brings the drawing of viewers near to the light of
     `fitted`; places, sizes and opacities stay what they are. The same scene gives the same colours.
     """
     device = gaussians.parameters["means"].device

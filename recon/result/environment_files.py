@@ -20,7 +20,7 @@ LAYOUT = (
     "degrees, its uppermost row latitude 90; vectors are in world axes"
 )
 DOME = 50.0
-"""Radius of the sphere in units of the scene, in which what is looked at is about 1 away."""
+"""Radius of the sphere in units of the scene, in which the subject is about 1 away."""
 FEWEST, MOST = 2000, 20_000
 """Gaussians of the sphere; between, a third of those of the scene."""
 OVERLAP = 0.6

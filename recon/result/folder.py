@@ -24,7 +24,7 @@ from recon.train.training import Training
 
 @dataclass
 class SceneFolder:
-    """What one training writes.
+    """Folder that one training writes.
 
     asked, settings: as asked for, and as decided. method_rungs: of the method and its image formation;
     size_rungs: of degree and number of the Gaussians. reserve: seconds that a budget of time keeps for what
@@ -91,7 +91,7 @@ class SceneFolder:
 
     @contextmanager
     def shown(self, clock: Callable[[], float]) -> Iterator[Snapshots]:
-        """What others see of the training, and that it goes on, within the block."""
+        """Publish the running training to other processes within the block."""
         snapshots = Snapshots(self.folder, self.training, self._record, clock)
         with held(self.folder):
             snapshots.clear()

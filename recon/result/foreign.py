@@ -38,14 +38,14 @@ _LENS = Lens(model="PINHOLE", width=640, height=480, fx=600.0, fy=600.0, cx=320.
 _SPAN = 2.0**-20
 """The dimmest light that matters, of the brightest."""
 _AWAY = 3.0
-"""Of an orbit, in distances from the middle within which half of the Gaussians are: skies are far away."""
+"""Distance of an orbit, in radii around the middle that hold half of the Gaussians: skies are far away."""
 
 
 def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
-    """Return what a scene of a file is: its record, its Gaussians and how they are drawn.
+    """Read a scene from a file of splats: its record, its Gaussians and their renderer.
 
-    Gaussians with values that are not finite are left out. InputError for a file that is none of these, is
-    damaged, or holds no Gaussian that can be drawn.
+    Gaussians with values that are not finite are left out. InputError for another kind of file, a damaged
+    one, or holds no Gaussian that can be drawn.
     """
     cameras: tuple[UsdCamera, ...] = ()
     up = np.array([0.0, -1.0, 0.0])  # y points down, as in most files of 3DGS

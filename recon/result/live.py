@@ -1,7 +1,7 @@
-"""A scene while it is trained, for whoever looks at it from another process.
+"""Scene under training, for viewers in other processes.
 
-Who looks asks by a file in the scene's folder, and looks at the snapshot that comes. Without a question
-there is none, so that a training at which nobody looks is not slowed down.
+A viewer requests a snapshot by a file in the scene's folder. Without a request none is made, so that a
+training without viewers is not slowed down.
 """
 
 import time
@@ -21,14 +21,16 @@ from recon.train.training import Training
 
 WANTED, SNAPSHOT = "live.wanted", "live.safetensors"
 MOST_SHARE = 0.02
-"""Of the time of a training that its snapshots may take, but for the first, which finds their exposure."""
+"""Share of the time of a training that its snapshots may take, but for the first, which determines their
+exposure.
+"""
 LEAST_SECONDS, LOOK_SECONDS = 1.0, 0.2
-"""Between two snapshots, and between two looks for a question, which are slow on a disk far away."""
+"""Seconds between two snapshots, and between two checks for a request, which are slow on a disk far away."""
 
 
 @dataclass
 class Snapshots:
-    """Those of one training. record: what is to be said of it now."""
+    """Snapshots of one training. record: the current record of it. record: what is to be said of it now."""
 
     folder: Path
     training: Training
@@ -95,7 +97,7 @@ def ask(folder: Path) -> None:
 
 
 def read_snapshot(folder: Path) -> Snapshot:
-    """The last snapshot of the training in a folder; ReconstructionError where there is none."""
+    """Read the last snapshot of the training in a folder; ReconstructionError without one."""
     path = folder / SNAPSHOT
     checkpoint = read_checkpoint(path)
     facts = checkpoint.facts

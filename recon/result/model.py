@@ -24,9 +24,9 @@ CALIBRATION = "calibration.json"
 """The calibration as the scene was trained on it, whatever becomes of the session's."""
 CHECKPOINT = "checkpoint.safetensors"
 SPLATS = "splats.ply"
-"""As viewers show it."""
+"""Name of the file for viewers."""
 RADIANCE = "radiance.ply"
-"""In linear light."""
+"""Name of the file in linear light."""
 ENVIRONMENT = "environment.exr"
 """Light from far away, where the scene has some: a map of latitude and longitude."""
 LOG = "train.jsonl"
@@ -44,10 +44,11 @@ class SceneShot(Record):
     k: float = Field(gt=0)
     """Exposure scale, s, as training corrected it: camera signal = radiance x k."""
     noise: tuple[float, float] | None = None
-    """Slope and floor of the variance of its signal, white at 1 (RAW alone); None: not known."""
+    """Slope and floor of the variance of its signal, white at 1 (RAW alone); None if unknown."""
     measures: tuple[float, float] | None = None
-    """Least and most linear radiance that it tells from its noise and from white (`measured_light`); None:
-    no limits are known."""
+    """Least and most linear radiance that it measures above its noise and below white (`measured_light`);
+    None if unknown.
+    """
 
 
 class SceneView(Record):
@@ -58,17 +59,17 @@ class SceneView(Record):
     use: Use
     """validation: held out, and the training could be ended by it; figures are of the test views."""
     lens: Lens
-    """Of the images that training looked at, px."""
+    """Lens of the training images, px."""
     cam_from_world: Pose
-    """As training corrected it."""
+    """Pose as corrected by training."""
     shots: tuple[SceneShot, ...]
-    """Those that were looked at, darkest first."""
+    """Shots in use, darkest first."""
     cfa: tuple[str, ...] = ()
-    """Rows of the tile of its colour filters (`imaging.cfa.Cfa`); none: it was not trained as a mosaic."""
+    """Rows of the tile of its colour filters (`imaging.cfa.Cfa`); empty: it was not trained as a mosaic."""
 
     @property
     def id(self) -> ViewId:
-        """Which view it is."""
+        """Identity of the view."""
         return ViewId(self.frame, self.camera)
 
     @property
@@ -78,12 +79,12 @@ class SceneView(Record):
 
     @property
     def splat_camera(self) -> SplatCamera:
-        """What draws it; `dataclasses.replace` makes a camera of another pose or lens of it."""
+        """Camera that draws it; `dataclasses.replace` makes a camera of another pose or lens of it."""
         return SplatCamera.of(self.lens, self.cam_from_world)
 
 
 class DisplayValues(Record):
-    """How a scene of display values is read as light: the inverse of the response, over `k`.
+    """Conversion of display values to light: the inverse of the response, over `k`.
 
     developed: as `recon.observe.photographs.Display` has it.
     """
@@ -106,24 +107,26 @@ class ModelRecord(Record):
     session: str
     """Name of the session that it was trained on."""
     photographs_sha256: str
-    """Of the names and hashes of the shots of all views (`dataset.photographs_sha256`)."""
+    """Hash of the names and hashes of the shots of all views (`dataset.photographs_sha256`)."""
     calibration_sha256: str
-    """Of the session's calibration.json (and split.json) as it was trained on."""
+    """Hash of the session's calibration.json (and split.json) as it was trained on."""
     normaliser: float
     """Linear radiance, in the units of the calibration, that is 1 in scene units."""
     reference: float | None
     """The dimmest radiance that matters, in scene units."""
     display: DisplayValues | None
-    """None: scene units times `normaliser` are linear radiance."""
+    """Conversion to light; None: scene units times `normaliser` are linear radiance."""
     radiance: str
-    """What the radiance is relative to: the gauge."""
+    """Gauge of the radiance: the unit that it is relative to."""
     luminance: tuple[float, float] | None = None
-    """cd/m2 of linear radiance (1, 1, 1), and its standard error; None: the calibration has no scale, or not
-    for all cameras, or training did not keep to the unit of the calibration (a learned curve, display
-    values)."""
+    """Luminance in cd/m2 of linear radiance (1, 1, 1), and its standard error; None: the calibration has no
+    scale, or not for all cameras, or training did not keep to the unit of the calibration (a learned curve,
+    display values).
+    """
     world: WorldTransform
-    """Where the scene lies in the world of the calibration: `views` are in the world, the checkpoint
-    is in the scene's coordinates."""
+    """Transform from the scene to the world of the calibration: `views` are in the world, the checkpoint is
+    in the scene's coordinates.
+    """
     offset: Vector
     """World coordinates are those of the PLY files plus this: zeros, where float32 holds them as they are."""
     exposure: float = Field(gt=0)
@@ -132,13 +135,13 @@ class ModelRecord(Record):
     """PSNR of splats.ply as a viewer draws it, against the light as a display shows it; None of a scene that
     was trained on display values, which are in splats.ply as they are."""
     degree: int = Field(ge=0, le=2)
-    """Of the harmonics."""
+    """Degree of the harmonics."""
     bands: tuple[Band, ...]
-    """The channels of the light, by wavelength; none: those of Rec.709."""
+    """Channels of the light, by wavelength; empty: those of Rec.709."""
     transparent: bool = False
-    """Whether photographs had alpha, which the scene then has too: an object without a background."""
+    """True if photographs had alpha, which the scene then has too: an object without a background."""
     views: tuple[SceneView, ...]
-    """In order of frame and camera."""
+    """Views in order of frame and camera."""
     gaussians: int
     train_seconds: float
     device: str
@@ -152,18 +155,19 @@ class ModelRecord(Record):
     """The schedule as it came: straight lines through (iteration, position), which is up to
     `settings.iterations`. The same settings with this schedule give the same bytes on any machine."""
     ending: Literal["schedule", "early stop", "goal", "interrupted"]
-    """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
-    (the checkpoint can then be gone on with)."""
+    """Reason for the end: as planned, quality stood still, quality was reached, or the user stopped it (the
+    checkpoint can then be continued).
+    """
     held_out_db: float | None
     """The end of the live curve, of the validation views if there are any; None where no view is held out."""
     measuring_seconds: float
-    """What the live curve took, beside `train_seconds`."""
+    """Seconds of the live curve, beside `train_seconds`."""
     predicted: Prediction | None
-    """What was predicted of `held_out_db`."""
+    """Prediction of `held_out_db`."""
 
     @property
     def width(self) -> int:
-        """Of the widest images that training looked at, px."""
+        """Width of the widest training images, px."""
         return max(view.lens.width for view in self.views)
 
     @property
@@ -183,7 +187,7 @@ class ModelRecord(Record):
 
 
 def read_model(folder: Path) -> ModelRecord:
-    """The model.json of a finished reconstruction; ReconstructionError if there is none."""
+    """Read the model.json of a finished reconstruction; ReconstructionError if it is missing."""
     path = folder / MODEL
     if not path.is_file():
         raise ReconstructionError(f"{folder} holds no finished reconstruction: run `rig reconstruct` first.")

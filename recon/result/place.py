@@ -1,4 +1,4 @@
-"""Where a training is kept, so that no scene is lost by training another."""
+"""Folder of a training, chosen so that no scene is lost by training another."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from recon.scene.checkpoint import Checkpoint, read_checkpoint
 
 
 def default_name(method: str, quality: str, budget: Budget | None) -> str:
-    """What a scene is called that nobody gave a name: `nh-3dgs-standard`, or `nh-3dgs-standard-300s`."""
+    """Default name of a scene: `nh-3dgs-standard`, or `nh-3dgs-standard-300s`."""
     return f"{method}-{quality}" if budget is None else f"{method}-{quality}-{budget}"
 
 

@@ -1,4 +1,4 @@
-"""What a training leaves behind: the scene, and what is to be said of it."""
+"""Writing of a training's results: the scene, and its record."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -183,7 +183,7 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
 
 
 def _early_stop(training: Training, settings: Settings, views: int) -> tuple[Rung, ...]:
-    """Return whether the training was made shorter, before it or on the way; nothing where nobody looked."""
+    """Return whether the training was made shorter, before it or on the way; empty without observation."""
     if not settings.early_stop:
         return ()
     cut, turns = training.ending == "early stop", training.schedule.turns if training.schedule else ()

@@ -104,7 +104,7 @@ class Scene:
 
     @checked
     def view(self, name: str) -> SceneView:
-        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
+        """Return the view of that name, `frame/camera`; ReconstructionError for an unknown one."""
         for view in self.views:
             if view.name == name:
                 return view
@@ -120,12 +120,12 @@ class Scene:
 
     @checked
     def covered(self, camera: SplatCamera) -> torch.Tensor:
-        """How much of a picture is of the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
+        """Coverage of a picture by the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
         return self._rendered(camera).alpha.clamp(0, 1)
 
     @checked
     def render(self, camera: SplatCamera | SceneView | str) -> npt.NDArray[np.float32]:
-        """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
+        """Render linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
@@ -134,11 +134,11 @@ class Scene:
 
     @checked
     def at(self, exposure: float = 0.0, camera: SplatCamera | SceneView | str | None = None) -> Image.Image:
-        """What a camera sees as a display shows it: 8 bits of sRGB, clipped, in false colours of bands.
+        """Render a view as a display shows it: 8 bits of sRGB, clipped, in false colours of bands.
 
         exposure: stops; at 0 the median of the scene is middle grey. camera: None: the first view. A picture
         of Pillow: `numpy.asarray(picture)` is uint8 [H, W, 3], `picture.save("one.png")` writes it. Where the
-        photographs had alpha it is RGBA. ReconstructionError for an exposure that is no number.
+        photographs had alpha it is RGBA. ReconstructionError for a non-finite exposure.
         """
         if not math.isfinite(exposure):
             raise ReconstructionError(
@@ -189,10 +189,10 @@ class Scene:
 
     @checked
     def layer(self, camera: SplatCamera) -> Layer:
-        """Return what a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
+        """Render a layer for compositing: radiance as in `render`, and alpha 0..1, float32 [H, W].
 
-        The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
-        it. Alpha is None of a scene whose photographs had none (`ModelRecord.transparent`).
+        The radiance is that of the scene alone, without a background: premultiplied, as EXR has it. Alpha is
+        None of a scene whose photographs had none (`ModelRecord.transparent`).
         """
         light, covered = self.covered_layer(camera)
         return light, covered if self.record.transparent else None
@@ -250,7 +250,7 @@ class Opened:
         return self.scene.render(view.name)
 
     def view(self, name: str) -> View:
-        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
+        """Return the view of that name, `frame/camera`; ReconstructionError for an unknown one."""
         found = self.scene.view(name).name
         return next(view for view in self.dataset.views if view.name == found)
 

@@ -24,7 +24,7 @@ from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training
 
 BLENDED = "fitted so that pictures, clipped at 1, look right; colours of single Gaussians may be above 1"
-"""Of display values, for headers."""
+"""Name of display values, for headers."""
 
 
 def offset_of(dataset: Dataset) -> Vector:
@@ -44,7 +44,7 @@ class _FalseColour:
     rates: ClassVar[dict[str, Rate]] = {}
 
     def start(self, light: Tensor) -> Parameters:
-        """Of the bands."""
+        """Start of the bands."""
         return self.appearance.start(light)
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
@@ -53,11 +53,11 @@ class _FalseColour:
         return (light @ self.matrix.to(light).T).clamp_min(0.0)
 
     def luminance(self, parameters: Parameters) -> Tensor:
-        """Of the bands."""
+        """Luminance of the bands."""
         return self.appearance.luminance(parameters)
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """Of the bands."""
+        """Penalty of the bands."""
         return self.appearance.penalty(parameters)
 
 

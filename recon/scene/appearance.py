@@ -1,4 +1,4 @@
-"""What colour a Gaussian has, seen from a direction: two ways of parameterising linear radiance >= 0.
+"""Appearance of a Gaussian by direction: two ways of parameterising linear radiance >= 0.
 
 An appearance owns some of the parameters of a model. Each is a frozen dataclass of constants with
 `start` (from colours to parameters), `rates` (learning rates), `colours`, `luminance` and `penalty`.

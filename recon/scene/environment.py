@@ -1,7 +1,7 @@
-"""Light from far away: radiance by direction alone, seen as far as the Gaussians let it through.
+"""Light from far away: radiance by direction alone, attenuated by the Gaussians before it.
 
-A horizon is no place for a Gaussian: what is many times farther than the cameras lie apart looks the same
-from all of them, and Gaussians that stand for it anywhere nearer are wrong in every other view. Environment
+A horizon is no place for a Gaussian: an object many times farther than the cameras lie apart looks the same
+from all of them, and Gaussians that represent it anywhere nearer are wrong in every other view. Environment
 maps: Blinn and Newell 1976.
 """
 
@@ -21,7 +21,7 @@ from recon.splat import SplatCamera
 
 NAME = "environment"
 RATE = Rate(0.03, 0.003)
-"""Of ln radiance: that of the luminance of Gaussians."""
+"""Learning rate of ln radiance: that of the luminance of Gaussians."""
 KEPT_LENSES = 8
 """Lenses whose rays are kept: 12 bytes a pixel each."""
 
@@ -40,7 +40,7 @@ class Environment:
 
     @classmethod
     def stored(cls, tensors: dict[str, Tensor]) -> "Environment | None":
-        """Return what `tensors` were of an environment; None: there was none."""
+        """Return the environment in a checkpoint's `tensors`, or None."""
         return cls(tensors["ln_light"], tensors["axes"].numpy()) if tensors else None
 
     def tensors(self) -> dict[str, Tensor]:

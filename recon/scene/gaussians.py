@@ -54,7 +54,7 @@ class Gaussians:
 
     @property
     def device(self) -> torch.device:
-        """Where they are."""
+        """Device of the tensors."""
         return self.parameters["means"].device
 
     def to(self, device: torch.device) -> "Gaussians":
@@ -97,9 +97,9 @@ class Shapes(NamedTuple):
 
 @dataclass(frozen=True)
 class Renderer:
-    """How Gaussians become an image: the appearance, the cut-offs of the rasteriser, and what is far behind.
+    """Drawing of Gaussians: the appearance, the cut-offs of the rasteriser, and the environment.
 
-    environment: None: nothing is, black. sampling: the distances they were trained at; None: any.
+    environment: None: black. sampling: the distances they were trained at; None: any.
     """
 
     appearance: Appearance
@@ -144,7 +144,7 @@ class Renderer:
         return replace(render, image=self.environment.behind(render.image, render.alpha, place))
 
     def shapes(self, gaussians: Gaussians, camera: SplatCamera) -> Shapes:
-        """With what shapes and opacities a camera sees the Gaussians: the first arguments of `rasterize`."""
+        """Shapes and opacities of the Gaussians for a camera: the first arguments of `rasterize`."""
         return self._shapes(gaussians, camera, away_from(gaussians.parameters["means"], camera))
 
     def _shapes(self, gaussians: Gaussians, camera: SplatCamera, away: Tensor) -> Shapes:
@@ -181,9 +181,9 @@ class Renderer:
 def drawn_values(
     shapes: Shapes, values: Tensor, camera: SplatCamera, limits: Limits, stats: SplatStats | None = None
 ) -> Render:
-    """Values [N, C] of Gaussians blended as their light is, before black.
+    """Values [N, C] of Gaussians blended as their light is, over black.
 
-    How bright they are has no say in where a Gaussian ends: values are no light.
+    Brightness does not influence a Gaussian's extent: values are no light.
     """
     return rasterize(*shapes, values, camera, None, replace(limits, luminance_reference=None), stats)
 

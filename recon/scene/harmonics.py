@@ -54,7 +54,7 @@ def series(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> T
 
 
 def series_by_torch(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> Tensor:
-    """As `series`, in plain torch operations, for devices that Numba does not reach."""
+    """Evaluate as `series`, in plain torch operations, for devices that Numba does not support."""
     values = basis(directions.detach().to(rest.dtype), degree)
     coefficients = torch.cat([constant, rest[:, : values.shape[1] - 1]], 1)
     return torch.einsum("nk,nkc->nc", values, coefficients)

@@ -22,9 +22,9 @@ def properties(degree: int) -> tuple[str, ...]:
     """Names of a Gaussian's numbers, little-endian float32 each, with harmonics of a degree.
 
     Colour towards direction d: max(0, 0.5 + SH(d)), the harmonics as in 3DGS; f_rest holds all of red, then
-    green, then blue, and viewers tell the degree by how many there are. opacity is a logit, scales are
-    natural logarithms, rot is wxyz. What colours are, display values or light, the
-    comments say. The normals of the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
+    green, then blue, and viewers derive the degree from their number. opacity is a logit, scales are natural
+    logarithms, rot is wxyz. The comments state whether colours are display values or light. The normals of
+    the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
     """
     return (
         *("x", "y", "z"),
@@ -100,7 +100,7 @@ def write_ply(
 
 
 def most_gaussians(size: float, degree: int) -> int:
-    """How many Gaussians of a degree fit into a file of `size` bytes, its header taken at 2000 bytes."""
+    """Maximum number of Gaussians of a degree in a file of `size` bytes, its header taken at 2000 bytes."""
     return max(0, int((size - 2000) // (4 * len(properties(degree)))))
 
 
@@ -134,7 +134,7 @@ class PlySplats:
 
 
 def read_ply(path: Path) -> PlySplats:
-    """Gaussians in the layout of 3DGS, whoever wrote them; InputError for another PLY and for damage."""
+    """Read Gaussians in the layout of 3DGS of any program; InputError for another PLY and for damage."""
     try:
         with path.open("rb") as file:
             head = file.read(_MOST_HEADER)

@@ -20,12 +20,14 @@ from recon.scene.spacing_kernel import spacing_range
 from recon.splat import SplatCamera
 
 _ROUNDING = 1e-4
-"""By which the range is wider, so that what was trained at its ends is drawn as it was, to the last bit."""
+"""Tolerance by which the range is wider, so that the ends of training's range are drawn as trained, to the
+last bit.
+"""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Between which distances of neighbouring pixels each Gaussian was trained.
+    """Range of distances of neighbouring pixels at which each Gaussian was trained.
 
     least, most: float32 [N], in the unit of the means, of the views that see it.
     """
@@ -35,7 +37,9 @@ class Sampling:
 
     @classmethod
     def of(cls, means: Tensor, cameras: Sequence[SplatCamera]) -> "Sampling":
-        """Of Gaussians at `means` [N, 3] that views trained; of what none sees, 0 and infinity."""
+        """Measure the range of Gaussians at `means` [N, 3] over the training views; of unseen ones, 0 and
+        infinity.
+        """
         least, most = spacing_range(means.detach().cpu().numpy(), cameras)
         return cls(torch.from_numpy(least) * (1 - _ROUNDING), torch.from_numpy(most) * (1 + _ROUNDING))
 

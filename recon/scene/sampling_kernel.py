@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""What `Sampling.drawn` does, in one pass without gradient, as pictures of a moving camera need it."""
+"""Kernel of `Sampling.drawn`, in one pass without gradient, for pictures of a moving camera."""
 
 import math
 from collections.abc import Sequence
@@ -66,7 +66,7 @@ def _drawn(counter, away, scales, quats, opacities, least, most, axis, focal, fi
 
 @kernel
 def _kept(ray, scales, quats, i, spacing, coarser, blur):
-    """As `recon.scene.sampling._kept` has it."""
+    """Filter as `recon.scene.sampling._kept`."""
     w, a, b, c = float(quats[i, 0]), float(quats[i, 1]), float(quats[i, 2]), float(quats[i, 3])
     length = math.sqrt(w * w + a * a + b * b + c * c)
     if not length > 0.0:

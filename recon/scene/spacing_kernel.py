@@ -1,5 +1,7 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""Between which spacings of pixels cameras see Gaussians: many cameras times many Gaussians, on all cores."""
+"""Kernel of the pixel spacings at which cameras see Gaussians: many cameras times many Gaussians, on all
+cores.
+"""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +15,7 @@ from imaging.compute.threads import share, take_number
 from recon.splat import SplatCamera
 
 _BOUNDS, _LEAST_COSINE, _FOCAL, _FISHEYE = 12, 16, 17, 18
-"""Where a camera's numbers lie behind its rotation (9) and translation (3)."""
+"""Offsets of a camera's numbers behind its rotation (9) and translation (3)."""
 _TASK = 4096
 
 
@@ -33,7 +35,7 @@ def spacing_range(
 
 
 def _numbers(camera: SplatCamera) -> list[float]:
-    """Of a camera for the kernel: see _BOUNDS."""
+    """Numbers of a camera for the kernel: see _BOUNDS."""
     motion = np.asarray(camera.cam_from_world, np.float64)
     cosine = -1.0
     if camera.fisheye:

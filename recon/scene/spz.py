@@ -23,16 +23,16 @@ Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 
 BRIGHTEST = 0.5 + 0.5 / 0.15 * 0.28209479177387814
-"""Of a colour."""
+"""Largest value of a colour."""
 _MAGIC = 0x5053474E
 _VERSION = 3
 _COLOUR = 0.15
 _FLIPS = np.array([1.0, -1.0, -1.0])
 """Signs of x, y and z."""
 _FLIPS_QUAT = np.array([1.0, 1.0, -1.0, -1.0])
-"""Of w, x, y and z of a turn."""
+"""Signs of w, x, y and z of a rotation."""
 _FLIPS_REST = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
-"""Of the harmonics of degree 1 to 3, by how they hold y and z."""
+"""Signs of the harmonics of degree 1 to 3, by their parity in y and z."""
 _MOST_BITS = 23
 _LARGEST = 2**9 - 1
 _MOST = 100_000_000
@@ -60,7 +60,7 @@ def pack(means: Array, log_scales: Array, quats: Array, opacities: Array, harmon
 
 
 def read_spz(path: Path) -> PlySplats:
-    """The Gaussians of a file, whoever wrote it; InputError if it is none, or damaged."""
+    """Read the Gaussians of a file of any program; InputError if it is damaged or no SPZ."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -72,7 +72,9 @@ def read_spz(path: Path) -> PlySplats:
 
 
 def unpack(data: bytes) -> PlySplats:
-    """The Gaussians of the bytes of a file; ValueError, or an error of the compression, if they are none."""
+    """Unpack the Gaussians in the bytes of a file; ValueError, or an error of the compression, for invalid
+    bytes.
+    """
     if data[:4] == struct.pack("<I", _MAGIC):
         version, count, degree, bits, parts = _streams(data)
     else:
@@ -160,7 +162,7 @@ def _unpacked_quats(codes: Bytes) -> Array:
 
 
 def _older_quats(codes: Bytes) -> Array:
-    """Of version 2: x, y and z in 8 bits, w by what is left."""
+    """Quaternions of version 2: x, y and z in 8 bits, w by the unit norm."""
     xyz = codes.reshape(-1, 3) / 127.5 - 1
     return np.column_stack([np.sqrt(np.maximum(0, 1 - np.square(xyz).sum(1))), xyz])
 

@@ -1,4 +1,4 @@
-"""Gaussians and cameras of OpenUSD files: `ParticleField3DGaussianSplat`, whoever wrote them."""
+"""Gaussians and cameras of OpenUSD files of any program: `ParticleField3DGaussianSplat`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,12 @@ from recon.scene.ply import PlySplats
 
 Array = npt.NDArray[np.float64]
 _WIDTH = 640
-"""px of a camera whose file tells no size, as those of OpenUSD do not."""
+"""Width, px, of a camera whose file states no size, as those of OpenUSD do not."""
 _MOST_VIEWS = 500
 PLACED = "userProperties:rigOffset"
-"""Attribute of the prim that stands for the world of a calibration in a stage of `rig export`: double3, what
-its coordinates have to be given more of to be those of the calibration. Blender keeps what is called so."""
+"""Attribute of the prim that represents the world of a calibration in a stage of `rig export`: double3, the
+offset to add to its coordinates for those of the calibration. Blender keeps attributes of this name.
+"""
 SIZE = "rig:lens:size"
 """Attribute of the cameras of `rig export`: width and height of the picture, px."""
 
@@ -120,13 +121,13 @@ def _splats(path: Path, field: Any) -> PlySplats:
 
 
 def _values(single: Any, half: Any, width: int) -> Array:
-    """Of an attribute in either precision, [N, width]."""
+    """Values of an attribute in either precision, [N, width]."""
     found = single.Get()
     return np.array(half.Get() if found is None else found, np.float64).reshape(-1, width)
 
 
 def _space(field: Any) -> str:
-    """The name of the colour space, empty where nobody says."""
+    """Name of the colour space, empty if unstated."""
     from pxr import Usd
 
     attribute = field.GetRadianceSphericalHarmonicsCoefficientsAttr()

@@ -38,7 +38,8 @@ class Limits:
     """Largest error of a cut-off, relative to `luminance_reference`."""
     near: float = 0.01
     """Gaussians whose centre is nearer than this (camera z, in the unit of the means) are not drawn. In scene
-    coordinates (`recon.data.world`) what is looked at is about 1 away."""
+    coordinates (`recon.data.world`) the subject is about 1 away.
+    """
     blur: float = 0.1
     """Variance added to every projected Gaussian, px^2: about that of a pixel's own square, 1/12
     (Mip-Splatting, Yu et al., arXiv 2311.16493, has 0.1; 3DGS 0.3, which no edge can be sharper than)."""
@@ -60,7 +61,7 @@ class Limits:
 
     @classmethod
     def gsplat(cls) -> "Limits":
-        """Those of gsplat (alpha_max 0.999) and 3DGS, which viewers draw with and peers train with."""
+        """Limits of gsplat (alpha_max 0.999) and 3DGS, with which viewers draw and peers train."""
         return cls(alpha_max=0.999, t_min=1e-4, alpha_min=1.0 / 255.0, blur=0.3)
 
     @classmethod

@@ -21,7 +21,9 @@ _NEAR_AXIS = 0.02
 
 
 def rasterize_reference(inputs: RasterInputs) -> Render:
-    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype."""
+    """Rasterise as `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's
+    dtype.
+    """
     means, quats, scales, opacities, colours, camera, background, limits, stats, view = inputs
     dtype = means.dtype
     finite = (

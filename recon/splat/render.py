@@ -1,4 +1,4 @@
-"""What `rasterize` is given and returns, and what it counts for density control."""
+"""Arguments and results of `rasterize`, and its counts for density control."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
@@ -26,7 +26,8 @@ class Render:
     GPU waits for all that is under way."""
     ln_depth: torch.Tensor | None = None
     """[H, W], the sum of weights times ln depth of the Gaussians' centres, differentiable; over alpha it is
-    the expected one. None: not asked for."""
+    the expected one. None unless requested.
+    """
 
     @property
     def culled(self) -> int:
@@ -86,7 +87,7 @@ class SplatStats:
 
 
 class RasterInputs(NamedTuple):
-    """What every execution is given: the arguments of `rasterize`, checked.
+    """Inputs of every implementation: the arguments of `rasterize`, checked.
 
     view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
     """
@@ -110,14 +111,14 @@ class RasterInputs(NamedTuple):
 
     @property
     def keep(self) -> bool:
-        """Whether a gradient is wanted, by any of the tensors."""
+        """True if any of the tensors requires a gradient."""
         wanted = (*self.tensors, *([] if self.view is None else [self.view]))
         return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in wanted)
 
 
 @dataclass
 class RenderCall:
-    """What the kernels need besides tensors, and what they find out."""
+    """Parameters of the kernels besides tensors, and their counts."""
 
     camera: SplatCamera
     limits: Limits

@@ -9,7 +9,7 @@ Array = npt.NDArray[Any]
 
 
 class Projected(NamedTuple):
-    """What `project` finds out about each of N Gaussians."""
+    """Results of `project` for each of N Gaussians."""
 
     shape: Array
     """float64 [N, shape_size(C)]: pixel mean x, y; m11, m21, m22; the rest is `paint`. With (dx, dy) the
@@ -66,4 +66,4 @@ def shape_size(channels: int) -> int:
 
 
 SKIPPED, DRAWN, BAD = np.uint8(0), np.uint8(1), np.uint8(2)
-"""Not in the image (or too faint); drawn; not finite or degenerate."""
+"""States of a Gaussian: not in the image (or too faint); drawn; not finite or degenerate."""

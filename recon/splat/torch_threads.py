@@ -8,7 +8,7 @@ import torch
 
 @contextmanager
 def torch_on_one_thread() -> Iterator[None]:
-    """Within the block torch works on the calling thread; afterwards as before.
+    """Run torch on the calling thread within the block; afterwards as before.
 
     A training step has some dozen torch operations of a few hundred microseconds on a few ten thousand
     Gaussians. Sharing each of them costs more than it saves, and on a machine with other work five

@@ -1,4 +1,4 @@
-"""How right this stage is at the ends of what it is asked, against float64 and against the truth."""
+"""Stress tests of reconstruction, against float64 and against the truth."""
 
 from recon.stability.methods import methods
 from recon.stability.splatting import splatting

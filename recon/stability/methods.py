@@ -138,7 +138,7 @@ def _view(
 
 
 def _shot(light: Float, sensor: Sensor, k: float, label: float) -> Shot:
-    """Without noise, in steps of 12 bits (RAW) or 8 (photographs), and none (EXR)."""
+    """Shot without noise, in steps of 12 bits (RAW) or 8 (photographs), and none (EXR)."""
     signal = (light if sensor.cfa is None else mosaic(light, sensor.cfa)) * k
     if sensor.kind == "raw":
         signal = np.rint(4095 * signal.clip(0, 1)) / 4095

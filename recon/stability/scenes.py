@@ -24,7 +24,7 @@ class Case:
     limits: Limits = field(default_factory=Limits)
     background: torch.Tensor | None = None
     flat: bool = False
-    """Nothing in the image depends on where or how large the Gaussians are."""
+    """True if nothing in the image depends on the places or sizes of the Gaussians."""
 
 
 def camera(
@@ -95,7 +95,7 @@ def poisoned(seed: int) -> Case:
 
 
 def _around(tensors: list[torch.Tensor]) -> list[torch.Tensor]:
-    """With the first Gaussian large and around the camera, its centre just beyond the near plane."""
+    """Variant with the first Gaussian large and around the camera, its centre just beyond the near plane."""
     tensors[0][0] = torch.tensor([0.0, 0.0, -2.98]).double()
     tensors[2][0] = torch.tensor([2.0, 1.5, 1.0]).double()
     return tensors

@@ -23,11 +23,13 @@ from recon.stability.scenes import Case, cases, contrast
 
 NAMES = ("means", "quats", "scales", "opacities", "colours")
 STEPS = torch.tensor([1e-3] * 6 + [0.1] * 4 + [1e-3] * 4).double()
-"""Of a camera_delta: about a twentieth of a pixel each, the units its gradient is compared in."""
+"""Steps of a camera_delta: about a twentieth of a pixel each, the units its gradient is compared in."""
 PIXELS, GRADIENTS = 1e-4, 1e-2
 """Limits of the worst relative error: of a channel of a pixel, of a Gaussian's gradient."""
 LAYERS = 1e-2
-"""Of what a million faint layers before one pixel let through: their alphas alone have 24 bits."""
+"""Layers of the transmittance test: a million faint ones before one pixel; their alphas alone have 24
+bits.
+"""
 
 
 def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[StressCase]:
@@ -115,7 +117,7 @@ def _slope(tensor: torch.Tensor) -> torch.Tensor:
 
 
 def spread(error: torch.Tensor) -> dict[str, float] | None:
-    """Median, 99th percentile and worst of relative errors; None if there are none."""
+    """Median, 99th percentile and worst of relative errors; None without errors."""
     if not error.numel():
         return None
     values = error.flatten().numpy()

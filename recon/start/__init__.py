@@ -1,1 +1,1 @@
-"""What a training starts from: points on surfaces, Gaussians at them, and the light from far away."""
+"""Start of a training: points on surfaces, Gaussians at them, and the light from far away."""

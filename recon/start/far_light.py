@@ -1,4 +1,4 @@
-"""Where an environment starts: the light of each direction that views from several places agree on."""
+"""Start of an environment: the light of each direction that views from several places agree on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,14 +22,14 @@ FINEST = 768
 TEXEL = 1.5
 """Pixels of a training view that a texel is across."""
 MOST_LOOKS = 8
-"""At a direction; more views tell no more."""
+"""Most samples of a direction; more views add nothing."""
 ALIKE = 0.2
 """Natural log: two views agree on light that differs by less."""
 BEYOND = 10.0
 """Extents of the rig from its middle: Gaussians start nearer."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 FLOOR = 2.0**-20
-"""Of the brightest light: the least that a direction starts with."""
+"""Least start value of a direction, relative to the brightest light."""
 
 
 def far_light(
@@ -66,7 +66,7 @@ def far_light(
 
 
 def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Of looks [L, D, 3], NaN where there is none: which one most others are like, and how many are, [D]."""
+    """Sample among [L, D, 3], NaN where missing, that most others resemble, and their number, [D]."""
     with np.errstate(invalid="ignore", divide="ignore"):
         logs = np.log(light @ LUMINANCE)
     logs[~np.isfinite(logs)] = np.nan

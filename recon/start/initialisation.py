@@ -1,4 +1,4 @@
-"""Where training starts from: points on the surfaces, and Gaussians of the right size and colour there."""
+"""Start of training: points on the surfaces, and Gaussians of the right size and colour there."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,9 +23,11 @@ Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 8
 SAMPLES_AT_ONCE = 250_000
-"""Looks at points, of all views together, that are held in memory."""
+"""Samples of points, of all views together, held in memory at once."""
 DARK = 1 / 12.92
-"""Of the dimmest radiance that matters, what is as good as black: a photograph's code at its dark end."""
+"""Share of the dimmest radiance that matters below which light counts as black: a photograph's code at its
+dark end.
+"""
 MOST_FIRST = 16
 """Views that are swept over all depths, where poses came without points."""
 
@@ -53,7 +55,7 @@ def start_points(
     over: Callable[[], bool] | None = None,
     first: Array | None = None,
 ) -> Start:
-    """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
+    """Choose at most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
     `images` are the radiance images of the training views. Poses that came without any points get theirs
     from a first sweep over all depths; first: what `points_of_poses` found by it, if it was made. over: asked
@@ -192,7 +194,7 @@ def _looks(view: View, seen: npt.NDArray[np.bool_], image: Float, xyz: Array) ->
 
 
 def _median(looks: Sequence[Float] | Float) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Of looks [V, P, C]."""
+    """Median of samples [V, P, C]."""
     samples = np.asarray(looks, np.float64)
     seen = np.isfinite(samples).any(0)
     visible = seen.any(-1)

@@ -1,9 +1,8 @@
 """Depth for every pixel of a training view, by sweeping planes through its neighbours' images.
 
-A sparse model leaves walls and shadows without points, and Gaussians reach such places slowly. A
-coarse plane sweep (Collins 1996) over inverse depth, scored by zero-mean normalised correlation of
-log-radiance patches in the neighbouring views, gives a point for most pixels in seconds. It needs no
-new observations: only training views are looked at.
+A sparse model leaves walls and shadows without points, and Gaussians reach such places slowly. A coarse plane
+sweep (Collins 1996) over inverse depth, scored by zero-mean normalised correlation of log-radiance patches in
+the neighbouring views, gives a point for most pixels in seconds. It uses training views only.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -29,7 +28,7 @@ NEIGHBOURS = 4
 PATCH = 7
 """Pixels of the coarse image."""
 MOST_SWEPT = 48
-"""Views of a larger session whose depths are swept; the others are looked at by their neighbours."""
+"""Most views of a larger session whose depths are swept; the others serve as their neighbours."""
 GOLDEN = 0.6180339887498949
 TRUSTED_SCORE = 0.6
 MEASURED = 2.0
@@ -37,7 +36,9 @@ MEASURED = 2.0
 NOWHERE = 1e9
 """Depth where a scanner saw nothing: what no view confirms."""
 MOST_PARALLAX = 1.5
-"""Coarse pixels between two planes in a neighbouring view, where no points tell the range of depths."""
+"""Largest parallax, coarse pixels, between two planes in a neighbouring view, where no points limit the range
+of depths.
+"""
 AGREEMENT = 0.03
 """Relative difference of depth at which two views still confirm each other."""
 
@@ -46,9 +47,9 @@ AGREEMENT = 0.03
 class DepthMap:
     """Depth along the axis [h, w] at the coarse pixel centres.
 
-    trusted [h, w]: where texture tells it and views agree; elsewhere it is filled in from there. believed
-    [h, w]: there, and where what was filled in for another view agrees, as it does on a bare wall. lit
-    [h, w]: where the view shows light that matters.
+    trusted [h, w]: where texture determines it and views agree; elsewhere it is filled in from there.
+    believed [h, w]: there, and where the filled-in depth of another view agrees, as it does on a bare wall.
+    lit [h, w]: where the view shows light that matters.
     """
 
     view: View
@@ -73,13 +74,13 @@ def plane_sweep(
 ) -> list[DepthMap]:
     """Depth maps of at most `most` of the `views`, from the radiance images of all of them.
 
-    points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters.
-    The range of depths of each view comes from the points in front of it, widened by a quarter
-    in inverse depth; views that see fewer than 8 of them get no map. Views whose depth was measured are not
-    swept, and what their scanners did not see is filled in from around it. Without points (None) the range
-    goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
-    each view; when it says yes, the views that are left get no map and their indices go into `skipped`.
-    Views are taken in an order that soon has some of everywhere.
+    points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters. The range of depths of
+    each view comes from the points in front of it, widened by a quarter in inverse depth; views that see
+    fewer than 8 of them get no map. Views whose depth was measured are not swept, and gaps of their scanners
+    are filled in from the surroundings. Without points (None) the range goes from infinity to as near as the
+    planes resolve, seen from the neighbours. over: called before each view; once it returns True, the
+    remaining views get no map and their indices go into `skipped`. Views are taken in an order that soon has
+    some of everywhere.
     """
     chosen = spread(views, most)
     everyone = range(len(views))
@@ -161,7 +162,9 @@ def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> 
 
 
 def spread(views: tuple[View, ...], most: int) -> list[int]:
-    """At most so many views, in order: pairs of near ones, the pairs as far from each other as can be."""
+    """Choose at most that many views, in order: pairs of near ones, the pairs as far from each other as can
+    be.
+    """
     if len(views) <= most:
         return list(range(len(views)))
     centres = np.stack([view.centre for view in views])
@@ -195,7 +198,7 @@ def _neighbours(index: int, views: tuple[View, ...], among: Collection[int]) -> 
 
 
 def _measured(view: View, image: Float) -> tuple[Float, Float] | None:
-    """Depth and score [h, w] of a view by its depth map; None: it has none, or that says nothing."""
+    """Depth and score [h, w] of a view by its depth map, or None."""
     if view.depth is None:
         return None
     whole, (height, width) = view.depth.seen(view), image.shape
@@ -303,7 +306,7 @@ def _fill(depth: Float, trusted: Bool) -> Float:
 
 
 def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """At most `count` scene points, drawn evenly over the pixels of all maps that are believed and lit.
+    """Draw at most `count` scene points, evenly over the pixels of all maps that are believed and lit.
 
     Anywhere else depth is a guess, and a Gaussian there would hide what is behind it.
     """

@@ -1,4 +1,4 @@
-"""What a view would look like from another one if all it shows lay on a plane, pixel by pixel."""
+"""Warping of a view to another one, as if all it shows lay on a plane, pixel by pixel."""
 
 import numpy as np
 import numpy.typing as npt

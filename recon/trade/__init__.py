@@ -1,4 +1,4 @@
-"""What settings cost and what they buy: trainings of one session with one thing changed at a time."""
+"""Costs and gains of settings: trainings of one session with one thing changed at a time."""
 
 from recon.trade.front import front
 from recon.trade.records import Choice, Point, Trade, read_trade

@@ -1,4 +1,6 @@
-"""Which trainings tell most: presets, then one thing changed at a time, then neighbours of the front."""
+"""Order of trainings by information: presets, then one thing changed at a time, then neighbours of the
+front.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,12 +15,12 @@ from recon.trade.records import Choice, Point
 
 MOST_NEIGHBOURS = 12
 SAFETY = 1.2
-"""A training is begun if so many times what it should take is left."""
+"""Safety factor on the expected time of a training before it is begun."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """What of a session limits the choices. width: px of its widest images."""
+    """Limits of a session. width: px of its widest images."""
 
     width: int
     views: int
@@ -26,7 +28,7 @@ class Session:
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Session":
-        """From the data set as it is measured with."""
+        """Read the limits of the data set as it is measured with."""
         return cls(
             width=max(view.lens.width for view in dataset.views),
             views=len(dataset.train),
@@ -66,10 +68,10 @@ STANDARD = Choice(axis="preset", quality="standard")
 
 
 def planned(session: Session, trained: Point | None) -> list[Choice]:
-    """Presets and single changes of `standard`, those that tell most first; none twice.
+    """Presets and single changes of `standard`, the most informative first; without duplicates.
 
-    trained: `standard`, whose size and corrections were chosen by the scene: the others have them too, so
-    that one thing alone is changed. None: it could not be trained.
+    trained: `standard`, whose size and corrections were chosen by the scene: the others take them over, so
+    that one thing alone changes. None: it could not be trained.
     """
     standard = QUALITIES["standard"]
     iterations = standard.iterations_of(session.views)
@@ -118,7 +120,7 @@ def _decided(point: Point) -> dict[str, Any]:
 
 
 def distinct(choices: Sequence[Choice], session: Session, trained_before: set[Overrides]) -> list[Choice]:
-    """Without those that would train what is `known`, or what one before them does."""
+    """The settings without those that would repeat `known`, or one before them."""
     kept, trained = [], set(trained_before)
     for choice in choices:
         same = session.effective(choice)
@@ -147,7 +149,7 @@ def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
 
 
 def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) -> float | None:
-    """How long a training should take, by the two finished ones whose work is nearest; None without any.
+    """Expected seconds of a training, by the two finished ones whose work is nearest; None without any.
 
     The straight line through them knows that each begins with a look at the scene, which takes its time
     however short the training is. With a single one time grows as the work does.
@@ -164,7 +166,7 @@ def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) 
 
 
 def _as_sized(choice: Choice, points: Sequence[Point], session: Session) -> Choice:
-    """With as many Gaussians as the scene needed before, where it needed fewer than it might have had."""
+    """Limit the Gaussians to the number that the scene needed before, where that is fewer."""
     if choice.overrides.gaussians is not None:
         return choice
     needed = [

@@ -53,17 +53,17 @@ class Point(Record):
     iterations: int
     gaussians: int
     degree: int
-    """Of the harmonics."""
+    """Degree of the harmonics."""
     refine: str | None = None
-    """What training corrected in the calibration, joined by +; None: nothing."""
+    """Corrections of the calibration by training, joined by +, or None."""
     width: int
     """px of the training images."""
     device: str
-    """What it was trained on."""
+    """Device of the training."""
     seconds: float
-    """Of training, wall clock."""
+    """Seconds of training, wall clock."""
     processor_seconds: float
-    """Of all threads, reading and compiling included."""
+    """Processor seconds of all threads, reading and compiling included."""
     at_once: int
     """Trainings that may have shared the machine with it, itself included."""
     size_bytes: int
@@ -90,13 +90,13 @@ class Trade(Record):
     """px of the images that all points are measured on, as `load` takes it."""
     points: tuple[Point, ...] = ()
     failed: dict[str, str] = Field(default_factory=dict)
-    """What could not be trained, by its command, and why."""
+    """Trainings that failed, by their command, and why."""
     left: int = 0
     """Trainings that the budget had no time for."""
 
 
 def read_trade(session: Path) -> Trade:
-    """The trade-off of a session; InputError if there is none."""
+    """Read the trade-off of a session; InputError without one."""
     path = session / FOLDER / TRADE
     if not path.is_file():
         raise InputError(f"{session} has no trade-off yet: run `rig trade` first.")
@@ -105,7 +105,7 @@ def read_trade(session: Path) -> Trade:
 
 @cache
 def code_hash() -> str:
-    """Of every module that has a say in a point: 16 hex digits. Presets are no code but settings."""
+    """Hash of every module that can change a point: 16 hex digits. Presets are no code but settings."""
     digest = hashlib.sha256()
     for package in (imaging, recon):
         folder = Path(package.__path__[0])

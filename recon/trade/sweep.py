@@ -37,7 +37,8 @@ def trade_sweep(
     on_message: Callable[[str], None] = lambda line: None,
     until: float | None = None,
 ) -> Trade:
-    """Train what tells most of a session's trade-offs within `budget` seconds; writes trade/trade.json.
+    """Train the most informative of a session's trade-offs within `budget` seconds; writes
+    trade/trade.json.
 
     The first training is begun however short the budget is. until: reading of `time.monotonic` at which the
     one under way is given up and no other is begun. Each is kept when it is done, so that a sweep that was
@@ -45,7 +46,7 @@ def trade_sweep(
     begins anew.
     workers: trainings at once, in processes of this machine, or where they run. Several on a machine have
     their own cores, and begin when the memory that they are forecast to take is free; as they share the rest,
-    their seconds tell less than their processor seconds. What is trained is the same, to the byte on
+    their processor seconds are more comparable than their seconds. The scenes are the same, to the byte on
     machines of one kind. Errors: InputError, ReconstructionError, StorageError.
     """
     session = Path(session)
@@ -84,9 +85,9 @@ class _Run:
     left: int = 0
 
     def choices(self) -> Iterator[Choice]:
-        """Yield what to train next, as long as there is time: the plan, then what lies near the front.
+        """Yield the next training, as long as there is time: the plan, then neighbours of the front.
 
-        The first has to be done before the second is asked for: it tells the size of the others.
+        The first has to be done before the second is asked for: it determines the size of the others.
         """
         yield from self._fitting(planned(self.limits, None)[:1])
         standard = next((point for point in self.trade.points if point.choice == STANDARD), None)
@@ -175,7 +176,9 @@ class _Run:
 
 
 def _several(run: _Run, workers: Workers, progress: Progress, say: Callable[[str], None]) -> None:
-    """As many at once as there are workers, but `standard` alone, since it tells the size of the others."""
+    """Run as many at once as there are workers, but `standard` alone, since it determines the size of the
+    others.
+    """
     choices, under_way = run.choices(), dict[Future[Point], Choice]()
     while True:
         while len(under_way) < workers.at_once and STANDARD not in under_way.values():

@@ -1,4 +1,4 @@
-"""How the number of Gaussians follows the scene: growth where it is wrong, pruning where nothing shows.
+"""Density control: Gaussians are split where the image is wrong, and pruned where they do not show.
 
 Growth is by rank, not by threshold: at each adaptation the Gaussians that pixels pull both ways the
 hardest are split, as many as a plan allows that ends at the cap. A threshold (3DGS: 2e-4) assumes a
@@ -34,7 +34,7 @@ class DensityRules:
     opacity: float = 0.01
     shrink: float = 1.6
     growth: float = 0.25
-    """At one adaptation at most this share of the Gaussians is split."""
+    """Largest share of the Gaussians that is split in one adaptation."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Density:
     reference: float | None
 
     def due(self, position: float, total: int, step: float = 1) -> bool:
-        """Whether an adaptation lies on the last `step` of the way to this position on a schedule of `total`.
+        """Return whether an adaptation lies on the last `step` of the way to this position on a schedule of
+        `total`.
 
         With a step of 1 positions are iterations, counted from 1.
         """
@@ -127,7 +128,7 @@ class Change:
     new: dict[str, Tensor]
 
     def apply(self, gaussians: Gaussians, optimizer: Adam) -> None:
-        """Do it, in place: the optimizer's memory follows the Gaussians, new ones begin without any."""
+        """Apply it in place: the optimizer's state follows the Gaussians, new ones begin without any."""
         kept = self.keep.nonzero()[:, 0]
         for group in optimizer.param_groups:
             name = group["name"]

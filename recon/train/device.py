@@ -1,4 +1,4 @@
-"""Where a training runs: on the GPU when there is one, else on the CPU."""
+"""Device of a training: the GPU if there is one, else the CPU."""
 
 import os
 from importlib.util import find_spec
@@ -16,7 +16,7 @@ def training_device() -> torch.device:
 
 
 def gpus() -> list[str]:
-    """Those that trainings run on, each as CUDA_VISIBLE_DEVICES names it alone; none without any."""
+    """List the GPUs for training, each as CUDA_VISIBLE_DEVICES names it alone; empty without any."""
     if training_device().type != "cuda":
         return []
     named = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
@@ -24,7 +24,7 @@ def gpus() -> list[str]:
 
 
 def device_name(device: torch.device) -> str:
-    """For people: the GPU's name, or how many threads of the CPU are used."""
+    """Display name: the GPU's, or the number of CPU threads."""
     if device.type == "cuda":
         return str(torch.cuda.get_device_name(device))
     count = thread_count()

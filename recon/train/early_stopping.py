@@ -1,4 +1,4 @@
-"""When a training is made shorter than planned, and why: quality stands still, is reached, or time runs out.
+"""Early end of a training: quality stands still, is reached, or time runs out.
 
 Each is a `recon.train.training.Steer`. Stopping in the middle of a schedule would leave the scene at high
 learning rates, so the end is always a cool-down: the rest of the schedule in a few iterations.
@@ -41,7 +41,7 @@ class EarlyStop:
     """Share of the schedule before which nothing is judged."""
 
     def __call__(self, training: Training) -> int | None:
-        """At a moment of the curve only."""
+        """Decide at a point of the curve only."""
         schedule, curve = training.schedule, training.curve
         if schedule is None or training.ending or len(curve) < self.moments:
             return None
@@ -68,7 +68,7 @@ class Goal:
     db: float
 
     def __call__(self, training: Training) -> int | None:
-        """At a moment of the curve only."""
+        """Decide at a point of the curve only."""
         curve = training.curve
         if training.ending or not curve or curve[-1].iteration != training.iteration:
             return None
@@ -80,11 +80,11 @@ class Goal:
 
 @dataclass
 class Deadline:
-    """Fit what is left of the schedule into what is left of the time, again and again.
+    """Steer that fits the rest of the schedule into the rest of the time, again and again.
 
-    The speed of the last iterations tells when the training would end. If that is late, or early although
-    the schedule has been shortened for time, the rest is fitted anew. What comes of it depends on the
-    machine; `training.schedule` holds it.
+    The speed of the last iterations predicts the end of the training. If that is late, or early although the
+    schedule has been shortened for time, the rest is fitted anew. The result depends on the machine;
+    `training.schedule` holds it.
     """
 
     seconds: float
@@ -97,8 +97,9 @@ class Deadline:
     late: float = 0.99
     every: float = 0.02
     patience: float = 0.3
-    """Of the time that is left, by how much the end may be misjudged: the first iterations are slow, and what
-    is shortened for them would not be the training that was asked for."""
+    """Tolerated error of the end, as a share of the time that is left: the first iterations are slow, and a
+    training shortened for them would not be the requested one.
+    """
     _since: tuple[int, float] | None = field(default=None, repr=False)
 
     def __call__(self, training: Training) -> int | None:
@@ -127,7 +128,7 @@ class Deadline:
         return min(fitting, most) if min(fitting, most) > rest else None
 
     def _growth(self, training: Training) -> float:
-        """How much slower the rest will be, since there will be more Gaussians: half the cost is theirs."""
+        """Slowdown of the rest, as the number of Gaussians grows: half the cost is theirs."""
         assert training.schedule is not None
         now, progress = len(training.gaussians), training.schedule.progress(training.iteration)
         growing = max(DensityRules(self.cap).end - progress, 0) / max(1 - progress, 1e-9)

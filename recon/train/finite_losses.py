@@ -47,7 +47,7 @@ class FiniteLosses:
         )
 
     def _spoilt(self) -> str | None:
-        """Return what views share, Gaussians aside, that is not finite; None: all is.
+        """Return the shared parameter, Gaussians aside, that is not finite, or None.
 
         On a GPU steps were taken since, so that a view may have spoilt it itself: nothing is said there.
         """

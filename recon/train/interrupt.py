@@ -12,7 +12,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Interrupt:
-    """Whether the user asked to stop."""
+    """Flag that the user asked to stop."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -20,7 +20,7 @@ class Interrupt:
 
 @contextmanager
 def deferred() -> Iterator[Interrupt]:
-    """Within the block a first SIGINT only sets `asked`; a second one interrupts at once.
+    """Let a first SIGINT within the block only set `asked`; a second one interrupts at once.
 
     Outside the main thread, where no handler can be set, nothing changes.
     """

@@ -18,7 +18,9 @@ from recon.train.ranks import Ranks
 MOST_VIEWS = 4
 MOST_MOMENTS = 16
 ITERATIONS_A_RENDER = 10
-"""A render without gradient costs about a third of an iteration: so many iterations to one cost some 3 %."""
+"""Iterations between renders. A render without gradient costs about a third of an iteration: at this interval
+some 3 %.
+"""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Moment:
 
 
 def chosen_views(held_out: Sequence[View]) -> tuple[View, ...]:
-    """At most four of the held-out views, spread over them."""
+    """Choose at most four of the held-out views, spread over them."""
     step = max(1, math.ceil(len(held_out) / MOST_VIEWS))
     return tuple(held_out[step // 2 :: step])
 

@@ -1,4 +1,4 @@
-"""What happens between two iterations of a training: it is measured, logged, steered and saved."""
+"""Monitoring of a training between two iterations: measuring, logging, steering and saving."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from recon.train.training import Plan, Steer, Training
 
 
 class Shown(Protocol):
-    """Whoever looks at a training while it goes on."""
+    """A live viewer of a running training."""
 
     def wanted(self) -> bool:
         """Return whether somebody wants to see it now."""
@@ -36,7 +36,7 @@ class _Nobody:
         return False
 
     def write(self) -> None:
-        """Nobody looks."""
+        """Do nothing: there is no viewer."""
 
 
 nobody = _Nobody()
@@ -44,7 +44,7 @@ nobody = _Nobody()
 
 @dataclass
 class Monitor:
-    """Looks at a training after each iteration; `log`, `save`, `progress`, `steers`, `shown` are as `train`
+    """Monitor of a training after each iteration; `log`, `save`, `progress`, `steers`, `shown` are as `train`
     has them.
 
     held_out: views that the live curve may be of. interrupt: whether the user asked to stop.
@@ -73,7 +73,7 @@ class Monitor:
         self._saved = self.clock()
 
     def after(self, loss: Tensor) -> Schedule:
-        """Look at the training after an iteration of this loss; returns the schedule of those that follow.
+        """Monitor the training after an iteration of this loss; return the schedule of the next ones.
 
         loss: a scalar, float64, on any device; it is read when it is logged.
         KeyboardInterrupt, after it is saved, where the user asked to stop.
@@ -113,7 +113,7 @@ class Monitor:
         training.measuring = self.clock() - self._started - training.seconds
 
     def _report(self, measured: bool) -> None:
-        """A line of the log, and one for whoever waits."""
+        """Write a line of the log, and report the progress."""
         self.losses.require()
         training = self.training
         (loss,) = self.ranks.totals(float(np.mean(torch.stack(self._losses).tolist())))

@@ -20,7 +20,7 @@ from imaging.errors import ReconstructionError
 
 @dataclass(frozen=True)
 class Ranks:
-    """Which of how many processes this is; alone, everything here does nothing.
+    """Rank among the processes; without others, everything here does nothing.
 
     Each method is a collective: all ranks call it, in the same order, with tensors of the same shapes.
     """
@@ -30,7 +30,7 @@ class Ranks:
 
     @property
     def first(self) -> bool:
-        """Whether this is the one that writes files and speaks."""
+        """True for the one that writes files and prints."""
         return self.number == 0
 
     def add(self, tensors: Sequence[Tensor]) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Schedule:
-    """Where on the schedule the training is after each iteration: straight lines between turns.
+    """Position on the schedule after each iteration: straight lines between turns.
 
     planned: the length of the schedule; a position is 0..planned. turns: (iteration, position), both
     ascending, from (0, 0) to the end, (total, planned). A training that goes as planned has just these two.
@@ -21,12 +21,14 @@ class Schedule:
 
     @classmethod
     def straight(cls, planned: int) -> "Schedule":
-        """As planned: one position an iteration."""
+        """Make the planned schedule: one position an iteration."""
         return cls(planned, ((0, 0), (planned, planned)))
 
     @classmethod
     def still(cls, iterations: int, share: float) -> "Schedule":
-        """As many iterations that all stand at one share of the schedule, 0..1, for measuring their speed."""
+        """Make a schedule of iterations that all stand at one share of it, 0..1, for measuring their
+        speed.
+        """
         return cls(iterations, ((0, share * iterations), (iterations, share * iterations)))
 
     @classmethod

@@ -31,14 +31,14 @@ _ALONE = Ranks()
 
 @dataclass(frozen=True)
 class _Alpha:
-    """Of a view, [H, W]: how much is there, 0..1, and where that counts, bool."""
+    """Alpha of a view, [H, W] in 0..1, and the mask of pixels where it is compared."""
 
     alpha: torch.Tensor
     counts: torch.Tensor
 
     @classmethod
     def of(cls, view: View) -> "_Alpha":
-        """Return what the photographs of a view tell of it."""
+        """Read alpha and its mask from the view's photographs."""
         return cls(torch.from_numpy(view.alpha), torch.tensor(view.seen))
 
 
@@ -129,7 +129,7 @@ def _loss(
     alphas: Targets[_Alpha],
     depths: MeasuredDepth,
 ) -> torch.Tensor:
-    """How far the render of a view is from its shots, and what the model's parts add to that, a scalar.
+    """Loss between the render of a view and its shots, with the penalties of the model's parts, a scalar.
 
     done: where on the schedule the training is, 0..1. seed: of the backgrounds of photographs with alpha.
     """
@@ -157,17 +157,18 @@ def _loss(
 
 
 def _alpha(render: Render, view: View, alphas: Targets[_Alpha]) -> torch.Tensor:
-    """What a render has, and what the photograph says, [2, 1, H, W]; the same where it says nothing."""
+    """Alpha of a render and of the photograph, [2, 1, H, W]; the same where the photograph states none."""
     goal = alphas.of(view, lambda: _Alpha.of(view), render.alpha.device)
     return torch.stack([torch.where(goal.counts, render.alpha, goal.alpha), goal.alpha])[:, None]
 
 
 def _background(seed: int, like: torch.Tensor) -> torch.Tensor:
-    """Codes behind photographs with alpha, [P, 1, 1] as `like` has planes: 0 or 1, drawn for an iteration.
+    """Background codes of photographs with alpha, [P, 1, 1] as `like` has planes: 0 or 1, drawn for an
+    iteration.
 
-    So the loss holds before any background, structure included. Lego, 200 px, 700 iterations, 40,000
-    Gaussians, before black and before white: 29.4 and 28.4 dB; 29.7 and 28.1 with codes anywhere from 0 to 1,
-    26.4 and 28.4 with white alone, 29.8 and 27.6 where errors of alpha are added to the loss before black.
+    So the loss holds over any background, structure included. Lego, 200 px, 700 iterations, 40,000
+    Gaussians, over black and over white: 29.4 and 28.4 dB; 29.7 and 28.1 with codes anywhere from 0 to 1,
+    26.4 and 28.4 with white alone, 29.8 and 27.6 where errors of alpha are added to the loss over black.
     """
     ones = np.random.Generator(np.random.PCG64(seed)).random((len(like), 1, 1)) < 0.5
     return torch.from_numpy(ones).to(like, non_blocking=True)

@@ -26,11 +26,11 @@ _CPU = torch.device("cpu")
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to train, how far to grow, and with which seed; everything else is a fraction of it.
+    """Plan of a training: iterations, growth and seed; everything else is a fraction of it.
 
-    batch: views that an iteration looks at before it takes a step. As in Grendel-GS (Zhao et al., arXiv
+    batch: views of an iteration before it takes a step. As in Grendel-GS (Zhao et al., arXiv
     2406.18533), learning rates grow with its square root, and Adam forgets as much a view as ever.
-    measure: whether held-out views are looked at on the way. rate_factor: of the learning rates, but for
+    measure: whether held-out views are measured on the way. rate_factor: of the learning rates, but for
     those of corrections.
     """
 
@@ -77,7 +77,7 @@ class Training:
         refinement: Refinement | None = None,
         environment: Environment | None = None,
     ) -> "Training":
-        """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
+        """Initialise a training on a device; `extent` scales the learning rate of the means."""
         gaussians = gaussians.to(device)
         method.observation.to(device)
         rates = {**method.geometry.all(extent), **method.appearance.rates, **method.observation.rates}
@@ -126,7 +126,7 @@ class Training:
             self.count_anew()
 
     def count_anew(self) -> None:
-        """Begin statistics of the Gaussians that there are."""
+        """Reset the density statistics."""
         self.stats = SplatStats(len(self.gaussians), self.gaussians.device)
 
 

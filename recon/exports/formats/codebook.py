@@ -7,7 +7,7 @@ Array = npt.NDArray[np.float64]
 SIZE = 256
 _ROUNDS = 30
 _SAMPLES = 200_000
-"""Of more numbers so many, evenly by rank, tell the values."""
+"""Number of samples, evenly by rank, from which the values are chosen when there are more."""
 
 
 def codebook(values: Array) -> Array:

@@ -1,8 +1,8 @@
 """glTF with `KHR_gaussian_splatting`, as one binary file (.glb).
 
-Colours are display-referred by the extension: sRGB codes, or, asked for, linear light whose white is that of
-a display at the exposure, not clipped. All numbers are float32. Points with a colour stand for the Gaussians
-in programs that do not know the extension. glTF has y up and metres.
+Colours are display-referred by the extension: sRGB codes, or, on request, linear light whose white is that of
+a display at the exposure, not clipped. All numbers are float32. Programs that do not know the extension show
+the Gaussians as coloured points. glTF has y up and metres.
 https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Khronos/KHR_gaussian_splatting
 """
 
@@ -27,7 +27,7 @@ _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does."""
+    """Write the file, as a writer of `rig export`."""
     splats = job.splats()
     store.write_bytes(job.out, packed_splats(splats, job.place))
     notes = (

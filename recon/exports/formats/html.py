@@ -50,7 +50,9 @@ _FAR = 30.0
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does; ReconstructionError for a scene without views, where the page could not begin."""
+    """Write the file, as a writer of `rig export`; ReconstructionError for a scene without views, where the
+    page could not begin.
+    """
     scene = job.scene
     if not scene.views:
         raise ReconstructionError(

@@ -36,15 +36,17 @@ WIDEST = 480
 TRUNCATION = 4.0
 """Cells from a surface to which its distance counts."""
 _SHARE = 0.01
-"""Of the points of surfaces at each end of each axis, that are left out of the box."""
+"""Share of the points of surfaces left out of the box at each end of each axis."""
 _LEAST_VIEWS = 2
-"""That have to see a cell: the depth of one view alone may be anything."""
+"""Fewest views of a cell: the depth of one view alone may be anything."""
 _POINTS = 4000
-"""Of each view that tell the box."""
+"""Points of each view that determine the box."""
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does; InputError without scikit-image, ReconstructionError if nothing is opaque."""
+    """Write the file, as a writer of `rig export`; InputError without scikit-image, ReconstructionError if
+    nothing is opaque.
+    """
     measure = _skimage()
     if not job.scene.views:
         raise ReconstructionError(
@@ -87,7 +89,7 @@ def write(job: Job) -> Written:
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """What a pinhole sees: radiance [H, W, 3], and depth along the axis [H, W], infinite where nothing is."""
+    """Image of a pinhole: radiance [H, W, 3], and depth along the axis [H, W], infinite for no surface."""
 
     camera: SplatCamera
     light: Single
@@ -118,7 +120,7 @@ class _Volume:
 
     @classmethod
     def around(cls, job: Job, pictures: list[_Picture]) -> "_Volume":
-        """That holds the surfaces that are seen, but for the outermost."""
+        """Choose the volume that holds the visible surfaces, but for the outermost."""
         points = np.concatenate([_points(picture) for picture in pictures])
         if len(points) < 4:
             raise _nothing(job)
@@ -133,7 +135,7 @@ class _Volume:
         return cls(low - margin, cell, distance, weight, light, lit, floor_of(job.scene))
 
     def add(self, picture: _Picture) -> None:
-        """What a view tells of every cell that it sees, up to behind the surface."""
+        """Add a view to every cell that it sees, up to behind the surface."""
         camera, reach = picture.camera, TRUNCATION * self.cell
         with np.errstate(invalid="ignore"):  # of nothing but infinities
             smooth = np.ptp(sliding_window_view(np.pad(picture.depth, 1, "edge"), (3, 3)), (2, 3)) < reach

@@ -1,4 +1,4 @@
-"""A few vectors that stand for many: of the harmonics of Gaussians, which a file names by a number."""
+"""Vector quantisation of the harmonics of Gaussians: a palette, which a file indexes."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,17 +9,17 @@ from imaging.progress import Progress, unreported
 Array = npt.NDArray[np.float64]
 
 MOST = 65_536
-"""That 16 bits can name."""
+"""Largest palette with 16-bit indices."""
 _SIZE = 2048
 """Vectors of a palette that is shared: more take minutes without a GPU."""
 _SAMPLE = 32_768
-"""Vectors that tell the palette."""
+"""Vectors from which the palette is computed."""
 _ROUNDS = 4
 _CHUNK = 8192
 
 
 def palette(vectors: Array, progress: Progress = unreported) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vectors [P, D], and which of them stands for each of [N, D]: int64 [N].
+    """Return the palette [P, D], and the index of each of the vectors [N, D]: int64 [N].
 
     Up to 65,536 are their own palette; of more, k-means makes one of 2,048. The same vectors give the same.
     """

@@ -13,7 +13,7 @@ SOLID = 0.5
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does."""
+    """Write the file, as a writer of `rig export`."""
     splats = job.splats()
     lines = comments(job, linear=splats.linear, factor=splats.factor, dome=splats.dome)
     write_ply(job.out, splats.gaussians(), splats.harmonics, lines, splats.world, splats.offset)

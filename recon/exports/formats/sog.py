@@ -34,11 +34,11 @@ _ROW = 64
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Parts of a quaternion beside its largest."""
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Of the files in the zip, so that the same scene gives the same bytes."""
+"""Date of the files in the zip, so that the same scene gives the same bytes."""
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does."""
+    """Write the file, as a writer of `rig export`."""
     splats = job.splats()
     splats = splats.rows(along_curve(splats.means))
     floor = floor_of(job.scene) * splats.factor if splats.linear else 1 / 1024
@@ -108,7 +108,7 @@ class _Stops:
     floor: float
 
     def of(self, values: Array) -> Array:
-        """As arsinh, which is linear below the floor and a logarithm above."""
+        """Convert to arsinh, which is linear below the floor and a logarithm above."""
         return np.arcsinh(values / self.floor)
 
     def back(self, steps: Array) -> Array:

@@ -17,7 +17,7 @@ _TOO_FAR = 1 / 3
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does; InputError for linear light."""
+    """Write the file, as a writer of `rig export`; InputError for linear light."""
     splats = job.splats()
     data, held = packed_splats(splats.rows(along_curve(splats.means)))
     if job.linear:

@@ -26,13 +26,13 @@ from recon.scene.usd_field import PLACED, require_usd
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 COLOUR_SPACE = "lin_rec709_scene"
-"""Of the ASWF Color Interop Forum, which OpenUSD takes its names from."""
+"""Name of a colour space from the ASWF Color Interop Forum, which OpenUSD takes its names from."""
 _REACH = 3.0
 """Standard deviations to which a Gaussian counts for the extent."""
 
 
 def write(job: Job) -> Written:
-    """As `rig export` does."""
+    """Write the file, as a writer of `rig export`."""
     splats = job.splats(with_dome=False)
     files = write_usd(job.out, job.scene, splats, job.place)
     return Written(files, splats.in_single(), splats, lens_note(job.scene))

@@ -169,13 +169,13 @@ def _blend_block(rows, chosen, count, block, t_min, background, state):
 
 @inlined
 def block_pixel(x, y):
-    """Where pixel (x, y) of a tile lies in its block-wise planes."""
+    """Index of pixel (x, y) of a tile in its block-wise planes."""
     return ((y >> 3) * 2 + (x >> 3)) * 64 + (y & 7) * 8 + (x & 7)
 
 
 @inlined
 def _begin(tile_x, tile_y, height, width, state, alive):
-    """Nothing blended yet; pixels outside the image count as finished."""
+    """Reset the blending; pixels outside the image count as finished."""
     for p in range(len(state)):
         state[p] = _ZERO
     for block in range(4):

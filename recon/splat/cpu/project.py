@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""From a Gaussian in the world to an ellipse in the image: the forward half of EWA splatting.
+"""Projection of a Gaussian in the world to an ellipse in the image: the forward half of EWA splatting.
 
 Computed in float64, eight Gaussians at a time: positions in pixels and the covariances of needles need
 more digits than float32 has. The functions here work on lanes; `k` is the vector of `parameters`.

@@ -20,7 +20,7 @@ from recon.splat.tables import BAD, Array, Entries, Lists, Projected, shape_size
 
 
 def rasterize_cpu(inputs: RasterInputs) -> Render:
-    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians."""
+    """Rasterise as `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians."""
     if len(inputs.means) >= tiles.MAX_GAUSSIANS:
         raise ValueError(f"{len(inputs.means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
     call = RenderCall.of(inputs)

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""Which Gaussians touch which tile, nearest first: a depth sort, then a stable counting sort by tile.
+"""Assignment of Gaussians to tiles, nearest first: a depth sort, then a stable counting sort by tile.
 
 A tile is 16x16 pixels in four blocks of 8x8. A Gaussian is listed in a tile when its ellipse reaches a
 pixel centre's row within a block's columns; a bit per block says which blocks.
@@ -78,7 +78,7 @@ def depth_order(bits, state):
 def _column_blocks(projected, i, first_tile, out, at):
     """First and last row of blocks that Gaussian i reaches, in the eight columns of blocks of four tiles.
 
-    out float64 [at : at + 16]: the eight first, then the eight last; first above last where there is none.
+    out float64 [at : at + 16]: the eight first, then the eight last; first above last for an empty column.
     The ellipse is cut to pixel centres: a column is an interval of dx from its first to its last pixel.
     The upper edge is dy(dx) = (-m21 dx + sqrt(reach - (m11 dx)^2)) / m22, concave, so its largest value on
     an interval is at the interval's point nearest to the top of the ellipse; the lower edge mirrors it.

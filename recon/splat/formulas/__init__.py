@@ -14,7 +14,7 @@ Operation = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Language:
-    """What a compiler calls the operations of the formulas.
+    """Operations of the formulas in a compiler's language.
 
     function: decorates a function that kernels call. index, number: an int, a float of the formulas as
     constants have to be.

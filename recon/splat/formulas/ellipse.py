@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""From a Gaussian in the world to an ellipse in the image, and the gradient back: EWA splatting.
+"""Projection of a Gaussian in the world to an ellipse in the image, and the gradient back: EWA splatting.
 
 A = J W [2, 3] says how a small world offset moves the projection; M = A R S [2, 3] is a root of the projected
 covariance. Matrices are tuples, row-major.
@@ -30,7 +30,7 @@ class EllipseFormulas(NamedTuple):
 
 
 def ellipse_formulas(language: Language, lens_formulas: LensFormulas) -> EllipseFormulas:
-    """The functions of a language; `fisheye` of their arguments is None for Brown's lens."""
+    """Make the functions of a language; `fisheye` of their arguments is None for Brown's lens."""
     function = language.function
     root, minus, choose = language.root, language.minus, language.choose
     minimum, maximum, at_least, both = language.minimum, language.maximum, language.at_least, language.both

@@ -16,7 +16,7 @@ NEAR_AXIS = 0.01
 
 
 class LensFormulas(NamedTuple):
-    """See `lens_formulas`; `fisheye` of their arguments is None for Brown's lens."""
+    """Functions of `lens_formulas`; `fisheye` of their arguments is None for Brown's lens."""
 
     radial: Operation
     radial_by_terms: Operation

@@ -16,8 +16,9 @@ from recon.splat.gpu.inputs import appended
 from recon.splat.gpu.project import HIGH, WIDE
 
 REGISTERS = 128
-"""Of a thread at most. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with
-5 % more instructions (ptxas of CUDA 12.9, counted, not timed)."""
+"""Most registers of a thread. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it
+pays with 5 % more instructions (ptxas of CUDA 12.9, counted, not timed).
+"""
 SLOT = tl.constexpr(11)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
 the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3) and of |s|, then the largest w."""

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
-"""What the projection reads: Gaussians in float64, and the vector of `recon.splat.parameters`.
+"""Inputs of the projection: Gaussians in float64, and the vector of `recon.splat.parameters`.
 
 Brown's lens and the fisheye have kernels each: FISHEYE, None or True, is known when they are compiled.
 """

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
-"""From Gaussians in the world to ellipses in the image: one thread a Gaussian, in float64.
+"""Projection of Gaussians in the world to ellipses in the image: one thread a Gaussian, in float64.
 
 Positions in pixels and the covariances of needles need more digits than float32 has, and this is a small
 part of the work even where float64 is slow.
@@ -17,7 +17,7 @@ from recon.splat.gpu.inputs import BOUNDS, LENS, LIMITS, read_gaussian, read_par
 BLOCK = 128
 """Gaussians of a program."""
 OPTIONS = {"enable_fp_fusion": True}
-"""Of every kernel: products and sums may be contracted, as on the CPU (Triton's default changes)."""
+"""Options of every kernel: products and sums may be contracted, as on the CPU (Triton's default changes)."""
 WIDE, HIGH = tl.constexpr(16), tl.constexpr(8)
 """Pixels of a tile across and down: four for each thread of a warp. Of the 16x16 tiles of other rasterisers,
 a small Gaussian touches but one half as often as both."""
@@ -55,7 +55,7 @@ def _sound(mean, quat, scale, opacity, red, green, blue):
 
 @triton.jit
 def _opacity_and_reach(opacity, red, green, blue, k):
-    """Whether it is above its floor, the clamped opacity, and log2 of how far above it is."""
+    """Test for being above its floor, the clamped opacity, and log2 of the ratio to the floor."""
     brightest = tl.maximum(tl.maximum(red, green), blue).to(tl.float64)
     lit = (brightest > 0.0) & _finite(brightest)
     ceiling = tl.where(lit, k[LIMITS + 4] / tl.where(lit, brightest, 1.0), k[LIMITS + 3])

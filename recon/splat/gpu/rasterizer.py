@@ -27,7 +27,8 @@ _PIXELS, _SLOT, _MOMENTS, _VIEW = PIXELS.value, SLOT.value, sums.MOMENTS.value, 
 
 
 def rasterize_gpu(inputs: RasterInputs) -> Render:
-    """As `rasterize`, for float32 tensors on one CUDA device; on the CPU only if Triton interprets.
+    """Rasterise as `rasterize`, for float32 tensors on one CUDA device; on the CPU only if Triton
+    interprets.
 
     `inputs.view` is on the CPU.
     ValueError for tensors on the CPU, for colours of other than three channels, and for 2^27 or more pairs
@@ -46,7 +47,7 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
 
 
 class _Tables(NamedTuple):
-    """What a render's backward pass needs, as tensors only: autograd frees them as soon as it may."""
+    """Inputs of a render's backward pass, as tensors only: autograd frees them as soon as it may."""
 
     parameters: torch.Tensor
     record: torch.Tensor

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
-"""Which Gaussians touch which tile, nearest first: one thread a pair of a Gaussian and a tile of its box.
+"""Assignment of Gaussians to tiles, nearest first: one thread a pair of a Gaussian and a tile of its box.
 
 Pairs are numbered Gaussian after Gaussian in order of depth; a stable sort by tile then gives each tile its
 list. A pair whose ellipse misses the tile gets the number behind the last tile, and so sorts to the end:
@@ -22,7 +22,7 @@ CHUNK = 8
 FIELDS = 10
 """Rows of a table of entries: see `gather`."""
 MAX_PAIRS = 1 << 27
-"""So that the offsets of a table's rows fit in 32 bits; at about 300 bytes a pair, memory ends before."""
+"""Most pairs, for 32-bit offsets of a table's rows; at about 300 bytes a pair, memory ends before."""
 _MAX_INT16 = (1 << 15) - 1
 _SLACK = tl.constexpr(1e-6)
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""

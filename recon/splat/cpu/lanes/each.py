@@ -31,7 +31,7 @@ def _number(context, builder, array_type, array, index, offset: int):
 
 @intrinsic
 def load_each(typing_context, array, index, step, like):
-    """As many lanes as the tuple `like` has members: the k-th from array[index + k step :]."""
+    """Load as many lanes as the tuple `like` has members: the k-th from array[index + k step :]."""
     if not _numbers(array) or not isinstance(like, types.BaseTuple):
         return None
     kind = types.UniTuple(FLOATS, len(like))
@@ -66,7 +66,7 @@ def store_each(typing_context, array, index, step, values):
 
 @intrinsic
 def fma_each(typing_context, x, array, index, sums):
-    """For each k: x array[index + k] + sums[k]."""
+    """Compute x array[index + k] + sums[k] for each k."""
     if x != FLOATS or not _numbers(array) or not _of_floats(sums):
         return None
 
@@ -99,7 +99,7 @@ def dot_each(typing_context, values, array, index, start):
 
 @intrinsic
 def times_each(typing_context, x, values):
-    """For each k: x values[k]."""
+    """Compute x values[k] for each k."""
     if x != FLOATS or not _of_floats(values):
         return None
 
@@ -113,7 +113,7 @@ def times_each(typing_context, x, values):
 
 @intrinsic
 def plus_each(typing_context, a, b):
-    """For each k: a[k] + b[k]."""
+    """Compute a[k] + b[k] for each k."""
     if not _of_floats(a) or a != b:
         return None
 

@@ -69,12 +69,12 @@ class _MaskModel(PrimitiveModel):
 
 
 def kind_of(element) -> LanesType | None:
-    """The lanes of a scalar type; None if there are none."""
+    """The lanes of a scalar type, or None."""
     return {types.float32: FLOATS, types.float64: DOUBLES}.get(element)
 
 
 def common(*kinds) -> LanesType | None:
-    """The one kind of lanes among the types; None if there is none, or a scalar is of another kind."""
+    """The one kind of lanes among the types; None without lanes, or if a scalar is of another kind."""
     found = [kind for kind in kinds if isinstance(kind, LanesType)]
     if not found or any(kind != found[0] and kind != found[0].element for kind in kinds):
         return None

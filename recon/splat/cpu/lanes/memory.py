@@ -26,7 +26,7 @@ def _lanes_in(array) -> LanesType | None:
 
 
 def place_of(context, builder, kind: LanesType, array_type, array, index):
-    """Where array[index] is, as a pointer to lanes."""
+    """Address of array[index], as a pointer to lanes."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), kind.vector.as_pointer())
 
