@@ -42,15 +42,15 @@ def capture_rig(
 ) -> CaptureResult:
     """Shoot with the connected cameras that a rig file names into the session folder `out`.
 
-    kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
-    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    kind, frames, bracket, auto, resume: as for `capture_simulated`; None: the value of the rig file.
+    operator: moves rig, scene, lens caps and boards; None: nothing moves. positions: their number.
     backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's,
     and those of the nodes that the file names. ray: HOST:PORT of the cluster that the nodes joined by
     `rig node`; "auto": the one that this machine is in.
 
     InputError: `out` cannot be used, a camera cannot be triggered as the file says, or there is no such
-    cluster. CaptureError: a camera or a node that it names is not there, or what is there cannot be metered.
-    StorageError: the disk refuses; what was finished stays.
+    cluster. CaptureError: a camera or a node that it names is missing, or the scene cannot be metered.
+    StorageError: the disk refuses; finished shots stay.
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     if backend is None and rig.tables.nodes:

@@ -21,7 +21,7 @@ from imaging.session.records import CameraRecord, Subject
 
 
 class Unattended:
-    """Nobody is there to move anything: what the cameras see stays as it is."""
+    """Operator of an unattended rig, which moves nothing."""
 
     def show(self, kind: Subject) -> None:
         """Leave what the cameras see as it is."""
@@ -62,9 +62,9 @@ def connected_source(
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
-    """What a rig file describes: its cameras are opened, and in the end let go.
+    """Open the cameras of a rig file, and close them in the end.
 
-    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    operator: moves rig, scene, lens caps and boards; None: nothing moves. positions: their number.
     backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's.
     InputError: a camera cannot be
     triggered as the file says, or it describes no board where one is requested. CaptureError: a camera is
@@ -95,7 +95,7 @@ def rig_source(
     positions: int | None,
     clock: Clock,
 ) -> Source:
-    """What to shoot with; cameras by the names that the file gives them. CaptureError: one cannot shoot."""
+    """Source with cameras by the names in the file. CaptureError: one cannot shoot."""
     tables = rig.tables
     cameras = {name: camera for name, (camera, _) in named.items()}
     able = {name: camera.capabilities() for name, camera in cameras.items()}
@@ -178,7 +178,9 @@ def _identified(
 
 
 def _wire(rig: RigFile, cameras: Mapping[str, Camera], clock: Clock, say: Say) -> None:
-    """Have the cameras trigger as the file says; InputError if one has no lines, or knows no actions."""
+    """Configure triggering from the rig file; InputError if a camera lacks trigger lines or action
+    commands.
+    """
     trigger = rig.tables.trigger
     if trigger.mode == "software":
         return
@@ -200,7 +202,7 @@ def _wire(rig: RigFile, cameras: Mapping[str, Camera], clock: Clock, say: Say) -
 
 
 def _team_up(rig: RigFile, cameras: Mapping[str, Camera], clock: Clock, say: Say) -> None:
-    """Have all cameras expose on the command of the one that leads; InputError if one is on no network."""
+    """Let all cameras expose on the command of the leading one; InputError if one is on no network."""
     team = ActionTeam()
     members: dict[str, GigeCamera] = {}
     for index, table in enumerate(rig.tables.camera):

@@ -21,14 +21,14 @@ from imaging.session.records import Subject
 
 
 class OperatorOfNodes:
-    """Tells simulated cameras what they see; a person moves the others, where there are any."""
+    """Operator that sets the scene of simulated cameras; a person moves the others, if there are any."""
 
     def __init__(self, stage: Stage, person: Operator | None) -> None:
         self._stage, self._person = stage, person
         self._next = Scene()
 
     def show(self, kind: Subject) -> None:
-        """As of the next frame."""
+        """Set the subject of the next frame."""
         self._next = replace(self._next, kind=kind)
         if self._person is not None:
             self._person.show(kind)
@@ -84,9 +84,10 @@ def nodes_source(
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
-    """What a rig file with nodes describes. links: the way to each node that it names, left open.
+    """Open the cameras of a rig file with nodes. links: the connection to each node that it names, left
+    open.
 
-    person: who moves what is not simulated. clock: ours; None: that of the machine. InputError and
+    person: moves all that is not simulated. clock: ours; None: that of the machine. InputError and
     CaptureError as `connected_source` has them.
     """
     require_board(rig, request.kind)
@@ -121,7 +122,7 @@ def ray_source(
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
-    """As `nodes_source`, with the nodes of a Ray cluster; errors are those of `ray_links`, too."""
+    """Open as `nodes_source`, with the nodes of a Ray cluster; errors also those of `ray_links`."""
     with (
         ray_links(ray, assignments_of(rig, request.compression)) as links,
         nodes_source(rig, request, links, person=person, clock=clock, say=say) as source,

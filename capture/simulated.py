@@ -125,7 +125,7 @@ def _truth(
 
 
 def _list_faults(out: Path, bus: BusRig) -> None:
-    """What went wrong on the bus in this run, behind what did in earlier ones."""
+    """List the bus faults of this run, behind those of earlier ones."""
     if bus.plan.log:
         store.make_folder(out / "truth")
     for fault in bus.plan.log:

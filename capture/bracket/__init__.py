@@ -1,1 +1,1 @@
-"""Which exposures to take: the meter, what a camera can tell apart, the planner. No file is written here."""
+"""Exposure planning: the meter, noise models of cameras, the planner. No file is written here."""

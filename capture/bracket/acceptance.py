@@ -1,4 +1,4 @@
-"""Which frames of a camera count: those whose own metadata agree with what was asked for."""
+"""Acceptance of frames whose own metadata agree with the request."""
 
 from typing import Generic, Protocol, TypeVar
 
@@ -10,7 +10,7 @@ RETRIES = 2
 
 
 class Frame(Protocol):
-    """What is judged."""
+    """Frame under test."""
 
     @property
     def reported(self) -> Exposure:

@@ -62,7 +62,7 @@ def _metered(
     frames: Sequence[int],
     move_to: Callable[[int], None],
 ) -> tuple[Metering, tuple[Exposure, ...]]:
-    """Probed at the lowest ISO, where a sensor tells most at once; and the list to plan from."""
+    """Probes at the lowest ISO, where a sensor has its largest range; and the list to plan from."""
     able = [camera.capabilities() for camera in cameras.values()]
     exposures = exposure_list(common_times(able), common_isos(able), like.f_number, wanted)
     lowest = [exposure for exposure in exposures if exposure.iso == exposures[0].iso]
@@ -97,7 +97,7 @@ def _reason(plan: BracketPlan, metering: Metering, wanted: BracketGoals) -> str:
 
 @dataclass(frozen=True)
 class Worth:
-    """What an exposure gives a camera, at the worst of its channels.
+    """Value of an exposure to a camera, at the worst of its channels.
 
     snr: dB at the dark end of what the camera sees; headroom: stops from the bright end to where the
     exposure clips, negative if it does.

@@ -1,4 +1,4 @@
-"""Of all brackets with the same number of exposures, the one that is best where one hands over to the next.
+"""Choice among brackets of equal length: the one with the best signal where exposures hand over.
 
 Just above the light at which a longer exposure clips, the next shorter one is on its own: there the
 bracket is noisiest. On a list in which a longer exposure reaches further down and less far up, what a
@@ -24,7 +24,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Reach:
-    """What each of n exposures is good for at one target: radiance from `low` to `high`, float64 [n].
+    """Range of each of n exposures at one target: radiance from `low` to `high`, float64 [n].
 
     In ascending order of scale both descend; nothing where low > high. handed: [n, n], dB that the
     first exposure gives where the second one ends.
@@ -45,14 +45,16 @@ class Reach:
         snr: float,
         slack: float,
     ) -> Self:
-        """From the noise of a camera; ends: of the target; slack: stops less at either end."""
+        """Compute the ranges from the noise of a camera; ends: of the target; slack: stops less at either
+        end.
+        """
         trusted = 2.0**slack
         low = np.array([noise.darkest(snr, exposure) * trusted for exposure in exposures])
         high = np.array([noise.brightest(exposure) / trusted for exposure in exposures])
         return cls(*ends, low, high, np.array([noise.snrs(high, exposure) for exposure in exposures]))
 
     def misses(self) -> tuple[Mask, Mask, Mask]:
-        """What could be shown and is not: above each exposure [n], below each [n], between any two [n, n]."""
+        """Shortfalls: stops above each exposure [n], below each [n], between any two [n, n]."""
         ends = np.concatenate([[self.dark, self.bright], self.low, self.high])
         ends = np.unique(ends[(ends >= self.dark) & (ends <= self.bright)])
         points = np.concatenate([ends, np.sqrt(ends[:-1] * ends[1:])])[:, None]
@@ -63,7 +65,7 @@ class Reach:
         return above_any, below_any, between_any
 
     def worth(self) -> Values:
-        """dB at the hand-over of every two exposures, [shorter, longer]; infinite where there is none."""
+        """SNR in dB at the hand-over of every two exposures, [shorter, longer]; infinite without one."""
         there = (self.dark <= self.high) & (self.high < self.bright) & (self.low[:, None] <= self.high)
         return np.where(there, self.handed, np.inf)
 

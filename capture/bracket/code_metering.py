@@ -22,25 +22,27 @@ from capture.bracket.planner import Target
 from imaging.exposure import Exposure
 
 Codes = npt.NDArray[np.float32]
-"""Of a photograph, 0..1, [H, W, 3]."""
+"""Codes of a photograph, 0..1, [H, W, 3]."""
 
 PAIRS = 20_000
 """Codes that are compared from one probe to the next."""
 _LARGEST = np.float32(65_535)
-"""Of the whole numbers as which codes of 8 and 16 bits are kept, exactly."""
+"""Largest of the whole numbers that hold codes of 8 and 16 bits exactly."""
 
 
 class CodeLook:
-    """What one camera showed so far, by exposure."""
+    """Photographs of one camera so far, by exposure."""
 
     spacing = 2.0
-    """Stops between the probes: most pixels are well exposed in two of them, which tells the tone curve."""
+    """Stops between the probes: most pixels are well exposed in two of them, which determines the tone
+    curve.
+    """
 
     def __init__(self) -> None:
         self._probes: dict[Exposure, dict[tuple[int, int], npt.NDArray[np.uint16]]] = {}
 
     def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
-        """Keep a photograph, or what of a large one tells as much."""
+        """Keep a photograph, or a sufficient sample of a large one."""
         kept = np.rint(subsampled(codes) * _LARGEST).astype(np.uint16)
         self._probes.setdefault(exposure, {})[position, take] = kept
 
@@ -87,7 +89,7 @@ class CodeLook:
         return kept.astype(np.float32) / _LARGEST
 
     def _take(self, exposure: Exposure, take: int) -> Codes:
-        """Those of one take at all positions, one below the other, [H, W, 3]."""
+        """Photographs of one take at all positions, one below the other, [H, W, 3]."""
         photos = self._probes[exposure]
         kept = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
         return kept.astype(np.float32) / _LARGEST

@@ -1,4 +1,4 @@
-"""What a camera that develops its own photographs can tell apart, as far as its codes tell.
+"""Noise model of a camera that develops its own photographs, from their codes.
 
 Its tone curve is not known before it is calibrated. But between two probes light differs by a known
 ratio at every pixel, and how far the code moves there is the slope of the curve; what is assumed is only
@@ -29,7 +29,7 @@ ASSUMED = (
 
 @dataclass(frozen=True, eq=False)
 class CodeNoise:
-    """What an exposure is good for. codes: ascending from DARKEST to BRIGHTEST, float64 [n].
+    """Quality of an exposure. codes: ascending from DARKEST to BRIGHTEST, float64 [n].
 
     light: natural logarithm of the light that gives a code, 0 at the last; ratios: signal to noise there.
     A higher ISO counts as light alone, since its noise is not known.
@@ -41,7 +41,7 @@ class CodeNoise:
 
     @classmethod
     def of(cls, lower: Values, upper: Values, stops: Values) -> Self:
-        """From codes [n] of the same pixels in two exposures that lie so many stops apart.
+        """Fit the model to codes [n] of the same pixels in two exposures at a known distance in stops.
 
         Least squares on NODES spread evenly over the logarithm of light as sRGB has it; a curve that
         bends as little as the codes allow.
@@ -65,7 +65,7 @@ class CodeNoise:
 
     @property
     def stops(self) -> float:
-        """Between the darkest and the brightest code."""
+        """Stops between the darkest and the brightest code."""
         return float(-self.light[0] / math.log(2))
 
     def light_of(self, codes: npt.NDArray[np.floating]) -> Values:

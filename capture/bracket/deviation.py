@@ -1,4 +1,4 @@
-"""How far two exposures lie apart, and when that is too far to be the same."""
+"""Distance of two exposures, and the threshold above which they differ."""
 
 import math
 

@@ -1,8 +1,8 @@
-"""The meter: a few widely spaced exposures tell the range of radiance that every camera sees.
+"""The meter: a few widely spaced exposures measure the range of radiance that every camera sees.
 
-Each exposure is taken twice. Of a noisy picture the darkest 0.1 % are dark by bad luck as well as by
-truth; which photosites those are is therefore read from one take and what they measure from the
-other, whose noise knows nothing of that choice.
+Each exposure is taken twice. Of a noisy picture the darkest 0.1 % are dark by bad luck as well as by truth;
+which photosites those are is therefore read from one take and what they measure from the other, whose noise
+is independent of that choice.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ from imaging.mosaic import RawMosaic
 
 @dataclass(frozen=True)
 class Metering:
-    """What the meter found: a target for each colour channel of each camera, and how it looked.
+    """Result of the metering: a target for each colour channel of each camera, and its probes.
 
     probes: ascending. failed: why by camera, for those that gave no pictures and are not planned for.
     """
@@ -111,7 +111,7 @@ def _decoded(frame: RawMosaic | CameraFile, name: str) -> RawMosaic | Photo:
 
 
 def _away(stops: Sequence[float], index: int, by: float) -> int:
-    """The index nearest to so many stops further on, and always another than `index`."""
+    """Index of the exposure nearest to that many stops further on, always other than `index`."""
     wanted = stops[index] + by
     beyond = range(index) if by < 0 else range(index + 1, len(stops))
     return min(beyond, key=lambda candidate: abs(stops[candidate] - wanted))
@@ -123,7 +123,7 @@ def _must_be_seen(
     shortest: Exposure,
     longest: Exposure,
 ) -> None:
-    """CaptureError where the exposures that there are show nothing at all of the scene."""
+    """Raise CaptureError if the available exposures show nothing at all of the scene."""
     if all(not target.no_darker and target.bright <= target.dark for target in targets):
         raise CaptureError(
             f"the scene is black: no camera sees light at {longest}; "

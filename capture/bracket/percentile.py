@@ -12,10 +12,10 @@ Values = npt.NDArray[np.float64]
 
 DARK_PERCENTILE, BRIGHT_PERCENTILE = 0.1, 99.99
 DARK_SHARE, BRIGHT_SHARE = DARK_PERCENTILE / 100.0, 1.0 - BRIGHT_PERCENTILE / 100.0
-"""Of all pixels that may be darker, and brighter, than what a bracket shows."""
+"""Shares of all pixels that may be darker, and brighter, than the range of a bracket."""
 TAKES = 2
 ENOUGH, BLOCK = 1 << 20, 4
-"""Values of a frame that are kept, in blocks of so many by so many pixels, spread evenly."""
+"""Size of the sample kept of a frame, and the side of its blocks, spread evenly."""
 
 HOT = 4.0
 

@@ -27,13 +27,14 @@ SLACK = 1 / 8
 1/60 s that is 1/64 s is off by 0.09 stops, in the meter's shot as in the planned one."""
 
 BALANCE = 1.25
-"""How much longer than the quickest a bracket may take for better hand-overs: less than the next longer
-exposure would."""
+"""Most time that a bracket may take for better hand-overs, relative to the quickest: less than the next
+longer exposure would.
+"""
 
 
 @dataclass(frozen=True)
 class BracketGoals:
-    """What a bracket has to reach, and what it may not exceed; None: whatever the cameras can do.
+    """Goals and limits of a bracket; None: the cameras' own limits.
 
     snr: dB; slowest: of one exposure, s; total: of all exposures of a bracket together, s.
     """
@@ -62,7 +63,7 @@ class Target:
 
     @property
     def stops(self) -> float:
-        """How far its ends are apart."""
+        """Stops between its ends."""
         return math.log2(self.bright / self.dark)
 
     def headroom(self, exposure: Exposure) -> float:
@@ -75,13 +76,13 @@ class Target:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """Part of a target's range that the bracket misses, by so many stops."""
+    """Part of a target's range that the bracket misses, in stops."""
 
     target: str
     part: Literal["dark", "middle", "bright"]
     stops: float
     at_least: bool = False
-    """Whether it may be more, since the meter found no end."""
+    """True if it may be more, since the meter found no end."""
 
     def __str__(self) -> str:
         if self.at_least and self.stops < 0.05:
@@ -134,7 +135,7 @@ def plan_bracket(
 def _balanced(
     plan: BracketPlan, targets: Sequence[Target], exposures: Sequence[Exposure], snr: float, most: float
 ) -> BracketPlan:
-    """As few exposures that miss no more, take at most `most` seconds, and hardly longer than `plan`."""
+    """As few exposures that miss no more, within `most` seconds, and hardly longer than `plan`."""
     count = len(plan.exposures)
     if count == 1:
         return plan
@@ -202,7 +203,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
 
 
 def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[tuple[int, float, float]]:
-    """What each exposure is good for; CaptureError if nowhere: even next to white the SNR is too low."""
+    """Useful range of each exposure; CaptureError if there is none: even next to white the SNR is too low."""
     noise, trusted = target.noise, 2.0**SLACK
     ends = [
         (index, noise.darkest(snr, exposure) * trusted, noise.brightest(exposure) / trusted)

@@ -36,7 +36,7 @@ Shots = dict[tuple[int, int], RawMosaic]
 
 
 class RawLook:
-    """What one camera showed so far, by exposure."""
+    """Frames of one camera so far, by exposure."""
 
     spacing = 4.0
     """Stops between the probes: less than what a sensor of 10 bits or more shows at once."""
@@ -45,7 +45,7 @@ class RawLook:
         self._probes: dict[Exposure, Shots] = {}
 
     def add(self, exposure: Exposure, position: int, take: int, frame: RawMosaic) -> None:
-        """Keep a frame, or what of a large one tells as much."""
+        """Keep a frame, or a sufficient sample of a large one."""
         thinned = replace(frame, pixels=subsampled(frame.pixels, lcm(*_table(frame).period)))
         self._probes.setdefault(exposure, {})[position, take] = thinned
 
@@ -130,7 +130,7 @@ def _sites(frame: RawMosaic) -> npt.NDArray[np.uint8]:
 
 
 def _table(frame: RawMosaic) -> Cfa:
-    """What a sensor gave, unlike a file, is a mosaic."""
+    """Colour filter table; a sensor's frame, unlike a file, always is a mosaic."""
     assert frame.cfa is not None
     return frame.cfa
 

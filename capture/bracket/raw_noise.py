@@ -1,4 +1,4 @@
-"""What a camera can tell apart: how noisy a signal is, and where it clips, at any ISO.
+"""Noise model of a camera at any ISO: signal to noise, and clipping.
 
 A signal is linear, black 0 and white 1: `signal = radiance * exposure.scale`.
 """
@@ -31,7 +31,7 @@ class RawNoise:
 
     @classmethod
     def of(cls, frame: RawMosaic) -> "RawNoise":
-        """From the noise profile of a frame; CaptureError if it has none."""
+        """Read the noise profile of a frame; CaptureError if it has none."""
         if frame.noise_profile is None:
             raise CaptureError(
                 f"the frames of camera {frame.metadata.serial} do not say how noisy they are, so that no "
@@ -49,7 +49,7 @@ class RawNoise:
         return gained.profile(0.0, self.span)
 
     def snrs(self, radiances: Values, exposure: Exposure) -> Values:
-        """Signal to noise in dB, 20 log10, of positive radiances [n]. Clipping is not looked at."""
+        """Signal to noise in dB, 20 log10, of positive radiances [n]. Clipping is ignored."""
         slope, floor = self.profile(exposure)
         signal = radiances * exposure.scale
         return np.asarray(20.0 * np.log10(signal / np.sqrt(slope * signal + floor)))

@@ -16,10 +16,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class CapturedFrame:
-    """A frame that a camera delivered.
+    """Frame from a camera.
 
-    set_to: what the camera read back when it was set. told: when it was told to expose, monotonic, seconds.
-    began: when that order began to go out; over: when the exposure had ended for certain. None: not known.
+    set_to: the setting that the camera read back. told: time of the order to expose, monotonic, seconds.
+    began: time at which sending the order began; over: time by which the exposure had ended. None if unknown.
     """
 
     frame: RawMosaic | CameraFile
@@ -31,12 +31,12 @@ class CapturedFrame:
 
     @property
     def reported(self) -> Exposure:
-        """What the file says of itself; what the camera read back only where the file is silent."""
+        """Exposure that the file states, else the one that the camera read back."""
         return self.frame.metadata.exposure or self.set_to
 
     @property
     def opened_by(self) -> float | None:
-        """When its shutter had opened at the latest, whatever its lag; None where that is not known.
+        """Latest time at which its shutter had opened, whatever its lag; None if unknown.
 
         Labels are rounded, by up to a tenth.
         """

@@ -48,5 +48,5 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
 
 
 def _made_of(shot: ShotRecord) -> Iterator[tuple[str, str | None]]:
-    """Name and hash of each file that it was made of; the hash is None where the record has too few."""
+    """Name and hash of each file that it was made of; the hash is None if the record has too few."""
     return zip_longest(shot.shifted, shot.shifted_sha256[: len(shot.shifted)])

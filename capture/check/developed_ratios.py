@@ -1,8 +1,8 @@
-"""Exposure ratios of photographs that a camera developed, whose curve is known to nobody.
+"""Exposure ratios of photographs that a camera developed with an unknown curve.
 
 The curve and the exposures are found together, as in Mitsunaga and Nayar ("Radiometric self calibration",
 CVPR 99), from differences between neighbouring exposures of smooth patches, in which their light cancels.
-One straight line in the logarithm of exposure cannot be told from the curve: it is that of the labels.
+One straight line in the logarithm of exposure is indistinguishable from the curve: the labels provide it.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ FLOOR = 0.005
 HUBER = 2.5
 ROUNDS = 6
 GROUPS = 16
-"""The picture is cut into 16x16 parts, whose scatter tells the error."""
+"""Number of parts: the picture is cut into 16x16, whose scatter gives the error."""
 FEWEST_PARTS, FEWEST_OF_PART = 4, 4
 """Parts that two exposures must share, and patches in each."""
 
@@ -105,7 +105,7 @@ class _Pairs:
     to_step: npt.NDArray[np.intp]
 
     def only(self, keep: npt.NDArray[np.bool_]) -> "_Pairs":
-        """Those for which `keep` holds."""
+        """Filter the pairs by `keep`."""
         return _Pairs(
             self.long[keep], self.short[keep], self.step[keep], self.from_step[keep], self.to_step[keep]
         )

@@ -24,7 +24,7 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 
 ELSEWHERE = 0.3
-"""Share that moved between two exposures beyond which they do not show the same, and tell no ratio."""
+"""Share of moved pixels beyond which two exposures do not show the same scene, and give no ratio."""
 MOST_THREADS = 4
 MOST_CURVED = 8
 """Brackets from which the curve of a camera is found, evenly chosen."""
@@ -53,12 +53,12 @@ class _Comparable(NamedTuple):
 
 
 Failure = tuple[ProblemKind, str]
-"""What is wrong with a file, and a clause that says so."""
+"""Problem of a file, and a clause that states it."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Undecided:
-    """A bracket that a camera developed: its exposures can be told when the curve of the camera is."""
+    """Bracket of developed photographs, whose exposures can be estimated once the camera's curve is known."""
 
     camera: str
     files: list[str]
@@ -197,7 +197,7 @@ def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[
 
 
 def _longest_first(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> list[_Comparable]:
-    """By label; where labels lack, by brightness."""
+    """Sort by label; where labels lack, by brightness."""
     labels = [label(looks[frame.shot.file]) for frame in shots]
     if all(labels):
         scale = {frame.shot.file: stated.scale for frame, stated in zip(shots, labels, strict=True) if stated}

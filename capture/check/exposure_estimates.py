@@ -1,4 +1,4 @@
-"""What the exposures of a bracket really were, from what their pictures say of the same view.
+"""True exposures of a bracket, estimated from its pictures of the same view.
 
 An estimate is relative: the common scale of a bracket is that of its labels, of which one that is far off
 the others counts less. It is made only where pictures overlap enough to better the label.
@@ -24,12 +24,13 @@ Array = npt.NDArray[np.float64]
 TRUSTED = 0.02
 """Standard error, relative, above which an estimate is no better than a label, and none is made."""
 NEIGHBOURS = 2
-"""How far apart in the bracket two exposures may be that are compared: further ones share little."""
+"""Largest distance within the bracket of two exposures that are compared: further ones share little."""
 
 
 @dataclass(frozen=True)
 class ExposureEstimate:
-    """One exposure of a bracket. stops: of the estimate over the label, and over what the label stands for.
+    """Estimate of one exposure of a bracket. stops: of the estimate over the label, and over the label's
+    exact value.
 
     error: standard error in stops, of the exposure against the others of its bracket.
     """
@@ -93,6 +94,6 @@ def _solved(
 
 
 def meant(exposures: Sequence[Exposure]) -> Array:
-    """ln of the exposures with the powers of two that round names of times and f-numbers stand for."""
+    """Natural logarithms of the exposures with nominal times and f-numbers replaced by powers of two."""
     exact = dial_settings.meant(exposures)
     return np.log([exact[exposure].scale for exposure in exposures])

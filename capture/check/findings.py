@@ -1,4 +1,4 @@
-"""What `rig check` reports, as records that dump to JSON."""
+"""Results of `rig check`, as records that dump to JSON."""
 
 from typing import Literal
 
@@ -49,7 +49,7 @@ class Problem(FindingModel):
 
 
 class Exposed(FindingModel):
-    """How one exposure of one camera came out, over all frames.
+    """Statistics of one exposure of one camera, over all frames.
 
     clipped: mean share of the samples of red, green and blue at the top of the range, 0..1.
     black: mean share of all samples at or below the black level. max_skew: seconds.
@@ -64,14 +64,13 @@ class Exposed(FindingModel):
 
 
 class ShotLook(FindingModel):
-    """What the picture of one sound shot shows.
+    """Examination of one sound shot's picture.
 
-    estimated: what the exposure was, from overlapping pixels of its bracket; None where those tell less
-    than the label. off: stops of the estimate over what the label stands for (1/60 s: 1/64 s);
-    estimate_error: standard error, stops. clipped, black: as in Exposed. sharpness: fine over coarse
-    detail; relative_sharpness: over that of the rest of the bracket at the same pixels. shift: pixels
-    against the next longer exposure of the bracket, shift_error: standard error; moved: share of what both
-    show that is something else in one.
+    estimated: the exposure from overlapping pixels of its bracket; None where the label is more accurate.
+    off: stops of the estimate over the label's exact value (1/60 s: 1/64 s); estimate_error: standard error,
+    stops. clipped, black: as in Exposed. sharpness: fine over coarse detail; relative_sharpness: over that of
+    the rest of the bracket at the same pixels. shift: pixels against the next longer exposure of the bracket,
+    shift_error: standard error; moved: share of the common area that differs.
     """
 
     kind: Subject
@@ -106,13 +105,11 @@ class StepSkew(FindingModel):
 
 
 class CheckReport(FindingModel):
-    """What `check` found. planned: shots of all plans; shots: records; sound: files that are proven.
+    """Report of `check`. planned: shots of all plans; shots: records; sound: files that are proven.
 
-    problems: files and records that are not as they should be. warnings: pictures that are whole, and
-    show something that a photographer would want to know. untimed: cameras whose skew is unknown,
-    and untimed_bound: the most that it may be, s, None where nothing tells.
-    thumbnails: JPEG by file, not written with the
-    rest.
+    problems: faults of files and records. warnings: sound pictures with something that a photographer should
+    know. untimed: cameras whose skew is unknown, and untimed_bound: its upper bound, s, None if unknown.
+    thumbnails: JPEG by file, not written with the rest.
     """
 
     session: str
@@ -130,5 +127,5 @@ class CheckReport(FindingModel):
 
     @property
     def ok(self) -> bool:
-        """Whether all that was recorded is there, and as it was recorded."""
+        """True if all recorded files exist, unchanged."""
         return not self.problems

@@ -1,4 +1,4 @@
-"""How sharp a picture is, whatever it shows: its finest detail against detail four times as coarse.
+"""Sharpness of a picture, whatever it shows: its finest detail against detail four times as coarse.
 
 The ratio of the two hardly depends on how much texture a scene has, and falls at once when a lens loses
 its focus or the camera shakes. (Of the measures compared in Pertuz, Puig and Garcia, "Analysis of focus
@@ -21,7 +21,7 @@ DARKEST = 0.01
 FEWEST = 0.05
 """Share of a picture that has to be well exposed."""
 TEXTURE = 30.0
-"""Coarse detail has at least so many times the energy of noise: a wall cannot be out of focus."""
+"""Least energy of coarse detail over that of noise: a wall cannot be out of focus."""
 
 
 def _gains() -> tuple[float, float]:
@@ -64,7 +64,8 @@ def detail(picture: ReducedPicture) -> Detail:
 
 
 def sharpness(picture: Detail, where: Bool | None = None) -> float | None:
-    """Fine over coarse detail, amplitudes, where the picture (and `where`) allows; None: too little to tell.
+    """Fine over coarse detail, amplitudes, where the picture (and `where`) allows, or None with too little
+    texture.
 
     About 0.7 to 0.9 in focus, 0.2 under a blur of two photosites.
     """

@@ -1,4 +1,4 @@
-"""Whether two exposures of one view show the same: how far one is shifted, and what moved in it.
+"""Motion between two exposures of one view: the shift, and the moved pixels.
 
 The shift is that of Lucas and Kanade ("An iterative image registration technique", IJCAI 81), coarse to
 fine, on the logarithm of light, in which another exposure is a constant.
@@ -22,7 +22,7 @@ FEWEST = 0.04
 LEVELS = (16, 8, 4, 2, 1)
 """Samples that are averaged, from coarse to fine."""
 ENOUGH = 1 << 20
-"""Samples that tell a shift well enough; of larger pictures the finest levels are left out."""
+"""Samples that determine a shift well enough; of larger pictures the finest levels are left out."""
 BLOCK = 4
 """Side of the blocks, in samples, in which something may have moved."""
 DIFFERENT, DEVELOPED = 0.15, 0.3
@@ -64,7 +64,7 @@ class _Pair(NamedTuple):
 
 
 def compare(longer: ReducedPicture, shorter: ReducedPicture) -> Motion | None:
-    """Compare two exposures of one view; None where they share too little to tell."""
+    """Compare two exposures of one view; None where they share too little."""
     pair = _pair(longer, shorter)
     if pair is None:
         return None

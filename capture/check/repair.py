@@ -23,7 +23,7 @@ from imaging.session.session import Session
 
 
 class RepairReport(FindingModel):
-    """What `repair` did. dropped, added: files; left: a sentence for each file that is still no shot.
+    """Result of `repair`. dropped, added: files; left: a sentence for each file that is still no shot.
 
     backup: the index as it was before; None if nothing had to be changed.
     """
@@ -74,7 +74,7 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
 
 
 def _developed_of(files: list[str]) -> dict[str, str]:
-    """Of RAW files, by name, the photographs of the same name that cameras made beside them."""
+    """Photographs of the same name that cameras made beside RAW files, by name."""
     raws = {Path(file).with_suffix(""): file for file in files if kind_of(Path(file)) == "raw"}
     photos = [file for file in files if kind_of(Path(file)) == "ldr"]
     return {raws[stem]: file for file in photos if (stem := Path(file).with_suffix("")) in raws}
@@ -99,7 +99,7 @@ def _is_there(session: Session, shot: ShotRecord) -> bool:
 
 
 def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
-    """Of records that share a file the one that it is named for, else the first."""
+    """Records with duplicate files removed: the one that the file is named for stays, else the first."""
     owner: dict[str, ShotRecord] = {}
     for shot in shots:
         named_for = ShotId(shot.camera, shot.frame, shot.step)

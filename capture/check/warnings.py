@@ -1,4 +1,4 @@
-"""What the pictures of a session say that a photographer would want to know, a sentence for each."""
+"""Warnings about the pictures of a session, a sentence for each."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from statistics import median
@@ -73,7 +73,7 @@ def _clipped(looks: Looks) -> Iterator[Problem]:
 
 
 def _share(look: ShotLook) -> float:
-    """Of all samples that are clipped: half of a mosaic's are green."""
+    """Share of clipped samples: half of a mosaic's are green."""
     red, green, blue = look.clipped
     return (red + 2 * green + blue) / 4 if look.picture == "raw" else (red + green + blue) / 3
 

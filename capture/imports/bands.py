@@ -1,4 +1,4 @@
-"""Which filter each photograph was taken through: a list of bands, whose names are in the paths."""
+"""Filter of each photograph: a list of bands, whose names are in the paths."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,6 @@
-"""Brackets of several cameras that were taken at one instant, found by the clocks of the cameras.
+"""Matching of the brackets of several cameras by their clocks.
 
-A frame is one instant of the whole rig. Camera clocks differ, by a constant that nobody wrote down; so
+A frame is one instant of the whole rig. Camera clocks differ by an unknown constant; so
 for two cameras the offset is taken at which most of their brackets coincide. A camera that missed an
 instant has no bracket at that frame, and all that follow stay where they belong.
 """
@@ -18,20 +18,20 @@ from capture.imports.grouping import Bracket
 from imaging.session.records import CameraRecord
 
 Together = Literal["time", "order", "never"]
-"""What makes brackets of several cameras one frame: their time, their order, or nothing."""
+"""Criterion that joins brackets of several cameras into one frame: their time, their order, or none."""
 
 Array = npt.NDArray[np.float64]
 
 JITTER = 1.0
 """Seconds by which brackets of one instant differ at most: EXIF counts in whole ones."""
 SHARE_OF_GAP = 0.4
-"""They differ by less than this part of the shortest time between two brackets of a camera."""
+"""Tolerance of a match, as a part of the shortest time between two brackets of a camera."""
 SHARE_TOGETHER = 0.8
-"""Of the brackets of the camera that has fewer, so many coincide if both were fired together."""
+"""Share of brackets, of the camera that has fewer, that coincide if both were fired together."""
 FEWEST = 3
 """Brackets that have to coincide before clocks are believed to be off; fewer coincide only if they agree."""
 MOST_DIFFERENCES = 4_000_000
-"""Of longer series a part tells the offset as well."""
+"""Most differences that are tried; of longer series a part gives the offset as well."""
 CLOCKS_AGREE = 2.0
 """Seconds between clocks that were set by the same person."""
 MOST_NAMED = 6
@@ -57,8 +57,8 @@ def match_frames(
 ) -> Matched:
     """Number the frames of all cameras; by time when `together` is None.
 
-    ordered: somebody said that the cameras were there together, so that without times the n-th brackets of
-    cameras that have as many are of one instant. Else nothing says so, and no two cameras share a frame.
+    ordered: the cameras are declared to have shot together, so that without times the n-th brackets of
+    cameras with equal numbers are of one instant. Otherwise no two cameras share a frame.
     """
     in_order = tuple(tuple(range(len(camera_brackets))) for camera_brackets in brackets)
     if len(cameras) < 2:
@@ -113,7 +113,9 @@ def _apart(counts: Sequence[int]) -> Matched:
 
 
 def _same_body(body: CameraRecord, other: CameraRecord) -> bool:
-    """Whether two cameras of a session are one body, with pictures of two sizes or two settings of a lens."""
+    """Return whether two cameras of a session are one body, with pictures of two sizes or two settings of a
+    lens.
+    """
     unknown = all(camera.serial.startswith(f"{camera.make} {camera.model} ") for camera in (body, other))
     return body.serial == other.serial or (unknown and (body.make, body.model) == (other.make, other.model))
 

@@ -30,9 +30,9 @@ def beside(photos: Iterable[Path], root: Path, folder: Path, suffixes: Sequence[
 def asked(
     photos: list[Path], root: Path, folder: Path, suffixes: Sequence[str], what: str
 ) -> dict[Path, Path]:
-    """The same of a folder that somebody named; what: the files are called.
+    """Find the same in a folder that the user named; what: the name of such files.
 
-    InputError where there are none, or where they lie among the photographs.
+    InputError without any, or where they lie among the photographs.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: name the one that holds the {what}s.")

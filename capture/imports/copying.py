@@ -33,7 +33,7 @@ class ShiftError(InputError):
 
 @dataclass(frozen=True)
 class Place:
-    """Where an original goes: its shot, the plan that this belongs to, and what comes with it."""
+    """Destination of an original: its shot, the plan of that, and the files that come with it."""
 
     original: Original
     shot_id: ShotId

@@ -8,7 +8,7 @@ from capture.imports.layouts.given import GivenDepth
 from imaging.files.depth import MILLIMETRE, SUFFIXES, read_depth, require_shape
 
 Depths = Mapping[Path, GivenDepth]
-"""By photograph."""
+"""Depth maps by photograph."""
 
 
 def depths_asked(photos: list[Path], folder: Path, depths: Path) -> Depths:
@@ -28,7 +28,8 @@ def told_depths(depths: Depths, photos: int) -> str:
 
 
 def unit_of(depth: GivenDepth, height: int, width: int) -> float:
-    """What 1 in a depth map is in units of the world, once it has been read as that of such a photograph.
+    """Length of 1 in a depth map in units of the world, once it has been read as that of such a
+    photograph.
 
     InputError where it is damaged, no depth map, of other proportions, or says nothing anywhere.
     """

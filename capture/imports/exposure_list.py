@@ -56,7 +56,7 @@ def _fields(line: str) -> list[str]:
 
 
 def _is_heading(line: str) -> bool:
-    """Return whether no field of the line is a number: it then tells what the columns are."""
+    """Return whether no field of the line is a number: then it names the columns."""
     return not any(letter.isdigit() for field in _fields(line)[1:] for letter in field)
 
 

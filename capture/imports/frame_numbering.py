@@ -1,4 +1,4 @@
-"""Which frame each bracket is: as a layout tells it, or by the clocks of the cameras."""
+"""Frame of each bracket: from the layout, or by the clocks of the cameras."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from capture.imports.originals import Original
 from imaging.session.records import Band, CameraRecord
 
 _OWN_FRAME = "is a frame of its own"
-"""What the reason of a camera without brackets says."""
+"""Reason given for a camera without brackets."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _summed(numbered: Sequence[Numbered]) -> list[str]:
 def frames_of_layout(
     series: Sequence[PhotoSeries], given: Given, count: int | None, together: Together | None
 ) -> tuple[list[Numbered], list[str]]:
-    """Brackets and frames as a layout has them, where it tells any and `count` says nothing else.
+    """Brackets and frames of a layout, if it defines them and `count` does not contradict.
 
     Photographs of one frame, where the layout numbers frames; else photographs in a row that have one
     pose and differ in exposure; else each for itself, since each has a pose of its own.

@@ -34,11 +34,11 @@ from imaging.session.view_id import ViewId
 FILE = "calibration/calibration.json"
 
 SAME_SHAPE = 0.01
-"""By so much may the aspect ratio of a picture differ from that of its lens: sizes are rounded."""
+"""Tolerance of the aspect ratio of a picture against that of its lens: sizes are rounded."""
 
 
 def has_poses(given: Given | None) -> bool:
-    """Return whether a layout tells where any photograph was taken from."""
+    """Return whether a layout has the pose of any photograph."""
     return given is not None and any(photo.cam_from_world is not None for photo in given.photos)
 
 
@@ -58,7 +58,7 @@ def check_sizes(given: Given, originals: Sequence[Original]) -> None:
 
 
 def write_given(session: Session, given: Given, places: Sequence[Place]) -> CalibrationRecord:
-    """Write `calibration/` with what the layout tells; `rig calibrate --only response` adds the rest.
+    """Write `calibration/` from the layout; `rig calibrate --only response` adds the rest.
 
     One pose a view: that of the first of its photographs that has one. The COLMAP model that is
     written has the layout's points, where it has some, and each view as one image.
@@ -191,7 +191,7 @@ def _response(camera: CameraRecord) -> Response:
 
 
 def _stated(session: Session, shots: Sequence[ShotRecord]) -> dict[str, RawMosaic]:
-    """Of each camera that gave RAW the first shot, whose file says what noise and colours are."""
+    """First shot of each camera that gave RAW, whose file states noise and colours."""
     first: dict[str, ShotRecord] = {}
     for shot in shots:
         if session.camera(shot.camera).kind == "raw":
@@ -200,7 +200,7 @@ def _stated(session: Session, shots: Sequence[ShotRecord]) -> dict[str, RawMosai
 
 
 def _scale(session: Session, shot: ShotRecord) -> float:
-    """As a calibration has it: linear EXR is radiance, and what tells no exposure counts as 1 s."""
+    """Scale as in a calibration: linear EXR is radiance, and an unknown exposure counts as 1 s."""
     is_exposed = shot.exposure is not None and session.camera(shot.camera).kind != "hdr"
     return shot.exposure.scale if is_exposed and shot.exposure is not None else 1.0
 

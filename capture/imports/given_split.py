@@ -1,4 +1,4 @@
-"""What a layout trains and tests on, kept as the session's `split.json`."""
+"""Split of a layout into training and test views, kept as the session's `split.json`."""
 
 from collections.abc import Sequence
 

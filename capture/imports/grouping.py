@@ -1,4 +1,4 @@
-"""The photographs of a camera sorted into brackets; every guess is told in a sentence."""
+"""Photographs of a camera sorted into brackets; each guess comes with a sentence."""
 
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -72,7 +72,7 @@ def _runs(photos: list[Original]) -> list[list[Original]]:
 
 
 def _paused(before: Original, after: Original) -> bool:
-    """Return whether both tell their time and lie too far apart, or in the wrong order, for one bracket."""
+    """Return whether both have a time and lie too far apart, or in the wrong order, for one bracket."""
     if before.picture is None or after.picture is None:
         return False
     start, end = before.picture.metadata.captured_at, after.picture.metadata.captured_at
@@ -84,7 +84,7 @@ def _paused(before: Original, after: Original) -> bool:
 
 
 def _cycle(photos: list[Original]) -> int | None:
-    """The length of the bracket that repeats throughout `photos`; None if there is none.
+    """The length of the bracket that repeats throughout `photos`, or None.
 
     A photo that could not be read fits any place; one without a known exposure fits none. Preferred
     in this order: the same exposures again and again; one series that only falls or only rises; a
@@ -109,7 +109,9 @@ def _cycle(photos: list[Original]) -> int | None:
 
 
 def _repeats(stops: npt.NDArray[np.float64], moved: bool) -> bool:
-    """Whether the rows [brackets, steps] are one pattern of distinct exposures, each row moved or not."""
+    """Return whether the rows [brackets, steps] are one pattern of distinct exposures, each row moved or
+    not.
+    """
     complete = stops[~np.isnan(stops).any(axis=1)]
     if not len(complete):
         return False

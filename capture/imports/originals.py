@@ -22,14 +22,14 @@ FOREIGN = (
     | {".avif": "convert AVIF to JPEG or TIFF"}
     | dict.fromkeys((".mp4", ".mov"), "a video is imported by itself: rig import VIDEO S")
 )
-"""What to do about pictures of kinds that are not read, by their suffix."""
+"""Advice for pictures of unsupported kinds, by their suffix."""
 
 
 @dataclass(frozen=True)
 class Original:
-    """One file that promises to be a photograph.
+    """File with the suffix of a photograph.
 
-    picture is None and `error` a sentence where the file does not keep the promise; it still takes
+    picture is None and `error` a sentence where the file is not one; it still takes
     its place in the series, so that the brackets after it are not shifted by one.
     """
 
@@ -43,12 +43,13 @@ class Original:
     shifted: tuple[Path, ...] = ()
     """The exposures of the pixel shift that begins with `path`."""
     turned: bool = False
-    """Whether the session has it turned by a quarter to the left; `picture` is then as it lies there."""
+    """True if the session has it turned by a quarter to the left; `picture` is then turned too."""
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a folder holds. originals: in order. notes: what was left aside or assumed, a sentence each.
+    """Contents of a folder. originals: in order. notes: exclusions and assumptions, a sentence each. notes:
+    what was left aside or assumed, a sentence each.
 
     masks: by photograph, of those that lie in a folder of masks.
     """
@@ -67,8 +68,8 @@ def survey(
 ) -> Survey:
     """Read every photograph of a folder and its subfolders; hidden files and folders are passed over.
 
-    named: these photographs and no others, in this order, and the exposure that a layout tells.
-    exposures: a list that speaks for all of them. InputError when that list cannot be read.
+    named: these photographs and no others, in this order, and the exposures of a layout.
+    exposures: a list for all of them. InputError when that list cannot be read.
     """
     paths, others = _walked(folder)
     developed: dict[Path, Path] = {}

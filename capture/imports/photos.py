@@ -36,7 +36,7 @@ from imaging.session.records import PlanRecord
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What an import came to. guesses: a sentence each; missing: a sentence for each file left out.
+    """Result of an import. guesses: a sentence each; missing: a sentence for each file left out.
 
     views: those that came with a pose.
     """
@@ -80,9 +80,9 @@ def import_photos(
     A `folder` that is a video gives its sharpest frames, each a frame of one camera.
 
     layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
-    layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
-    consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
-    one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
+    layout become the session's calibration. cameras: how cameras are distinguished. bracket: so many
+    consecutive photographs of a camera are one bracket. together: how brackets of several cameras are joined
+    into one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
     them, named as the photographs; those that a layout names when None. depths: the same of depth maps
     (`imaging.files.depth`). bands: a list of the filters before mono cameras (`imports.bands`), whose names
     are folders or in the names of files. pixel_shift: every four photographs of a camera are one, between
@@ -265,7 +265,7 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
 
 
 def _depths(given: Given | None, photos: list[Path], folder: Path, asked: Path | None) -> Depths:
-    """Those in the folder that was asked for, else those that the layout names."""
+    """Depth maps of the requested folder, else those that the layout names."""
     if asked is not None:
         return depths_asked(photos, folder, asked)
     return {} if given is None else {photo.path: photo.depth for photo in given.photos if photo.depth}

@@ -102,7 +102,7 @@ def _frames(capture: Any) -> Iterator[npt.NDArray[np.uint8]]:
 
 
 def _sharpest(frames: Iterable[npt.NDArray[np.uint8]], part: int) -> Iterator[npt.NDArray[np.uint8]]:
-    """Of every `part` frames, uint8 [H, W, 3], the one with most contrast between neighbouring pixels."""
+    """Sharpest of every `part` frames, uint8 [H, W, 3]: the most contrast between neighbouring pixels."""
     best, most, number = None, -1.0, 0
     for number, frame in enumerate(frames, start=1):
         sharp = float(cv2.Laplacian(frame[..., 1], cv2.CV_32F).var())

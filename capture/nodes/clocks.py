@@ -1,8 +1,8 @@
-"""The clock of another host, compared with ours by questions and answers.
+"""Comparison of another host's clock with ours by round trips.
 
-Of a question that we asked at one time and whose answer we had at another, the moment that it tells lies
-between the two (Cristian, "Probabilistic clock synchronization", 1989): half the round trip is the most by
-which the middle can be wrong, whatever the way there and back took. The shortest of several is the sharpest.
+The remote time in an answer lies between our times of the question and of the answer (Cristian,
+"Probabilistic clock synchronization", 1989): half the round trip is the most by which the middle can be
+wrong, whatever the way there and back took. The shortest of several is the sharpest.
 """
 
 import threading
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from drivers.clock import Clock
 
 QUESTIONS = 8
-"""Of a comparison."""
+"""Round trips of a comparison."""
 EVERY = 1.0
 """Seconds after which clocks are compared anew."""
 DRIFT = 2e-4
@@ -44,7 +44,9 @@ class ComparedClock:
         self._lock = threading.Lock()
 
     def reading(self) -> ClockReading:
-        """How the clocks differ now; asks where that is not known well enough. Errors are those of `ask`."""
+        """Current offset of the clocks; compares them anew if it is not known well enough. Errors are those
+        of `ask`.
+        """
         with self._lock:
             readings = [*self._readings]
         if not readings or self._clock.now() - readings[-1].at > EVERY:
@@ -68,14 +70,14 @@ class ComparedClock:
 
 
 class Release:
-    """One moment for all cameras that are triggered at about the same time, on our clock; for any thread.
+    """Common moment for all cameras that are triggered at about the same time, on our clock; thread-safe.
 
-    What is told a little ahead reaches every host before the moment comes, so that it does not count how
-    long that took, nor who was told first.
+    An order that is sent ahead reaches every host before the moment, so that neither the delay nor the
+    sequence of sending counts.
     """
 
     AHEAD, LEAST = 0.05, 0.01
-    """Seconds from the first call to the moment; and before it, in which nobody can be told any more."""
+    """Seconds from the first call to the moment; and before it, in which no further order can be sent."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -83,7 +85,7 @@ class Release:
         self._lock = threading.Lock()
 
     def moment(self) -> float:
-        """The moment for whoever is triggered now, s."""
+        """Return the moment for a camera that is triggered now, s."""
         with self._lock:
             now = self._clock.now()
             if now > self._moment - self.LEAST:

@@ -25,7 +25,7 @@ AT_ONCE = 64
 
 
 HEAD = f"{MODE}={ASKS} ray start --head"
-"""How a cluster is begun that asks for tokens."""
+"""Command that starts a cluster with tokens."""
 
 
 def resource_of(name: str) -> str:
@@ -109,11 +109,11 @@ class RayLink:
         )
 
     def ask(self, what: str, *arguments: Any) -> Any:
-        """As `Link.ask`."""
+        """Ask as `Link.ask`."""
         return self._answer(getattr(self._actor, what).remote(*arguments), None)
 
     def begin(self) -> None:
-        """Have the actor begin. CaptureError: it does not."""
+        """Start the actor. CaptureError if it does not."""
         try:
             self._answer(self._actor.now.remote(), STARTED)
         except (NodeLost, self._ray.exceptions.GetTimeoutError):
@@ -122,7 +122,7 @@ class RayLink:
             ) from None
 
     def close(self) -> None:
-        """As `Link.close`."""
+        """Close as `Link.close`."""
         with suppress(NodeLost, self._ray.exceptions.GetTimeoutError):
             self._answer(self._actor.close.remote(), RELEASED)
         self._ray.kill(self._actor)
@@ -160,10 +160,9 @@ def ray_links(address: str, assignments: Mapping[str, Assignment]) -> Iterator[d
 
 
 def _require_node(ray: Any, address: str, name: str) -> None:
-    """CaptureError unless one host is that node, and it serves nobody else.
+    """Raise CaptureError unless exactly one host is that node, and it is free.
 
-    It is looked again for a while: of a host that went down, and of a leader that was killed, the cluster
-    learns only after some seconds.
+    The check is repeated for a while: the cluster notices a dead host or leader only after some seconds.
     """
     resource, deadline, waiting = resource_of(name), time.monotonic() + RELEASED, threading.Event()
     while True:

@@ -32,8 +32,9 @@ except (OSError, AttributeError):
 if os.getppid() == parent:
     os.execv(sys.executable, [sys.executable, *sys.argv[2:]])
 """
-"""A program that becomes another one, which gets a SIGTERM when its parent has ended (PR_SET_PDEATHSIG of
-Linux). Ray's processes, in a session of their own, would go on as a node that nobody can end."""
+"""Command prefix for a program that gets a SIGTERM when its parent has ended (PR_SET_PDEATHSIG of Linux).
+Ray's processes, in a session of their own, would go on as an orphaned node.
+"""
 
 
 class JoinedNode:
@@ -84,11 +85,11 @@ class JoinedNode:
 
 @contextmanager
 def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
-    """This host as a node of the cluster whose head is at `HOST:PORT`, until the block ends.
+    """Join this host to the cluster whose head is at `HOST:PORT`, until the block ends.
 
-    Ray's processes end with this one, however it ends. InputError: Ray is not installed, nobody answers
-    there, or whoever comes is let in. CaptureError: Ray did not start.
-    StorageError: there is no token, and none can be written.
+    Ray's processes end with this one, however it ends. InputError: Ray is not installed, nothing answers
+    there, or the cluster asks for no token. CaptureError: Ray did not start. StorageError: the token is
+    missing and cannot be written.
     """
     environment = {**os.environ}
     guarded = ask_for_token(environment)

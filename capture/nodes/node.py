@@ -34,14 +34,15 @@ from imaging.session.records import Subject
 LATEST = 1.0
 """Seconds that a trigger is held back at most: a moment further away is that of clocks compared wrongly."""
 SHOT = "shot-"
-"""How the names of a node's files begin: what another capture left is removed by it."""
+"""Prefix of a node's file names, by which leftovers of another capture are removed."""
 
 Wire = tuple[Literal["listen", "drive"], str]
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """What a node is to do in a capture. serials: of its cameras; addresses: where some are asked by name.
+    """Task of a node in a capture. serials: of its cameras; addresses: of cameras that discovery cannot find.
+    serials: of its cameras; addresses: where some are asked by name.
 
     wires: what cameras do with a line. compression: of the DNG files that it makes of mosaics.
     """
@@ -65,7 +66,7 @@ class ServedCamera:
 
 @dataclass(frozen=True)
 class NodeReport:
-    """What a node has. served: by serial number, those it was asked for; strangers: others; refused: why.
+    """State of a node. served: by serial number, those requested; strangers: others; refused: why.
 
     positions: of a simulated rig; None: a person moves the cameras.
     """
@@ -78,7 +79,7 @@ class NodeReport:
 
 @dataclass(frozen=True)
 class Scene:
-    """What simulated cameras are to see. number: of the move; a new one counts exposures anew."""
+    """Scene for simulated cameras. number: of the move; a new one counts exposures anew."""
 
     number: int = 0
     kind: Subject = "scene"
@@ -95,7 +96,7 @@ class NodeFile:
 
     @property
     def suffix(self) -> str:
-        """As that of `CameraFile`."""
+        """Suffix as in `CameraFile`."""
         return self.path.suffix
 
 
@@ -123,7 +124,7 @@ class Node:
         self._cameras: dict[str, Camera] | None = None
         self._report: NodeReport | None = None
         self._finding = False
-        """Whether a thread is looking for the cameras; others wait for it on the clock."""
+        """True while a thread searches for the cameras; others wait for it on the clock."""
         self._scene: Scene | None = None
         self._numbers = itertools.count()
         self._in_camera: dict[int, Any] = {}
@@ -152,11 +153,11 @@ class Node:
         return self._report
 
     def set_exposure(self, serial: str, exposure: Exposure) -> Exposure:
-        """As the camera does."""
+        """Set the camera."""
         return self._camera(serial).set_exposure(exposure)
 
     def arm(self, serial: str, scene: Scene | None) -> None:
-        """As the camera does, before that scene if it is a simulated one."""
+        """Arm the camera, before that scene if it is a simulated one."""
         camera = self._camera(serial)
         with self._lock:
             self._show(scene)
@@ -179,7 +180,9 @@ class Node:
         return number
 
     def store(self, serial: str, number: int) -> NodeFrame:
-        """Have a frame on this disk, and say where. CameraLost: this node was started after it was taken."""
+        """Store a frame on this disk, and return its place. CameraLost if the node was restarted since.
+        CameraLost: this node was started after it was taken.
+        """
         camera = self._camera(serial)
         if number in self._in_camera:
             assert isinstance(camera, StoresShots)
@@ -245,7 +248,7 @@ class Node:
         return NodeReport(served, tuple(strangers), tuple(refused), positions)
 
     def _taken(self, camera: Camera, identity: CameraIdentity) -> ServedCamera:
-        """Have a camera do with its lines what it is to do."""
+        """Open a camera and configure its lines."""
         has_lines = isinstance(camera, HardwareTriggered)
         wire = self._assignment.wires.get(identity.serial)
         if wire is not None and isinstance(camera, HardwareTriggered):
@@ -265,7 +268,7 @@ class Node:
         return self._cameras[serial]
 
     def _show(self, scene: Scene | None) -> None:
-        """Have simulated cameras see that scene, if they do not yet."""
+        """Set the scene of simulated cameras, if it is not set yet."""
         rig, before = self._place.rig, self._scene
         if rig is None or scene is None or scene == before:
             return

@@ -1,4 +1,4 @@
-"""What a node is: its name, the cameras that it looks for, and where it keeps their frames."""
+"""Settings of a node: its name, its cameras, and the folder of their frames."""
 
 import os
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ VARIABLE = "RIG_NODE"
 
 
 class NodeSettings(Record):
-    """What `rig node` was told.
+    """Command-line settings of `rig node`.
 
     sim: the simulated rig whose cameras stand in for those of the USB, as the devices `profile`; rough: with
     faults; changes: of the rig's settings.
@@ -44,9 +44,9 @@ class NodeSettings(Record):
 
 @dataclass(frozen=True)
 class Place:
-    """What the drivers of a node are given, and a folder. rig: the simulated one; None: cameras are real.
+    """Environment of a node's drivers, and a folder. rig: the simulated one; None: cameras are real.
 
-    addresses: where cameras are asked by name, whatever the rig file says.
+    addresses: addresses of cameras that discovery cannot find, whatever the rig file says.
     """
 
     name: str
@@ -69,7 +69,9 @@ def place_of(settings: NodeSettings) -> Place:
 
 
 def settings_of(**given: Any) -> NodeSettings:
-    """Settings from the command line. InputError: a name that is none."""
+    """Read settings from the command line. InputError for an unknown name. InputError: a name that is
+    none.
+    """
     try:
         return NodeSettings(**given)
     except ValidationError as error:
@@ -81,7 +83,9 @@ def settings_of(**given: Any) -> NodeSettings:
 
 
 def settings_here() -> NodeSettings:
-    """Those of the node that this process runs on. InputError if it runs on none."""
+    """Settings of the node that this process runs on. InputError outside a node. InputError if it runs on
+    none.
+    """
     with suppress(KeyError, ValidationError):
         return NodeSettings.model_validate_json(os.environ[VARIABLE])
     raise InputError("this host is no node of a rig: start one with rig node.")

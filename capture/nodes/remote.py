@@ -28,13 +28,13 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Have the node let go of its cameras, if it is still there."""
+        """Release the node's cameras, if it still responds."""
         ...
 
 
 @dataclass
 class Stage:
-    """What all cameras of a rig share: the moment of their release, and what simulated ones see."""
+    """State common to all cameras of a rig: the moment of their release, and the scene of simulated ones."""
 
     release: Release
     scene: Scene | None = None
@@ -51,7 +51,7 @@ class RemoteNode:
         self._lock = threading.Lock()
 
     def ask(self, what: str, *arguments: Any) -> Any:
-        """As `Link.ask`; the first time that nobody answers is told."""
+        """Ask as `Link.ask`; the first failure is reported."""
         was_lost = self._lost  # what was asked before it was lost may be answered after
         try:
             answer = self._link.ask(what, *arguments)
@@ -95,19 +95,19 @@ class RemoteCamera:
 
     @property
     def where(self) -> str:
-        """At its node."""
+        """Name the node."""
         return f"node {self._node.name}, {self._about.where}"
 
     def verified(self) -> str:
-        """As the node's driver says."""
+        """Verification as stated by the node's driver."""
         return self._about.verified
 
     def identify(self) -> CameraIdentity:
-        """As the node found it: it knows its cameras by their serial numbers."""
+        """Identity from the node's discovery: it knows its cameras by their serial numbers."""
         return self._about.identity
 
     def capabilities(self) -> Capabilities:
-        """As the node found it."""
+        """Capabilities from the node's discovery."""
         return self._about.capabilities
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
@@ -162,7 +162,7 @@ class RemoteCamera:
         )
 
     def close(self) -> None:
-        """Nothing: a node lets go of all its cameras together."""
+        """Do nothing: a node closes all its cameras together."""
 
     def _read(self, file: NodeFile) -> bytes:
         data: bytes = self._node.ask("read", file)

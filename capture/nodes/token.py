@@ -37,7 +37,7 @@ def has_token() -> bool:
 
 
 def ask_for_token(environment: MutableMapping[str, str]) -> bool:
-    """Have Ray ask for the token and show it, unless RAY_AUTH_MODE is set; whether it then does.
+    """Enable Ray's token authentication, unless RAY_AUTH_MODE is set; return whether it is on.
 
     It takes effect in processes that import Ray afterwards. InputError: a mode that Ray does not have.
     """

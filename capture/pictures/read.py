@@ -23,7 +23,7 @@ from imaging.session.records import ImageKind
 SMALLEST = 16
 """Pixels on a side below which a picture shows nothing that could be compared."""
 LIT = 0.02
-"""Of white, linear: a photosite above it saw light, or is hot."""
+"""Linear signal relative to white above which a photosite saw light, or is hot."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PictureFacts:
 
 @dataclass(frozen=True)
 class Examined:
-    """A picture, what of it is compared with others (None: it is too small), and a thumbnail as JPEG."""
+    """Picture, its reduction for comparison (None if it is too small), and a thumbnail as JPEG."""
 
     picture: PictureFacts
     reduced: ReducedPicture | None
@@ -59,7 +59,7 @@ class Examined:
 
 
 def kind_of(path: Path) -> ImageKind | None:
-    """Return what the suffix promises; None: not a picture that rig reads."""
+    """Return the kind of picture by the suffix; None if rig does not read it."""
     if path.suffix.lower() in (".exr", RADIANCE):
         return "hdr"
     if is_raw(path):

@@ -1,4 +1,4 @@
-"""What is kept of a picture while its bracket is examined: little, so that 24 megapixels fit."""
+"""Reduced pictures during the examination of a bracket, so that 24 megapixels fit."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -41,11 +41,11 @@ class PatchCodes:
 
 @dataclass(frozen=True, eq=False)
 class ReducedPicture:
-    """A picture for examination.
+    """Picture for examination.
 
     green: float32 [h, w], green light of each 2x2 pixels, or of each cell of a mosaic that of the channel
     with most photosites, 1 is white; clipped: whether any of them is,
-    or is hidden by a mask, so that they tell nothing. noise: of `green`. linear: the same light as the
+    or excluded by a mask. noise: of `green`. linear: the same light as the
     sensor saw it, for exposure ratios, or None where a camera developed it; patches: then its codes.
     """
 
@@ -57,7 +57,9 @@ class ReducedPicture:
 
 
 def of_raw(frame: LinearFrame, cfa: Cfa | None) -> ReducedPicture:
-    """A RAW frame; the greens of each cell are one sample. What is not valid in it tells nothing."""
+    """Reduce a RAW frame; the greens of each cell are one sample. Invalid photosites do not count. What is
+    not valid in it tells nothing.
+    """
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
     useless = frame.saturated | ~frame.valid
     green = 1 if cfa is None else cfa.densest
@@ -72,7 +74,7 @@ def of_raw(frame: LinearFrame, cfa: Cfa | None) -> ReducedPicture:
 
 
 def of_photo(pixels: Float, counts: Bool | None = None) -> ReducedPicture:
-    """A developed photograph [H, W, 3], 0..1, taken for sRGB until its curve is known.
+    """Reduce a developed photograph [H, W, 3], 0..1, taken for sRGB until its curve is known.
 
     counts: bool [H, W], which pixels a mask lets through; None: all.
     """
@@ -157,7 +159,7 @@ def _reduced(frame: LinearFrame, cfa: Cfa | None) -> LinearFrame:
 
 
 def _blocks(image: Float, side: int) -> Float:
-    """Means [h, w, channels] over whole squares of so many pixels a side."""
+    """Means [h, w, channels] over whole squares of that many pixels a side."""
     high, wide = image.shape[0] // side, image.shape[1] // side
     cut = image[: high * side, : wide * side]
     return np.asarray(cut.reshape(high, side, wide, side, -1).mean((1, 3)), np.float32)

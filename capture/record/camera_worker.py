@@ -1,7 +1,7 @@
-"""What is done with one camera, in a thread of its own: set, arm, wait for the others, trigger, collect.
+"""Worker thread of one camera: set, arm, wait for the others, trigger, collect.
 
-A camera that keeps its shots is emptied of each while it exposes the next. Steps that nobody has to be waited
-for may come together: a body that has brackets of its own then shoots them on one order.
+A camera that keeps its shots is emptied of each while it exposes the next. Steps that do not have to be
+synchronised may come together: a body that has brackets of its own then shoots them on one order.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,9 @@ HandOver = Callable[[ExposureStep, str, CapturedFrame, int], None]
 
 
 class _Order(NamedTuple):
-    """To expose: when it began to go out, and when it counts as given; seconds of the clock."""
+    """Order to expose: the time at which sending began, and the time at which it counts as given; seconds of
+    the clock.
+    """
 
     began: float
     told: float
@@ -82,7 +84,7 @@ class CameraWorker:
         self._misses = 0
         self._stored: _StoredShot | None = None
         self._overlaps = True
-        """Whether it has not refused yet to be emptied while it exposes."""
+        """True until the camera refuses downloads during an exposure."""
         self._refused: set[tuple[Exposure, ...]] = set()
         """Brackets that its body has not shot as they were asked for: it is not asked again."""
 
@@ -98,7 +100,7 @@ class CameraWorker:
                 self._state.late.discard(self.name)
 
     def _next(self) -> Sequence[ExposureStep] | None:
-        """The next order; while there is none, nothing is left in the camera."""
+        """Return the next order; before waiting, the camera is emptied."""
         steps = self.orders.poll()
         if steps is None:
             self._empty()
@@ -106,7 +108,7 @@ class CameraWorker:
         return steps
 
     def _bracketed(self, steps: Sequence[ExposureStep]) -> Sequence[ExposureStep]:
-        """Have the body shoot as many of them as its brackets hold; the steps that are still to be taken."""
+        """Shoot as many of them as the body's brackets hold; return the remaining steps."""
         missing = list(steps)
         self._empty()
         while len(missing) > 1 and not self._misses and self._brings_some(missing):
@@ -114,7 +116,7 @@ class CameraWorker:
         return missing
 
     def _brings_some(self, missing: list[ExposureStep]) -> bool:
-        """Have the body shoot one bracket, and strike off the steps of its frames; whether it was worth it.
+        """Shoot one in-camera bracket, remove the completed steps from `missing`, return whether any came.
 
         A frame is that of the step whose exposure its file states: one that says nothing proves nothing.
         """
@@ -231,7 +233,7 @@ class CameraWorker:
         over: float | None,
         deliver: Callable[[], RawMosaic | CameraFile],
     ) -> None:
-        """over: when the exposure had ended for certain; None: it has when the frame is there."""
+        """Collect the frame. over: time by which the exposure had ended; None: when the frame arrives."""
         download = self._download(deliver)
         assert download is not None
         captured = CapturedFrame(

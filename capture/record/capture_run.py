@@ -24,11 +24,11 @@ LISTED = 6
 
 @dataclass(frozen=True)
 class CaptureResult:
-    """What a capture came to.
+    """Result of a capture.
 
-    session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs.
-    missing: a sentence for each shot that is not there. unknown: what nobody could tell of those that are.
-    problems: for each shot that is there, but not as it was asked for.
+    session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs. missing: a
+    sentence for each missing shot. unknown: facts that no driver could learn of the others. problems: for
+    each shot that deviates from its request.
     """
 
     session: Path
@@ -91,9 +91,9 @@ def _exposure_of(requested: Exposure | None) -> Exposure:
 
 @dataclass(frozen=True)
 class _First:
-    """When the first camera of a step was told to expose; when the first shutter opened, if that is known.
+    """Time of the first order of a step, and of the first shutter opening, if known.
 
-    earliest: before which no shutter opened, None where that is not known.
+    earliest: before which no shutter opened, None if unknown.
     """
 
     told: float
@@ -102,7 +102,9 @@ class _First:
 
     @classmethod
     def of(cls, step: ExposureStep) -> "_First":
-        """From the moments of all; one that alone says when it opened has none to be compared with."""
+        """Compute from the times of all; a single camera that reports its opening has none to be compared
+        with.
+        """
         alone = len(step.opened) == 1 and len(step.told) > 1
         opened = None if alone or not step.opened else min(step.opened.values())
         # A shutter on a wire may open before its own camera is asked for the frame, not before any order.
@@ -117,7 +119,7 @@ def after(first: float | None, moment: float | None) -> float | None:
 
 
 class CaptureRun:
-    """What one call of `record` has come to. kept: shots that were there before."""
+    """State of one call of `record`. kept: shots of earlier calls. kept: shots that were there before."""
 
     def __init__(
         self,

@@ -38,7 +38,7 @@ class _UnsavedFrame(NamedTuple):
 
 
 class _UnprovenShot(NamedTuple):
-    """A camera's own file that is on the disk and nobody has decoded yet."""
+    """Camera file on the disk that is not decoded yet."""
 
     step: ExposureStep
     camera: str
@@ -157,7 +157,7 @@ class CaptureThreads:
             step.finish(camera, outcome)
 
     def _end(self) -> None:
-        """Have all threads return, also those that wait for others."""
+        """End all threads, also those that wait for others."""
         self.halt(RigError("the run was broken off"))
         for worker in self._workers.values():
             worker.orders.close()

@@ -23,13 +23,12 @@ may take: as long as a dark frame, and its own time."""
 
 @dataclass(frozen=True)
 class SavedShot:
-    """A frame whose file is whole on the disk.
+    """Frame whose file is whole on the disk.
 
-    told: when its camera was told to expose, and opened: when its shutter did open, None where the camera
-    does not say that; opened_by: when it had opened at the latest, None where nothing tells; seconds of the
-    clock. retries: attempts before this one.
-    host: where it comes from, if that is another host.
-    unknown: what its driver could not learn of it, a sentence each.
+    told: time of the order to expose, and opened: time of its shutter's opening, None if the camera does not
+    report it; opened_by: latest time of that opening, None if unknown; seconds of the clock. retries:
+    attempts before this one. host: origin, if that is another host. unknown: facts that its driver could not
+    learn, a sentence each.
     """
 
     file: str
@@ -50,7 +49,7 @@ class SavedShot:
 
 @dataclass
 class RunState:
-    """What the exposure steps of one run share about its cameras.
+    """State of the cameras that the exposure steps of one run share.
 
     late: those that the others went on without, and that are still at it. failures: of each camera at a
     frame and step. halted: why no more is shot.
@@ -62,13 +61,12 @@ class RunState:
 
 
 class ExposureStep:
-    """A step of the bracket at one frame, and the cameras that are to expose it together.
+    """Step of the bracket at one frame, and the cameras that are to expose it together.
 
     number: of the step in the bracket. cameras: those whose frames are wanted. participants: they, and the
-    leader that exposes along.
-    told: when the camera of each frame was told to expose. began: when that order began to go out.
-    opened: when its shutter opened, where it says so.
-    outcomes: of every camera, in the end: its file, or why there is none.
+    leader that exposes along. told: time of the order to expose of each frame. began: time at which sending
+    the order began. opened: time of its shutter's opening, if reported. outcomes: of every camera, in the
+    end: its file, or the reason why it has none.
     """
 
     def __init__(
@@ -146,12 +144,12 @@ class ExposureStep:
 
     @property
     def begun(self) -> bool:
-        """Whether the exposure has begun: who is not ready by then takes no part."""
+        """True once the exposure has begun: cameras that are not ready by then take no part."""
         with self._clock.lock:
             return self._begun
 
     def finish(self, camera: str, outcome: SavedShot | RigError) -> None:
-        """Record what became of a camera, once and for all; nobody waits for it any longer."""
+        """Record the final outcome of a camera, and stop waiting for it."""
         with self._clock.lock:
             self.outcomes.setdefault(camera, outcome)
             self._clock.changed()
@@ -164,7 +162,9 @@ class ExposureStep:
         return self.leader is not None and camera != self.leader
 
     def _leader_is_here(self) -> bool:
-        """Without it nobody else gets a frame: it is waited for even if it was late before."""
+        """Return whether the leader is ready: without it no other camera gets a frame, so it is waited for
+        even if late.
+        """
         return self._state.halted is not None or self.leader in self._arrived or self.leader in self.outcomes
 
     def _may_begin(self) -> bool:
@@ -178,7 +178,9 @@ class ExposureStep:
         )
 
     def _begin(self) -> None:
-        """From here on a camera that was not ready takes no part, and gets an error when it arrives."""
+        """Begin the exposure: a camera that was not ready takes no part, and gets an error when it
+        arrives.
+        """
         self._begun = True
         for camera in self.participants:
             if camera not in self._ready and camera not in self.outcomes:

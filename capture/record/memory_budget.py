@@ -29,7 +29,7 @@ class MemoryBudget:
         self.replace(count, 0)
 
     def replace(self, reserved: int, held: int) -> None:
-        """Hold so many bytes in place of those reserved, without waiting: they are in memory already."""
+        """Replace the reservation by that many bytes, without waiting: they are in memory already."""
         with self._clock.lock:
             self.held += held - reserved
             self._clock.changed()

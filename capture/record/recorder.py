@@ -79,7 +79,9 @@ def record(
 
 
 def _must_be(camera: Camera, recorded: CameraRecord) -> None:
-    """Cables get swapped: names stand for serial numbers. A camera that does not answer fails later."""
+    """Check the serial numbers behind the names: cables get swapped. A camera that does not answer fails
+    later.
+    """
     with suppress(CameraError):
         serial = camera.identify().serial
         if serial != recorded.serial:

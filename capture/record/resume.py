@@ -67,7 +67,7 @@ def continued(
     plans: Sequence[PlanRecord],
     say: Callable[[str], None],
 ) -> PlanRecord | None:
-    """The last plan of that kind, None if there is none; InputError where the request contradicts it."""
+    """The last plan of that kind, or None; InputError where the request contradicts it."""
     last = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
     if last is None:
         return None

@@ -1,4 +1,4 @@
-"""From what is asked for to a line of plans.jsonl: the scene, darks, flats or the board."""
+"""Conversion of a request to a line of plans.jsonl: the scene, darks, flats or the board."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -31,7 +31,7 @@ def plan_for(
 ) -> tuple[PlanRecord, Automatic | None]:
     """The plan that is to follow `plans` in a session, and how its bracket was planned, if it was.
 
-    Exposures are metered where nothing else tells them. InputError and CaptureError say what cannot be.
+    Exposures that are not given are metered. InputError and CaptureError for impossible requests.
     """
     frames = _frames(source, request, plans)
     bracket: tuple[Exposure, ...] | Stops | BracketGoals | None = request.bracket
@@ -132,7 +132,7 @@ def _metered(source: Source, kind: Subject, frames: Sequence[int]) -> Metering:
 def _given(
     source: Source, kind: Subject, bracket: tuple[Exposure, ...] | Stops, frames: Sequence[int]
 ) -> tuple[Exposure, ...]:
-    """Exposures as they are, or stops around the middle one, which is metered where nobody gives it."""
+    """Exposures as given, or stops around the middle one, which is metered if it is not given."""
     exposures = tuple(exposure for exposure in bracket if isinstance(exposure, Exposure))
     if exposures:
         return exposures

@@ -97,9 +97,9 @@ def _existing(out: Path, request: CaptureRequest) -> Session | None:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What a capture would shoot, and what that is worth.
+    """Preview of a capture, and its quality.
 
-    size: width and height of a picture, None if no camera has told. metering: of a scene; None where the
+    size: width and height of a picture, None if no camera reports it. metering: of a scene; None where the
     cameras cannot be metered, for the reason `unmetered`. plan: of an automatic bracket only.
     """
 
@@ -135,7 +135,7 @@ def rehearse(source: Source, out: Path, request: CaptureRequest) -> Rehearsal:
 
 
 def _size(source: Source) -> tuple[int, int] | None:
-    """That of the first camera: on some buses it is known only once there is a picture."""
+    """Size of the first camera's picture: on some buses it is known only once there is a picture."""
     if source.size is not None:
         return source.size
     able = next(iter(source.cameras.values())).capabilities()
@@ -143,5 +143,5 @@ def _size(source: Source) -> tuple[int, int] | None:
 
 
 def nothing_beside(session: Session, plan: PlanRecord, progress: Progress) -> AbstractContextManager[None]:
-    """For real cameras: only a simulator knows the truth."""
+    """Write nothing, for real cameras: only a simulator knows the truth."""
     return nullcontext()

@@ -1,4 +1,4 @@
-"""Where the file of a shot stands, and how it gets there."""
+"""Name and place of a shot's file."""
 
 import hashlib
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""What a session can be shot with: cameras that are connected, or a simulated rig, made alike."""
+"""Sources of shots: connected cameras, or a simulated rig, with one interface."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -22,15 +22,15 @@ class Operator(Protocol):
     """Puts things before the cameras: a person at a terminal, or the simulator."""
 
     def show(self, kind: Subject) -> None:
-        """Have the cameras look at that from now on."""
+        """Set the subject of the cameras from now on."""
         ...
 
     def move_to(self, frame: int) -> None:
-        """Have rig and scene stand as they are to stand in that frame."""
+        """Move rig and scene to that frame."""
         ...
 
     def turn_to(self, band: str) -> None:
-        """Have every camera look through that filter of its wheel; InputError if nobody can turn it."""
+        """Turn the filter wheels of all cameras to that filter; InputError if they cannot be turned."""
         ...
 
 
@@ -39,26 +39,26 @@ class Source:
     """Cameras, and what is usual with them where nothing is asked for."""
 
     called: str
-    """Its name in messages."""
+    """Name in messages."""
     origin: str
     seed: int | None
     records: tuple[CameraRecord, ...]
     """These three as session.json has them."""
     cameras: Mapping[str, Camera]
-    """By name."""
+    """Cameras by name."""
     clock: Clock
-    """That of the cameras' drivers."""
+    """Clock of the cameras' drivers."""
     operator: Operator
     bracket: tuple[Exposure, ...] | Stops | BracketGoals
     """Exposures, stops around the middle one, or what a planned bracket has to reach."""
     middle: Exposure | None
     """The exposure that stops count from; metered if None."""
     f_number: float | None
-    """Of all exposures."""
+    """F-number of all exposures."""
     positions: int | None
-    """How many frames a scene can have; None: any number."""
+    """Largest number of frames of a scene; None: unlimited."""
     frames: int
-    """How many it usually has."""
+    """Default number of frames."""
     leader: str | None
     """The camera whose exposure triggers all others by a wire, if one does."""
     tolerance: float
@@ -66,13 +66,13 @@ class Source:
     size: tuple[int, int] | None
     """Width and height of a picture, if they are known before there is one."""
     board: Board | None
-    """What is shown where a board is to be."""
+    """Board that is shown in plans of kind board."""
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
-    """What is written along with the shots of a plan."""
+    """Callback that writes additional files with the shots of a plan."""
     bands: tuple[Band, ...] = ()
-    """The filters before its cameras; none: it has no filters."""
+    """Filters before its cameras; empty without filters."""
     wheel: tuple[str, ...] = ()
-    """Those of them that are changed at every frame, in this order; none: each camera keeps its own."""
+    """Filters that are changed at every frame, in this order; empty: each camera keeps its own."""
 
     def close(self) -> None:
         """Let go of the cameras."""
@@ -82,7 +82,8 @@ class Source:
 
 @dataclass(frozen=True)
 class CaptureRequest:
-    """What is to be shot. None: what is usual or, where a session is completed, what it was begun with.
+    """Request of a capture. None: the default or, where a session is completed, the value it was begun
+    with.
 
     frames: positions of the scene, poses of the board, or repeats of darks and flats. resume: take exactly
     the shots that the last such plan of the session lacks. compression: of RAW files.

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Inbox(Generic[T]):
-    """What others leave for a thread, or for several."""
+    """Queue for one or several threads."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -42,25 +42,25 @@ class Inbox(Generic[T]):
                     return None
 
     def poll(self) -> T | None:
-        """The oldest item; None if there is none now."""
+        """Return the oldest item, or None."""
         with self._clock.lock:
             return self._items.popleft() if self._items else None
 
     @property
     def has_items(self) -> bool:
-        """Whether there is an item."""
+        """True if an item waits."""
         with self._clock.lock:
             return bool(self._items)
 
     def take_all(self) -> list[T]:
-        """Return what nobody has begun with, oldest first."""
+        """Return the items not yet taken, oldest first."""
         with self._clock.lock:
             items = list(self._items)
             self._items.clear()
             return items
 
     def close(self) -> None:
-        """Drop what nobody has begun with; nothing more will come."""
+        """Drop the items not yet taken; nothing more will come."""
         with self._clock.lock:
             self._items.clear()
             self._closed = True

@@ -34,7 +34,7 @@ def wheel_of(value: Any) -> tuple[Band, ...]:
 def fault_of_wheels(
     wheels: Sequence[tuple[Band, ...]], bands: Sequence[Band | None]
 ) -> tuple[int, str] | None:
-    """Which camera is at fault, and a sentence, where its filter wheel is not that of the rig; else None."""
+    """Camera at fault, and a sentence, where its filter wheel is not that of the rig; else None."""
     for index, (wheel, band) in enumerate(zip(wheels, bands, strict=True)):
         if wheel and band is not None:
             return index, "this camera has a band and filters; leave one out."
@@ -44,7 +44,7 @@ def fault_of_wheels(
 
 
 def fault_of_bands(bands: Sequence[Band | None]) -> tuple[int, str] | None:
-    """Which camera is at fault, and a sentence, where the filters of a rig do not go together; else None."""
+    """Camera at fault, and a sentence, where the filters of a rig do not go together; else None."""
     seen: dict[str, Band] = {}
     for index, band in enumerate(bands):
         if band is None:

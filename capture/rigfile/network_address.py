@@ -1,4 +1,4 @@
-"""Where a camera on the network is, as people write it: `gige:192.168.1.20`, `ptpip:192.168.1.2`.
+"""Network addresses of cameras as users write them: `gige:192.168.1.20`, `ptpip:192.168.1.2`.
 
 `gphoto2:ptpip:192.168.1.2` has libgphoto2 drive it.
 """
@@ -17,19 +17,19 @@ _FORMS = 'gige: or ptpip: and an IPv4 address, as "gige:192.168.1.20" or "ptpip:
 
 @dataclass(frozen=True)
 class NetworkAddress:
-    """What a camera speaks, its IPv4 address, and its port where that can be another than the usual one."""
+    """Protocol of a camera, its IPv4 address, and its port where that can be another than the usual one."""
 
     scheme: Literal["gige", "ptpip", "gphoto2:ptpip"]
     host: str
     port: int | None = None
 
     def __str__(self) -> str:
-        """As people write it."""
+        """Format as users write it."""
         return f"{self.scheme}:{self.host}" + ("" if self.port in (None, PORT) else f":{self.port}")
 
     @property
     def where(self) -> str:
-        """As its driver says it."""
+        """Format as its driver does."""
         if self.port is None:
             return f"GigE {self.host}"
         return place_of(self.host, self.port) if self.scheme == "ptpip" else str(self)
@@ -54,7 +54,7 @@ def address_of(value: Any) -> NetworkAddress:
 
 
 def gige_hosts(addresses: Iterable[NetworkAddress]) -> list[str]:
-    """Of the GigE Vision cameras among them."""
+    """Addresses of the GigE Vision cameras among them."""
     return [address.host for address in addresses if address.port is None]
 
 

@@ -135,7 +135,7 @@ def _keys_of(table: KeyPath) -> list[str]:
 
 
 def _must_be_one_rig(rig: RigFile) -> None:
-    """InputError where cameras cannot be told apart, or the trigger is not that of these cameras."""
+    """Raise InputError where cameras are not distinct, or the trigger is not that of these cameras."""
     cameras, trigger = rig.tables.camera, rig.tables.trigger
     for key in ("name", "serial"):
         _must_differ(rig, key, [getattr(camera, key) for camera in cameras])

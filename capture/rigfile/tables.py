@@ -75,9 +75,9 @@ class _Table(BaseModel):
 
 
 class CameraTable(_Table):
-    """A camera: `serial` is its identity, `name` its place in file names.
+    """Camera: `serial` is its identity, `name` its place in file names.
 
-    rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
+    rig: cameras that name the same rig keep their places to each other; None: no rig. position: in
     the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
     camera; filters: those of the wheel before it, in the order of shooting. address: of a PTP/IP camera, or a
     GigE Vision camera that no broadcast reaches. node: the host that it is connected to; None: the one that
@@ -112,7 +112,7 @@ class BracketTable(_Table):
 
     @property
     def wanted(self) -> BracketGoals:
-        """What the planner is to reach."""
+        """Goals for the planner."""
         return BracketGoals(self.snr, self.slowest, self.total, self.highest_iso)
 
     def middle(self, lowest_iso: float | None) -> Exposure | None:
@@ -124,7 +124,7 @@ class BracketTable(_Table):
 
 
 class TriggerTable(_Table):
-    """How the cameras are made to expose together.
+    """Common triggering of the cameras.
 
     hardware: all but the leader expose on a rising edge of their input `line`; the leader is triggered by
     software and shows on its line `output` (`line` if not given) that it exposes. Without a leader the
@@ -140,7 +140,7 @@ class TriggerTable(_Table):
 
 
 class RigTables(_Table):
-    """The whole file. pause: before every frame but the first, for Enter or so many seconds."""
+    """Tables of the whole file. pause: before every frame but the first, for Enter or that many seconds."""
 
     frames: Annotated[int, Field(strict=True, ge=1, le=9999)] = 1
     pause: Annotated[float | Literal["key"], BeforeValidator(_pause)] = "key"
@@ -158,12 +158,12 @@ class RigTables(_Table):
 
     @property
     def addresses(self) -> tuple[NetworkAddress, ...]:
-        """Where cameras are asked by name."""
+        """Addresses of cameras that discovery cannot find."""
         return tuple(camera.address for camera in self.camera if camera.address is not None)
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """The hosts that its cameras are connected to, each once; none: all are connected to this one."""
+        """Hosts that its cameras are connected to, each once; empty: all are connected to this one."""
         return tuple(dict.fromkeys(camera.node for camera in self.camera if camera.node is not None))
 
     @property
@@ -174,5 +174,5 @@ class RigTables(_Table):
 
     @property
     def wheel(self) -> tuple[Band, ...]:
-        """The filters that every camera has one after another; none if these stay, or there are none."""
+        """Filters that every camera has one after another; empty if these stay, or there are no filters."""
         return self.camera[0].filters

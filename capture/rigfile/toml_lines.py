@@ -1,6 +1,6 @@
-"""On which line of a TOML file each key stands, so that an error can name it.
+"""Line of each key in a TOML file, for error messages.
 
-`tomllib` tells that of its own errors only. A file is cut here into its statements, a header or a pair of
+`tomllib` states lines of its own errors only. A file is cut here into its statements, a header or a pair of
 key and value each, and every statement is read by `tomllib` itself: all that has to be known of TOML is
 where strings, comments and brackets end (TOML 1.0.0, https://toml.io/en/v1.0.0).
 """
@@ -70,7 +70,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _header(value: dict[str, Any], array: bool, sizes: dict[Path, int]) -> Path:
-    """The path of a table; a name of an array of tables stands for the last of them."""
+    """The path of a table; the name of an array of tables denotes its last one."""
     *outer, last = [name for name in list(_paths(value))[-1] if isinstance(name, str)]
     path: Path = ()
     for name in outer:

@@ -1,7 +1,7 @@
-"""Folders that other programs left: photographs with lenses, poses and exposures beside them.
+"""Folders from other programs: photographs with lenses, poses and exposures beside them.
 
-`detect` says by the files in a folder which program that was, `read_layout` reads what they tell. A
-layout only names photographs and says things about them; reading and sorting them is the import's.
+`detect` recognises the program by the files in a folder, `read_layout` reads them. A layout only names and
+describes photographs; reading and sorting them is the import's.
 """
 
 from pathlib import Path
@@ -29,7 +29,7 @@ def detect(folder: Path) -> LayoutName:
 
 
 def read_layout(folder: Path, name: LayoutName) -> Given | None:
-    """Return what the layout tells; None for plain photographs.
+    """Return the layout of a folder, or None for plain photographs.
 
     InputError that names the file and the place in it when it is damaged, contradicts itself or leads
     out of `folder`.

@@ -70,7 +70,7 @@ def _is_model(place: Path) -> bool:
 
 
 def _folders(folder: Path, depth: int) -> list[Path]:
-    """Folders so many steps below, in natural order; hidden ones and links are passed over."""
+    """Subfolders at that depth, in natural order; hidden ones and links are passed over."""
     found = [
         path
         for path in folder.glob("/".join("*" * depth))
@@ -82,7 +82,7 @@ def _folders(folder: Path, depth: int) -> list[Path]:
 
 
 def images_folder(folder: Path, names: Iterable[str] = ()) -> Path:
-    """Where the photographs lie that a model names: the folder that has most of them, `images/` first."""
+    """Folder of the photographs that a model names: the one that has most of them, `images/` first."""
     place = model_folder(folder)
     above = [] if place is None else [path for path in place.parents if path.is_relative_to(folder)]
     roots = [root / name for root in (folder, *above) for name in ("images", "input", ".")]
@@ -217,7 +217,7 @@ def _drop_features(source: Path, to: Path) -> None:
 
 
 def lens_of_camera(camera: Any, place: Path) -> Lens | None:
-    """The lens of a COLMAP camera; None if its model is none that rig has."""
+    """Lens of a COLMAP camera; None if rig has no such model."""
     model = MODELS.get(camera.model_name)
     if model is None:
         return _nearest(camera, place)

@@ -1,4 +1,4 @@
-"""Whether the binary files of a COLMAP model are whole.
+"""Integrity of the binary files of a COLMAP model.
 
 pycolmap reads a file that is cut off for ever, or invents what is missing; so the files are walked
 through first. Their layout: https://colmap.github.io/format.html.

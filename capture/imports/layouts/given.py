@@ -1,4 +1,4 @@
-"""What a layout tells about photographs, and the checks that every layout shares."""
+"""Contents of a layout, and the checks that every layout shares."""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 FARTHEST = 1e9
 """A camera further than this from the origin, in any unit, is a damaged number."""
 ROUNDING = 1e-3
-"""By so much may the columns of a rotation differ from unit and orthogonal: files round to few digits."""
+"""Tolerance of the columns of a rotation from unit and orthogonal: files round to few digits."""
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera axes x right, y up, z back become x right, y down, z forward."""
@@ -31,7 +31,7 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class GivenDepth:
-    """The depth map of a photograph. unit: what 1 in it is in units of the world, where that is told."""
+    """Depth map of a photograph. unit: length of 1 in it in units of the world, if stated."""
 
     path: Path
     unit: float | None = None
@@ -39,13 +39,12 @@ class GivenDepth:
 
 @dataclass(frozen=True)
 class GivenPhoto:
-    """One photograph that a layout names.
+    """Photograph that a layout names.
 
-    camera: the layout's word for the camera; photographs of one word share a lens. lens: at the size
-    that the layout states, None where rig has no such lens model. cam_from_world: None where the
-    layout has no pose. frame: photographs of one camera and frame are a bracket; None: not told.
-    use: what a data set with a split of its own has it for; None: for neither. mask: its mask, None: none.
-    depth: its depth map, None: none.
+    camera: the layout's word for the camera; photographs of one word share a lens. lens: at the size that the
+    layout states, None where rig has no such lens model. cam_from_world: None where the layout has no pose.
+    frame: photographs of one camera and frame are a bracket; None if unknown. use: training or test, in a
+    data set with its own split; None: neither. mask: its mask or None. depth: its depth map or None.
     """
 
     path: Path
@@ -90,7 +89,7 @@ class Given:
 
 
 def pose_of(cam_from_world: Array, where: str) -> Pose:
-    """A rigid motion [4, 4] in OpenCV's axes as a Pose; InputError, naming `where`, if it is none."""
+    """A rigid motion [4, 4] in OpenCV's axes as a Pose; InputError, naming `where`, if it is not rigid."""
     rotation, translation = cam_from_world[:3, :3], cam_from_world[:3, 3]
     if cam_from_world.shape != (4, 4) or not np.isfinite(cam_from_world).all():
         raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
@@ -104,7 +103,7 @@ def pose_of(cam_from_world: Array, where: str) -> Pose:
 
 
 def pose_seen(world_from_cam: Array, where: str) -> Pose:
-    """The pose of a camera [4, 4] in OpenCV's axes; InputError, naming `where`, if it is none.
+    """The pose of a camera [4, 4] in OpenCV's axes; InputError, naming `where`, if it is not rigid.
 
     Its centre stays what is stated: a rounded rotation is made a rotation before it is turned round, since
     far from the origin its inverse would move the camera.

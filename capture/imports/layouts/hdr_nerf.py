@@ -73,7 +73,7 @@ def _images(folder: Path) -> Path | None:
 
 
 def _views(root: Path) -> dict[str, list[Path]]:
-    """The exposures of every view in order of their index; InputError for a name that tells none."""
+    """Exposures of every view in order of their index; InputError for a name without them."""
     views: dict[str, list[Path]] = {}
     for path in pictures_in(root):
         match = _NAME.fullmatch(path.stem)

@@ -59,7 +59,7 @@ class PosedFrame:
     where: str
 
     def number(self, key: str) -> float | None:
-        """A number of the frame, else of the top; None where neither has it; InputError if it is none."""
+        """Number of the frame, else of the top; None if neither has it; InputError if it is not a number."""
         value = self.values.get(key, self.top.get(key))
         if value is None:
             return None
@@ -69,7 +69,7 @@ class PosedFrame:
 
     @property
     def file_path(self) -> str:
-        """What `file_path` says; InputError if it says nothing."""
+        """The `file_path`; InputError if it is empty."""
         path = self.values.get("file_path")
         if not isinstance(path, str) or not path:
             raise InputError(f"{self.where} has no file_path: correct it or take the frame out.")
@@ -97,7 +97,7 @@ class PosedFrame:
         return FISHEYE if fisheye else "OPENCV" if model is None else model
 
     def lens(self, photo: Path) -> Lens | None:
-        """The lens of the frame; None if rig has no such model. `photo` tells the size if no key does."""
+        """Lens of the frame; None if rig has no such model. `photo` gives the size if no key does."""
         model = self._camera_model()
         fisheye = model == FISHEYE
         names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
@@ -187,7 +187,7 @@ def files_in(folder: Path) -> list[Path]:
 def read(folder: Path) -> Given:
     """The photographs that the frames name, in natural order; others in the folder are not imported.
 
-    A photograph that is named and not there is told as missing. InputError for a frame that cannot be
+    A photograph that is named and does not exist is listed as missing. InputError for a frame that cannot be
     read, one that leads out of the folder, and two that name one photograph.
     """
     sources = files_in(folder)
@@ -227,7 +227,7 @@ def read(folder: Path) -> Given:
 
 
 def _use(source: Path, sources: list[Path]) -> Literal["train", "test"] | None:
-    """What photographs of one of the files are for; those for validation are for neither beside a test."""
+    """Use of the photographs of one of the files; validation counts as neither where there is a test set."""
     part = source.stem.removeprefix("transforms").removeprefix("_")
     if part == "val":
         return "test" if all(other.name != "transforms_test.json" for other in sources) else None
@@ -283,7 +283,7 @@ def _depth(folder: Path, entry: PosedFrame) -> GivenDepth | None:
 
 
 def _file(folder: Path, entry: PosedFrame, key: str) -> Path | None:
-    """The file that a frame names; None: it names none. InputError if it is not there."""
+    """File that a frame names, or None. InputError if it does not exist."""
     name = entry.values.get(key)
     if name is None:
         return None
@@ -294,7 +294,7 @@ def _file(folder: Path, entry: PosedFrame, key: str) -> Path | None:
 
 
 def _focal(angle: float | None, pixels: float) -> float | None:
-    """Focal length, px, of a field of view in radians across so many pixels."""
+    """Focal length, px, for a field of view in radians across that many pixels."""
     return pixels / 2 / math.tan(angle / 2) if angle is not None and 0 < angle < math.pi else None
 
 

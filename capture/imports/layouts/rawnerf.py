@@ -27,7 +27,7 @@ from imaging.pose import Pose
 MERGED = Path("hdrplus_test", "merged.dng")
 """The clean mosaic of a test scene; its codes have two bits more than those of the shots."""
 EVERY = 8
-"""One photograph in so many is for testing, where no clean mosaic is."""
+"""Stride of the test photographs, in data sets without a clean mosaic."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _given(
 
 
 def _images(folder: Path) -> tuple[Path, list[_Image]]:
-    """Return what tells the poses, and the images that have one, by name as text."""
+    """Return the source of the poses, and the images that have one, by name as text."""
     place = colmap.model_folder(folder)
     if place is None:
         paths, poses, lens = llff.posed_images(folder)
@@ -167,9 +167,9 @@ def _unposed(raws: dict[str, Path], images: Sequence[_Image], source: Path) -> l
 
 
 def _exposure(raw: Path) -> Exposure | None:
-    """The exposure that a sidecar tells; None without one: that of the file counts.
+    """Exposure in a sidecar; None without one: that of the file counts.
 
-    InputError if the sidecar is damaged or tells a time, ISO or f-number that cannot be.
+    InputError if the sidecar is damaged or has an impossible time, ISO or f-number.
     """
     path = raw.with_suffix(".json")
     if not path.is_file():

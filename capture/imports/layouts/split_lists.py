@@ -1,4 +1,4 @@
-"""What a data set trains and tests on where lists of names say so, beside it or in its transforms.json."""
+"""Training and test views of a data set by lists of names, beside it or in its transforms.json."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ def with_lists(given: Given, folder: Path) -> Given:
 
 
 def split(given: Given, lists: Mapping[str, set[Path]], source: str) -> Given:
-    """The same with the uses that lists of photographs by part say, or a note that there are none."""
+    """The same with the uses from lists of photographs, or a note that there are no such lists."""
     tests = lists.get("test") or lists.get("val") or set()
     trains = lists.get("train") or {photo.path for photo in given.photos} - tests - lists.get("val", set())
     if not tests or not trains - tests:

@@ -1,4 +1,4 @@
-"""Photographs sorted into cameras: a body with one setting of its lens; every guess is told in a sentence."""
+"""Photographs sorted into cameras: a body with one setting of its lens; each guess comes with a sentence."""
 
 import re
 import unicodedata
@@ -16,14 +16,14 @@ from capture.imports.sorting.lens_settings import UNKNOWN, LensSetting, lens_set
 from imaging.session.records import CameraRecord
 
 Identity = Literal["serial", "folder", "one"]
-"""What tells photographs of one camera from those of another; one: nothing but their kind and size."""
+"""Key that distinguishes cameras; one: only their kind and size."""
 
 Source = Literal["serial", "model", "layout", "folder", "one"]
 
 
 @dataclass(frozen=True)
 class _Body:
-    """What makes two photographs those of one body. identity: serial number, lens of a layout, or folder."""
+    """Key of a body. identity: serial number, lens of a layout, or folder."""
 
     source: Source
     make: str = ""
@@ -33,7 +33,7 @@ class _Body:
 
 @dataclass(frozen=True)
 class _Key:
-    """What makes two photographs those of one camera of a session: one body, size and setting of the lens."""
+    """Key of a camera of a session: one body, size and setting of the lens."""
 
     body: _Body
     kind: str
@@ -50,14 +50,15 @@ def sort_into_cameras(
     filters: frozenset[str] = frozenset(),
     turn: bool = True,
 ) -> tuple[list[PhotoSeries], list[str]]:
-    """One camera a serial number, else a make and model; each size and setting of the lens is one of its own.
+    """Assign a camera to each serial number, else make and model; each size and setting of the lens is one of
+    its own.
 
-    Photographs that tell no camera are of one camera, unless those of each folder are as many and their times
-    agree. by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is
-    believed unless `by` says otherwise, and photographs of two words are never mixed. filters: names of
-    bands in lower case, whose folders are of no camera of their own. turn: whether photographs that stand
-    upright are turned to lie as the others of their camera do. A file that could not be read belongs to the
-    only camera of its folder and kind, if there is one.
+    Photographs without camera metadata are of one camera, unless those of each folder are as many and their
+    times agree. by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is
+    believed unless `by` says otherwise, and photographs of two words are never mixed. filters: names of bands
+    in lower case, whose folders are of no camera of their own. turn: whether photographs that stand upright
+    are turned to lie as the others of their camera do. A file that could not be read belongs to the only
+    camera of its folder and kind, if there is one.
     """
     readable = [original for original in originals if original.picture is not None]
     apart = by == "folder" or _fired_together(folder, readable, filters)
@@ -97,7 +98,7 @@ def sort_into_cameras(
 
 
 def _in_time(photos: list[Original]) -> list[Original]:
-    """In order of their times, if all that can be read tell one; counters in file names start over.
+    """Sort by time, if every readable photograph has one; counters in file names start over.
 
     A photo that cannot be read stays behind the one that it follows.
     """
@@ -140,7 +141,9 @@ def _home(folder: Path, original: Original, filters: frozenset[str]) -> str:
 
 
 def _fired_together(folder: Path, originals: Sequence[Original], filters: frozenset[str]) -> bool:
-    """Whether what tells no camera lies in folders that hold as many photographs, taken at the same times."""
+    """Return whether photographs without camera metadata lie in folders of equal size, taken at the same
+    times.
+    """
     homes: dict[str, list[Original]] = {}
     for original in originals:
         assert original.picture is not None
@@ -157,7 +160,7 @@ def _fired_together(folder: Path, originals: Sequence[Original], filters: frozen
 
 
 def _with_settings(originals: Sequence[Original], keys: Mapping[Path, _Key]) -> dict[Path, _Key]:
-    """The keys with the setting of the lens, told apart among the photographs of each body."""
+    """Add the setting of the lens to the keys, among the photographs of each body."""
     of_body: dict[_Body, list[Original]] = {}
     for original in originals:
         of_body.setdefault(keys[original.path].body, []).append(original)
@@ -198,7 +201,7 @@ def _turned(
 
 
 def _guesses(keys: Sequence[_Key], series: Sequence[PhotoSeries], by: Identity | None) -> list[str]:
-    """A sentence for each way in which cameras were told apart."""
+    """Sentences for the ways in which cameras were distinguished."""
     how = "as given" if by is not None else "--cameras sorts them otherwise"
     sources = list(dict.fromkeys(key.body.source for key in keys))
     sentences = []

@@ -25,9 +25,9 @@ NEVER = re.compile(r"@eadir|__macosx|.*\.lrdata", re.IGNORECASE)
 """Folders in which programs and servers keep pictures of their own."""
 
 SMALLER = 0.9
-"""Of the width of a photograph: a copy is at most as wide."""
+"""Largest width of a copy relative to its photograph."""
 SAME_SHAPE = 0.02
-"""By so much may the aspect ratio of a copy differ: sizes are rounded."""
+"""Tolerance of the aspect ratio of a copy: sizes are rounded."""
 ALIKE = 0.97
 """Correlation of a copy with the photograph made as small."""
 _TRIED = 3
@@ -37,14 +37,18 @@ _WIDEST = 200
 
 @dataclass(frozen=True)
 class Derived:
-    """What was made of photographs. aside: pictures by the folder that they are in; masks: by photograph."""
+    """Files derived from photographs. aside: pictures by the folder that they are in; masks: by
+    photograph.
+    """
 
     aside: Mapping[Path, list[Path]] = field(default_factory=dict)
     masks: Mapping[Path, Path] = field(default_factory=dict)
 
 
 def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
-    """What of the pictures of a folder and its subfolders another program made of others among them."""
+    """Find the pictures of a folder and its subfolders that another program derived from others among
+    them.
+    """
     aside: dict[Path, list[Path]] = defaultdict(list)
     masks: dict[Path, Path] = {}
     stems: dict[str, list[Path]] = defaultdict(list)

@@ -13,7 +13,7 @@ ROUNDED = 1.0
 
 @dataclass(frozen=True)
 class LensSetting:
-    """What files say of a lens; None: nothing.
+    """Lens metadata of a file, None if absent.
 
     focal: mm, times the digital zoom. equivalent: mm of 35 mm film.
     """
@@ -34,7 +34,7 @@ class LensSetting:
 
     @property
     def known(self) -> bool:
-        """Whether the files say anything of the lens."""
+        """True if the files state anything about the lens."""
         return bool(self.lens or self.focal or self.equivalent)
 
     def agrees(self, other: "LensSetting") -> bool:
@@ -76,5 +76,5 @@ def lens_settings(files: Sequence[FrameMetadata]) -> list[LensSetting]:
 
 
 def _order(setting: LensSetting) -> tuple[bool, float, float, str]:
-    """Those that say most first, by focal length."""
+    """Sort the most complete first, by focal length."""
     return setting.focal is None, setting.focal or 0.0, setting.equivalent or 0.0, setting.lens

@@ -12,7 +12,7 @@ SAME_SHAPE = 0.01
 
 
 def without_strays(originals: Sequence[Original]) -> tuple[tuple[Original, ...], list[str]]:
-    """The photographs without those few that tell no camera, where others do, and are of another shape."""
+    """The photographs without a few of another shape that lack camera metadata, where others have it."""
     photos = [photo for photo in originals if photo.kind == "ldr" and photo.picture is not None]
     telling = [photo for photo in photos if _tells(photo)]
     shapes = [_shape(photo) for photo in telling]
