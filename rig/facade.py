@@ -1,4 +1,4 @@
-"""What `import rig` has that no stage has by itself."""
+"""Functions of `import rig` that no single stage has."""
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 def find_cameras(
     simulated: str | None = None, *, addresses: Sequence[str] = (), on_progress: Progress = unreported
 ) -> "list[ConnectedCamera]":
-    """Every camera that is connected, asked what it is and what it can do; none is left open.
+    """Find every connected camera, with its identity and capabilities; none is left open.
 
-    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of cameras that
-    no search finds, such as "ptpip:192.168.1.2" or, of GigE Vision, "192.168.1.20". InputError: there is no
-    such rig, an address is none, or USB cannot be used on this machine.
+    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of cameras that no
+    search finds, such as "ptpip:192.168.1.2" or, of GigE Vision, "192.168.1.20". InputError: the rig is
+    unknown, an address is invalid, or USB cannot be used on this machine.
     """
     from capture.rigfile.network_address import address_of, ptpip_places
     from drivers.discovery import ask_all

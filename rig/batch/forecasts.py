@@ -1,4 +1,4 @@
-"""How much memory each step of a plan will take, said before it is begun."""
+"""Memory forecast of each step of a plan, made before it begins."""
 
 from pathlib import Path
 
@@ -23,7 +23,9 @@ SPLAT = 17
 
 
 def calibration(session: Path) -> Task:
-    """Of `rig calibrate`, by the largest photograph and the number of them. Errors: those of a session."""
+    """Forecast `rig calibrate`, by the largest photograph and the number of them. Errors: those of a
+    session.
+    """
     shots = Session.open(session).shots("scene")
     largest = max((shot.width * shot.height for shot in shots), default=0)
     views = {(shot.frame, shot.camera) for shot in shots}
@@ -31,7 +33,7 @@ def calibration(session: Path) -> Task:
 
 
 def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
-    """Of `rig reconstruct`. InputError: more than any machine has, with the setting that would fit."""
+    """Forecast `rig reconstruct`. InputError: more than any machine has, with the setting that would fit."""
     budget = None if scene.budget is None else Budget.parse(scene.budget)
     overrides = Overrides.of(scene.sets())
     needed = forecast(
@@ -41,6 +43,6 @@ def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
 
 
 def export(reconstruction: Path) -> Task:
-    """Of `rig export`, by the size of the scene; one that is not there is told by the command itself."""
+    """Forecast `rig export`, by the size of the scene; a missing scene is reported by the command itself."""
     scene = reconstruction / SPLATS
     return Task(EXPORT + SPLAT * (scene.stat().st_size if scene.is_file() else 0))

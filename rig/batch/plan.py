@@ -24,9 +24,9 @@ class _Table(BaseModel):
 
 
 class PlannedScene(_Table):
-    """One scene of each session: the options of `rig reconstruct`, and the files that are exported of it.
+    """Scene of each session: the options of `rig reconstruct`, and the files that are exported of it.
 
-    export: names of files, whose ends tell their formats, as `rig export --out` has them.
+    export: names of files, whose extensions select their formats, as in `rig export --out` has them.
     """
 
     name: Name | None = None
@@ -49,14 +49,14 @@ class PlannedScene(_Table):
         return words
 
     def sets(self) -> list[str]:
-        """As `--set` has them."""
+        """Settings in the form of `--set`."""
         return [
             f"{key}={int(value) if isinstance(value, bool) else value}" for key, value in self.set.items()
         ]
 
     @property
     def called(self) -> str:
-        """What tells it from the other scenes of a plan."""
+        """Name that distinguishes it from the other scenes of a plan."""
         return self.name or " ".join([self.method, self.quality, *([self.budget] if self.budget else [])])
 
 
@@ -67,7 +67,7 @@ class _Tables(_Table):
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """What is to be done: every scene of every session. sessions: folders, each once."""
+    """Plan of a batch: every scene of every session. sessions: folders, each once."""
 
     path: Path
     sessions: tuple[Path, ...]

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: what it printed as JSON, and its last sentence."""
+    """Outcome of a command: its JSON output, and its last sentence."""
 
     code: int
     data: dict[str, Any]
@@ -69,7 +69,7 @@ def _once(share: Share, words: Sequence[str]) -> tuple[int, str, str]:
 class RayWorkers:
     """Processes on the nodes of a Ray cluster, which see the sessions at the same paths.
 
-    cores: of a node, that a task takes; its memory is what it is forecast to take, and it takes one GPU if it
+    cores: of a node, that a task takes; its memory is that of its forecast, and it takes one GPU if it
     wants one and the cluster has any. InputError: no node has so many cores.
     """
 
@@ -100,7 +100,7 @@ class RayWorkers:
     def submit(
         self, task: Task, function: Callable[Concatenate[Share, P], T], *arguments: P.args, **named: P.kwargs
     ) -> "Future[T]":
-        """As `Workers.submit`, on whichever node has room; again on another where its node is lost.
+        """Submit as `Workers.submit`, on any node with room; again on another if its node is lost.
 
         InputError in the future: no node has so much memory.
         """
@@ -146,7 +146,9 @@ class RayWorkers:
 
 @contextmanager
 def begun(count: int, address: str | None, cores: int) -> Iterator[Workers]:
-    """Workers until the block ends: so many on this machine, or those of a Ray cluster at an address."""
+    """Make workers until the block ends: a number on this machine, or those of a Ray cluster at an
+    address.
+    """
     workers: Workers
     if address is None:
         from recon.train.device import gpus
@@ -161,5 +163,5 @@ def begun(count: int, address: str | None, cores: int) -> Iterator[Workers]:
 
 
 def _called(function: Callable[..., T], share: Share, arguments: Sequence[Any], named: dict[str, Any]) -> T:
-    """On a node."""
+    """Run on a node."""
     return function(share, *arguments, **named)

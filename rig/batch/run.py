@@ -23,7 +23,7 @@ Step = Literal["calibrate", "reconstruct", "export"]
 
 
 class BatchRow(Record):
-    """What came of a scene of a session, or of the calibration without which it has none.
+    """Result of a scene of a session, or of the calibration without which it has none.
 
     failed: the step that failed; says: why, in a sentence. seconds: of all steps, of the clock. attempts: of
     the step that took most. already_there: it was finished before. forecast: bytes of memory that its
@@ -163,7 +163,7 @@ class _Run:
 
     @property
     def total(self) -> int:
-        """How many scenes there are to be."""
+        """Number of scenes in all."""
         return len(self.plan.sessions) * len(self.plan.scenes)
 
     def result(self) -> BatchResult:
@@ -180,9 +180,9 @@ def carry_out(
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
 ) -> BatchResult:
-    """Do all of a plan that is not done yet; what fails is told in its row, and the rest goes on.
+    """Carry out the rest of a plan; failures are recorded in their rows, and the rest goes on.
 
-    Every step is a command of its own that goes on where it was stopped, so the same plan does so too. As
+    Every step is a command of its own that resumes where it was stopped, so the same plan resumes too. As
     scenes are done, PLAN.batch.json is written.
     """
     going = _Run(plan, workers, on_progress, on_message)

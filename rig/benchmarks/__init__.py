@@ -7,7 +7,7 @@ if TYPE_CHECKING:
 
 
 def protocols() -> "dict[str, Protocol]":
-    """By the name that the command line has for them."""
+    """Protocols by their names on the command line."""
     from rig.benchmarks.hdr_nerf import HDR_NERF
     from rig.benchmarks.hdr_plenoxels import HDR_PLENOXELS
     from rig.benchmarks.rawnerf import RAWNERF

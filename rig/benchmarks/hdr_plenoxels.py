@@ -6,7 +6,7 @@ from imaging.progress import Progress
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 EVERY = 4
-"""One photograph in so many, by name, is for testing."""
+"""Stride of the test photographs, by name."""
 
 
 def _is_scene(folder: Path) -> bool:

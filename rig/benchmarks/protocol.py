@@ -1,4 +1,4 @@
-"""What the protocols of data sets have in common: scenes that are found, done once each, and a table."""
+"""Common parts of the protocols of data sets: scenes that are found, done once each, and a table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Figures = dict[str, float]
 
 @dataclass(frozen=True)
 class Choices:
-    """What is asked for. views: training views that are looked at, evenly chosen; None: all."""
+    """Choices of the user. views: training views in use, evenly chosen; None: all."""
 
     quality: QualityName = "standard"
     seed: int = 0
@@ -28,7 +28,7 @@ class Choices:
 
     @property
     def name(self) -> str:
-        """Of the scenes that are trained so."""
+        """Name of the scenes with these choices."""
         return f"{self.quality}-{self.seed}" + ("" if self.views is None else f"-{self.views}-views")
 
 
@@ -42,7 +42,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a data set is trained and measured.
+    """Protocol of a data set: training and measuring.
 
     is_scene: whether a folder is one of its scenes, by file names. run: from the folder of a scene and that
     of its session to its figures; what is done already is kept. columns: by the name of the figure.
@@ -58,7 +58,7 @@ class Protocol:
 
 
 def scenes_in(protocol: Protocol, folder: Path) -> list[Path]:
-    """The folder if it is a scene, else the scenes in it, by name; InputError if there is none."""
+    """The folder if it is a scene, else the scenes in it, by name; InputError without any."""
     if not folder.is_dir():
         raise InputError(
             f"{folder} is not a folder: name a scene of the data set, or the folder of its scenes."
@@ -82,7 +82,7 @@ class Outcome:
     failed: dict[str, str]
 
     def means(self) -> Figures:
-        """Over the scenes that have a figure."""
+        """Means over the scenes that have a figure."""
         keys = dict.fromkeys(key for figures in self.figures.values() for key in figures)
         values = {key: [one[key] for one in self.figures.values() if key in one] for key in keys}
         return {key: sum(found) / len(found) for key, found in values.items()}

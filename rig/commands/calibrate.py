@@ -84,11 +84,11 @@ def calibrate(
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
 
-    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
-    from darks and flats, lenses, rig and scale from a board, where the session has them.
-    Lengths are relative until a board, measured places of cameras, --survey or GPS positions in the files
-    tell metres. Light is relative until --luminance says what it is in cd/m2; readings stay for later runs.
-    Writes SESSION/calibration with a COLMAP model and report.html.
+    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor from
+    darks and flats, lenses, rig and scale from a board, where the session has them. Scale is arbitrary unless
+    a board, measured camera positions, --survey or GPS positions in the files provide metres. Light is
+    relative unless --luminance provides cd/m2; readings are kept for later runs. Writes SESSION/calibration
+    with a COLMAP model and report.html.
 
     Example: rig calibrate S
     """
@@ -103,9 +103,10 @@ def calibrate(
 
 
 SECONDS = 6.0, 18.0
-"""Of a processor, that a photograph takes in all, in sets that are soon done and in others: a castle,
-6 megapixels, 6.6 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5 (calibration_full_size.md);
-a telephone's video, 2 megapixels, 17.4."""
+"""Processor seconds for a photograph in all, in sets that are soon done and in others: a castle, 6
+megapixels, 6.6 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5 (calibration_full_size.md); a
+telephone's video, 2 megapixels, 17.4.
+"""
 FULL = 2e6
 """Pixels from which on a photograph takes that long: features are looked for in no more."""
 ON_ALL_CORES = 0.53
@@ -114,7 +115,9 @@ WORTH_SAYING = 30.0
 
 
 def expected(sizes: Sequence[int], cores: int) -> str | None:
-    """How long a calibration of views with so many pixels each takes, in words; None: not worth a word."""
+    """Duration, in words, of the calibration of views with these numbers of pixels; None if too short to
+    mention.
+    """
     clock = (1 - ON_ALL_CORES + ON_ALL_CORES / cores) * sum(min(1.0, size / FULL) for size in sizes)
     low, high = (clock * seconds for seconds in SECONDS)
     if high < WORTH_SAYING:
@@ -174,7 +177,7 @@ def run_calibrate(
 
 
 def earlier_calibration(session: Path) -> CommandResult:
-    """What the calibration that a session has came to."""
+    """Summary of the calibration of a session."""
     from imaging.session.calibration import read_calibration
 
     return replace(poses_result(session, read_calibration(session)), already_there=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class LightPart(StrEnum):
-    """Parts of light that scene points tell, as `calib.light.parts` has them."""
+    """Parts of light from scene points, as `calib.light.parts` has them."""
 
     EXPOSURE = "exposure"
     WHITE_BALANCE = "white_balance"
@@ -30,11 +30,11 @@ LIGHT: dict[str, tuple[LightPart, str]] = {
     "camera_gain": (LightPart.GAIN, "sensitivity of each camera"),
     "white_balance": (LightPart.WHITE_BALANCE, "white balance between cameras"),
 }
-"""Which part each rung of light is of, and its name in words."""
+"""Part and display name of each rung of light."""
 
 
 def cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult:
-    """What came of a calibration of cameras without poses."""
+    """Result of a calibration of cameras without poses."""
     report = session / "calibration" / "report.html"
     evidence = {camera.name: camera.response.evidence for camera in record.cameras}
     responses = {camera.name: camera.response.kind for camera in record.cameras}
@@ -105,7 +105,7 @@ def _light_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
 
 
 def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
-    """What coordinates the scene is in, how sure that is, and each surveyed point."""
+    """Coordinates of the scene, their error, and each surveyed point."""
     from imaging.session.coordinates import length_text
 
     where = record.coordinates
@@ -127,7 +127,7 @@ def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[st
 
 
 def _luminance_figures(record: "CalibrationRecord") -> dict[str, Any] | None:
-    """The scale of light; None: it is relative."""
+    """Scale of light; None if it is relative."""
     return None if record.luminance is None else record.luminance.model_dump(mode="json")
 
 
@@ -167,14 +167,14 @@ def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
 
 
 def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
-    """Why an image got no pose from what it shows."""
+    """Reason why an image got no pose from its own contents."""
     if view in record.contradicted:
         return "contradicts other images about where it stands"
     return "shows nothing that was recognised"
 
 
 def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
-    """What came of a calibration with poses."""
+    """Result of a calibration with poses."""
     from calib.place_views import FURTHER
     from imaging.session.calibration import MOTION
 

@@ -161,7 +161,7 @@ def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple
 
 
 def _kind(context: typer.Context, wanted: dict[Subject, bool]) -> Subject:
-    """What is to be shot: the scene, or one of the frames for calibration."""
+    """Kind of shots: the scene, or one of the frames for calibration."""
     chosen = [kind for kind, is_wanted in wanted.items() if is_wanted]
     if len(chosen) > 1:
         raise WrongUsage("--darks, --flats and --board are shot one after the other: give one", context)
@@ -177,7 +177,7 @@ def _read(rig_file: Path | None) -> RigFile | None:
 def _wanted(
     bracket: Stops | None, limits: dict[str, float | None], rig: RigFile | None
 ) -> BracketGoals | None:
-    """What an automatic bracket has to reach, if the command line says anything of that.
+    """Goals of an automatic bracket, if the command line states any.
 
     What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
     """

@@ -70,7 +70,9 @@ def check(
 
 
 def _written(session: Path, report: "CheckReport", data: dict[str, Any]) -> tuple[Path | None, str | None]:
-    """The page of a session that has shots, or why there is none: a session may be read-only."""
+    """Write the page of a session that has shots, or return the reason why not: a session may be
+    read-only.
+    """
     if not report.looks:
         return None, None
     from rig.report.pages.check import check_report

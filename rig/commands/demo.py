@@ -21,8 +21,9 @@ SIM, SEED = "demo", 0
 NAME = "demo"
 METHOD: MethodName = "nh-3dgs"
 TRAINING_SECONDS = 85.0
-"""At most 90 s are promised, on however slow a machine; the rest is for the last checkpoint. A machine that
-needs less trains the whole preset, and then the result is the same wherever it ran."""
+"""Time limit of the training. At most 90 s are promised, on however slow a machine; the rest is for the last
+checkpoint. A machine that needs less trains the whole preset, and then the result is the same on any machine.
+"""
 
 
 def demo(
@@ -90,7 +91,7 @@ def run_demo(out: Path, status: StatusLine, clock: Callable[[], float] = time.mo
 
 
 def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
-    """What the stages took, and which were done by an earlier run."""
+    """Seconds of the stages, and which were done by an earlier run."""
     words = ", ".join(f"{name} {duration(spent)}" for name, spent in times.items())
     done = f"{', '.join(before)} done before" if before else ""
     return "Time: " + "; ".join(part for part in (words, done) if part)

@@ -99,7 +99,7 @@ def doctor(
 
 
 def _camera_result(which: str, sim: str | None, status: "StatusLine") -> CommandResult:
-    """What came of the examination of a camera, a line each."""
+    """Result of a camera's examination, a line each."""
     from capture.rigfile.network_address import ptpip_places
     from drivers.conformance import examine
     from drivers.discovery import find_cameras
@@ -150,7 +150,7 @@ COLUMNS = ("Case", "Worst of", "Against", "Error", "Limit", "OK")
 
 
 def _stability_result(rows: "list[StressCase]") -> CommandResult:
-    """What came of the stress tests: all of them as a table, and the failures by name."""
+    """Result of the stress tests: all of them as a table, and the failures by name."""
     groups = [(part.capitalize(), [_row(case) for case in rows if case.part == part]) for part in PARTS]
     lines = table(groups, COLUMNS, {"Case": 3, "Worst of": 2})
     wrong = [case for case in rows if not case.ok]
@@ -170,7 +170,7 @@ def _row(case: "StressCase") -> tuple[str, ...]:
 
 
 def _training() -> tuple[str, str, str]:
-    """What `rig reconstruct` will run on."""
+    """Environment of `rig reconstruct`."""
     import torch
 
     from recon.train.device import device_name, training_device

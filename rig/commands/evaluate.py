@@ -37,7 +37,7 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
 
 
 def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
-    """By session: px at which its scenes are compared, where several are named."""
+    """Width, px, at which the scenes of each session are compared, where several are named."""
     from recon.evaluate import common_width
 
     scenes: dict[Path | None, list[Path]] = {}
@@ -52,9 +52,9 @@ def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
 def run_evaluate(
     folder: Path, status: StatusLine, width: int | None = None, until: float = math.inf
 ) -> CommandResult:
-    """Evaluate, write the report and say what came of it.
+    """Evaluate, write the report and return the result.
 
-    width: px, at most; None: as it was trained. until: as `reconstruction_report` has it.
+    width: px, at most; None: that of the training. until: as in `reconstruction_report`.
     """
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
@@ -77,7 +77,7 @@ def evaluated_before(folder: Path) -> CommandResult | None:
 
 
 def _evaluation_result(folder: Path, metrics: dict[str, Any], report: Path) -> CommandResult:
-    """What came of an evaluation."""
+    """Result of an evaluation."""
     lines = [f"{folder}: {headline(metrics)}", f"Report: {report}"]
     return CommandResult({"reconstruction": str(folder), "metrics": metrics, "report": str(report)}, lines)
 

@@ -60,7 +60,7 @@ def explain(
 
 @dataclass(frozen=True)
 class _Decisions:
-    """What there is to explain: a session, a scene in it, or a scene alone.
+    """Subject to explain: a session, a scene in it, or a scene alone.
 
     calibration: the session's, or where a scene was named the one that it was trained on.
     """
@@ -71,9 +71,9 @@ class _Decisions:
     calibration: CalibrationRecord
     model: ModelRecord | None
     shots_added: bool
-    """Since the calibration."""
+    """True if shots were added since the calibration."""
     calibrated_again: bool
-    """Since the training."""
+    """True if the session was calibrated again since the training."""
 
 
 def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Decisions:
@@ -177,4 +177,4 @@ def _row(row: RungRow) -> tuple[str, ...]:
 
 
 PLANS, PARTS = {"Exposures": 5, "Why": 8}, {"Part of the model": 2, "Why": 7}
-"""How columns share a line; the others are as wide as what they hold."""
+"""Layout of columns that share a line; the others are as wide as their contents."""

@@ -61,11 +61,11 @@ def export(
     ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Write a scene for other programs, and say what that loses of its light.
+    """Write a scene for other programs, and report the loss of its light.
 
-    What is lost is measured on the scene and told in stops, of its Gaussians and of pictures drawn from the
+    The loss is measured on the scene and stated in stops, for its Gaussians and for pictures drawn from the
     file. --out scene.html is a page that shows the scene at any exposure, offline, in any browser of 2023 or
-    later. docs/export.md has what each format is for.
+    later. docs/export.md explains each format.
 
     Example: rig export S --out scene.usdc
     """

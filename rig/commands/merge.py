@@ -90,7 +90,7 @@ def merge(
 
 
 def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middle_grey: bool) -> str:
-    """What a value in the files is."""
+    """Meaning of a value in the files."""
     stops = f"{math.log2(factor):+g}".replace("-", "−")
     why = ", which shows the median of the session as middle grey, to the nearest stop" if middle_grey else ""
     values = f"Values are light times {number(factor)} ({stops} stops){why}"

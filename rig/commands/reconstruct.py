@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rig.report.tensorboard import TensorBoardLog
 
 REPORT_SHARE = 0.25
-"""Of the time of a training, what the report may take before it looks at no more photographs."""
+"""Share of the time of a training after which the report reads no more photographs."""
 _PRESETS = "; ".join(
     f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
     f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
@@ -254,7 +254,7 @@ def run_training(
 
 
 def _outcome(record: "ModelRecord") -> str:
-    """How the training went, in one line."""
+    """Course of the training, in one line."""
     words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
     if record.ending == "early stop":
         words += f" of {record.settings.iterations} since validation views hardly got better"

@@ -229,7 +229,9 @@ def render(
 
 
 def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | None:
-    """Where a light probe stands; None: none was asked for. InputError for what is no place."""
+    """Place of a light probe; None if not requested. InputError for an invalid place. InputError for what is
+    no place.
+    """
     if probe is None:
         return view
     if view is not None:
@@ -244,7 +246,7 @@ def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | Non
 
 
 def _unknown(attributes: Mapping[str, object]) -> list[str]:
-    """What a light probe lacks, in a sentence."""
+    """Gaps of a light probe, in a sentence."""
     known = attributes["rig:known"]
     if not isinstance(known, float) or known > 0.995:
         return []

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 PAGE_SHARE = 0.05
-"""Of the time, kept for the page and for a training that is given up late."""
+"""Share of the time kept for the page and for a training that is given up late."""
 
 
 def trade(
@@ -70,7 +70,7 @@ def trade(
 def run_trade(
     session: Path, status: StatusLine, budget: float, workers: "int | Workers", seed: int
 ) -> CommandResult:
-    """Sweep, write the page and say what came of it; after Ctrl-C too the page has what there is."""
+    """Sweep, write the page and return the result; after Ctrl-C too the page has all finished points."""
     from recon.trade import trade_sweep
     from rig.report.pages.trade import trade_report
 
@@ -94,7 +94,7 @@ def run_trade(
 
 
 def _trade_result(session: Path, trade_off: "Trade", report: Path) -> CommandResult:
-    """What came of a trade-off: its front over time."""
+    """Result of a trade-off: its front over time."""
     from recon.trade import front
 
     best = front(trade_off.points, lambda point: point.seconds, lambda point: point.db)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class UsbBus:
-    """What drivers are given. rig: the simulated one; None on this machine's bus."""
+    """Bus of the drivers. rig: the simulated one; None on this machine's bus."""
 
     backend: IBackend
     clock: Clock
@@ -29,7 +29,7 @@ class UsbBus:
 
 
 def open_bus(sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
-    """The bus of the simulated rig `sim`, or this machine's if that is None. InputError: no such rig."""
+    """The bus of the simulated rig `sim`, or this machine's by default. InputError for an unknown rig."""
     if sim is None:
         from drivers.clock import SystemClock
         from drivers.usb import default_backend
@@ -55,14 +55,14 @@ def open_network(sim: str | None, addresses: Sequence[NetworkAddress] = ()) -> N
 
 
 def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:
-    """Who moves the rig and what stands before it: the simulator, or the person at the terminal."""
+    """Operator of the rig and of its targets: the simulator, or the person at the terminal."""
     if bus.rig is not None:
         return bus.rig
     return _person(rig, status, bus.clock)
 
 
 def _person(rig: RigFile, status: StatusLine, clock: Clock) -> Operator:
-    """Whoever sits at the terminal."""
+    """Operator at the terminal."""
     from rig.terminal.operator import TerminalOperator
 
     return TerminalOperator(status.ask, rig.tables.pause, clock, status.say)
@@ -79,7 +79,8 @@ def source_of(
     rough: bool = False,
     ray: str = "auto",
 ) -> Iterator[Source]:
-    """What the command line names: the cameras of a rig file, or with `sim` simulated ones in their place.
+    """Source named on the command line: the cameras of a rig file, or with `sim` simulated ones in their
+    place.
 
     ray: the cluster of the nodes that a rig file names. InputError and CaptureError as `connected_source`,
     `simulated_source` and `ray_source` have them.

@@ -39,7 +39,7 @@ def view(
     ] = "127.0.0.1",
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Look at a scene in the browser.
+    """View a scene in the browser.
 
     Move through it with the mouse, at any exposure in stops; see it through ACES 2.0, AgX or a filmic curve,
     in false colours by stops or with what clips; measure light by a click; stand where a photograph was taken
@@ -81,8 +81,9 @@ def view(
 
 
 def _followed(path: Path) -> Path | None:
-    """The session whose training is shown as it goes: one that is under way, or that may begin; None: there
-    is a finished scene to look at."""
+    """Session whose training is followed: one that is under way, or that may begin; None for a finished
+    scene.
+    """
     around = session_of(path) if is_held(path) else None
     under_way = any(map(is_held, path.glob("reconstructions/*/")))
     return around or (path if under_way or without_scene(path) else None)

@@ -1,1 +1,1 @@
-"""What options of the command line are read from: those several commands take, and whole lines of text."""
+"""Shared options of the command line, and parsing of lines of text."""

@@ -1,4 +1,4 @@
-"""What a scene is placed by, as the command line is given it."""
+"""Options that place a scene in coordinates."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -15,7 +15,7 @@ _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 
 class BoardText(str):
-    """What was given for a board; read when it is needed, since OpenCV takes a while to load."""
+    """Board option; parsed when it is needed, since OpenCV takes a while to load."""
 
     def board(self) -> Board:
         """The board; InputError of one sentence that says what is wrong with the text."""
@@ -50,7 +50,7 @@ class BoardText(str):
 
 
 def board_text(text: str) -> BoardText:
-    """For typer."""
+    """Parse for typer."""
     if not text.strip():
         raise typer.BadParameter(f"describe the board, as {EXAMPLE}")
     return BoardText(text)

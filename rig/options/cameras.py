@@ -20,7 +20,7 @@ CameraOption = Annotated[
 
 
 def addresses_of(given: Sequence[str] | None, sim: str | None) -> "list[NetworkAddress]":
-    """The addresses that are named. InputError: one is none, or the rig is a simulated one."""
+    """Addresses from the option. InputError: one is invalid, or the rig is a simulated one."""
     from capture.rigfile.network_address import address_of
     from imaging.errors import InputError
 

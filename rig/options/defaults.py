@@ -15,7 +15,7 @@ NAMED_BY = "RIG_CONFIG"
 
 
 def config_file() -> Path | None:
-    """The file in force: what RIG_CONFIG names, else ~/.config/rig/config.toml if it is there; None: none."""
+    """Active file: the one in RIG_CONFIG, else ~/.config/rig/config.toml if it exists, else None."""
     named = os.environ.get(NAMED_BY)
     if named is not None:
         return Path(named).expanduser() if named else None
@@ -24,7 +24,7 @@ def config_file() -> Path | None:
 
 
 def usual_place() -> Path:
-    """Where the file is if nothing names another: by freedesktop.org's specification of base directories."""
+    """Default place of the file: by freedesktop.org's specification of base directories."""
     base = os.environ.get("XDG_CONFIG_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path("~/.config").expanduser()
     return home / "rig" / "config.toml"

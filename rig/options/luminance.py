@@ -21,12 +21,13 @@ HELP = (
 )
 ERROR = 0.05
 """Standard error of a reading that states none: luminance meters of class L to B of DIN 5032-7 have 5 to 10 %
-as a limit, photographers' spot meters a tenth of a stop."""
+as a limit, photographers' spot meters a tenth of a stop.
+"""
 _NUMBER = r"(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?|\.\d+)"
 
 
 class ReadingText(str):
-    """What was given for a reading, read when it is needed."""
+    """Reading option, parsed when it is needed."""
 
     def reading(self) -> LuminanceReading:
         """The reading; InputError of one sentence that says what is wrong with the text."""
@@ -85,14 +86,14 @@ def _value(text: str) -> dict[str, object]:
 
 
 def reading_text(text: str) -> ReadingText:
-    """For typer."""
+    """Parse for typer."""
     if not text.strip():
         raise typer.BadParameter(f"write a reading as {EXAMPLE}")
     return ReadingText(text)
 
 
 def readings_of(texts: list[ReadingText] | None) -> tuple[LuminanceReading, ...] | None:
-    """The readings that were given; None: none were, those of earlier runs stay; (): they are forgotten."""
+    """Readings from the options; None without any, those of earlier runs stay; (): they are dropped."""
     if not texts:
         return None
     if [text.strip() for text in texts] == ["none"]:

@@ -18,11 +18,11 @@ class Metric:
     percent: bool = False
     """Stored as a ratio, written in per cent."""
     in_line: str = ""
-    """Its name where a terminal shows the metrics that say most; empty: not among them."""
+    """Short name in the terminal's line of important metrics; empty: not among them."""
     on_tile: str = ""
-    """What it is called on a tile at the top of a report; empty: it has none."""
+    """Name on a tile at the top of a report; empty: it has no tile."""
     on_axis: str = ""
-    """What it is called on an axis of a trade-off; empty: none is measured by it."""
+    """Name on an axis of a trade-off; empty: it has no axis."""
 
     def written(self, value: float | None) -> str:
         """The value without its unit."""

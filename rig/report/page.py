@@ -23,7 +23,7 @@ SECTIONS = {
 
 @dataclass(frozen=True)
 class Page:
-    """What a page shows. sections: by name, each drawn by the template of that name."""
+    """Contents of a page. sections: by name, each drawn by the template of that name."""
 
     kind: str
     title: str

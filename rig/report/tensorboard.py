@@ -41,7 +41,7 @@ class TensorBoardLog:
     def finished(self, folder: Path, *, told: bool) -> None:
         """Add pictures of a scene's held-out views at its own exposure, of its first ones if it has none.
 
-        told: whether the lines of its log were; they are added otherwise.
+        told: whether the lines of its log were added already; otherwise they are now.
         """
         if not told:
             for line in store.read_lines(folder / LOG):

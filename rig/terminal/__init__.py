@@ -1,1 +1,1 @@
-"""How a command is_main_process: progress, tables, failures, the person at the rig."""
+"""Interaction of commands with people: progress, tables, failures, the operator at the rig."""

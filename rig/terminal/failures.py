@@ -1,4 +1,4 @@
-"""What a failure is called on the command line: one sentence and an exit code.
+"""Failures on the command line: one sentence and an exit code.
 
 Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault and nothing usable came
 out; 3 done in part; 130 stopped by Ctrl-C (128 + SIGINT, as shells expect).
@@ -62,7 +62,7 @@ def explained(error: BaseException, words: Sequence[str] = ()) -> tuple[str, int
 
 
 def _usage(error: TyperException) -> str:
-    """A wrong command line, without the usage page that nobody asked for."""
+    """Report a wrong command line in one sentence, without the usage page."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rig"
     message = error.format_message().replace("Value error, ", "").strip().rstrip(".")

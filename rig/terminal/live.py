@@ -14,7 +14,7 @@ from rig.terminal.stage import Stage
 from rig.terminal.text import duration, plain
 
 ROOMY = 120
-"""Columns of a terminal from which on a bar leaves the message room; the count tells the same."""
+"""Fewest columns of a terminal at which a bar leaves the message room; narrower ones have the count alone."""
 
 
 class _Words(ProgressColumn):

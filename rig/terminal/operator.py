@@ -1,4 +1,4 @@
-"""The person at the rig: told what to put before the cameras, and waited for."""
+"""Operator at the terminal: asked to place targets before the cameras, and to confirm."""
 
 import sys
 from collections.abc import Callable
@@ -21,10 +21,10 @@ NEXT: dict[Subject, str] = {
 
 
 class TerminalOperator:
-    """Reads Enter from standard input; where that is no terminal, nobody is waited for.
+    """Operator who confirms by Enter on standard input; without a terminal, nothing waits.
 
-    ask: shows a line that a person has to read; say: the same line where nobody is waited for. pause: before
-    all frames but the first, "key" for Enter or so many seconds of `clock`. Darks and flats follow each other
+    ask: shows a line that a person has to read; say: the same line where nothing waits. pause: before all
+    frames but the first, "key" for Enter or a number of seconds of `clock`. Darks and flats follow each other
     without one.
     """
 
@@ -46,7 +46,7 @@ class TerminalOperator:
             self._wait(DO[kind])
 
     def move_to(self, frame: int) -> None:
-        """Wait until everything stands for that frame."""
+        """Wait until rig and scene are ready for that frame."""
         moved, self._frame = self._frame not in (None, frame), frame
         if not moved or self._kind not in NEXT:
             return
@@ -58,7 +58,7 @@ class TerminalOperator:
             self._clock.sleep(self._pause)
 
     def turn_to(self, band: str) -> None:
-        """Wait until the wheel stands at that filter; InputError where nobody could be waited for."""
+        """Wait until the wheel is at that filter; InputError without a terminal."""
         what = f"Filter {band}: turn the wheel of every camera to it."
         if self._pause != "key" and self._pause > 0:
             self._ask(f"{what} {self._pause:g} seconds from now it is shot.")

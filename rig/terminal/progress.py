@@ -21,7 +21,7 @@ GRACE, INTERVAL = 1.0, 5.0
 
 
 class StatusLine(Protocol):
-    """Where a command shows what it is doing: a line that changes, and lines that stay."""
+    """Status display of a command: a line that changes, and lines that stay."""
 
     stage: Stage
 
@@ -96,9 +96,10 @@ class PlainStatusLine:
 
 @dataclass
 class SilentStatusLine:
-    """Shows nothing: with --quiet, and of several processes that torchrun started, in all but the first.
+    """Status display that shows nothing: with --quiet, and in all but the first of several processes of
+    torchrun.
 
-    stream: where a person is asked something nevertheless; None: nowhere.
+    stream: for questions to a person nevertheless, or None.
     """
 
     stream: TextIO | None = None
@@ -132,7 +133,7 @@ _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 @contextmanager
 def silenced(quiet: bool) -> Iterator[None]:
-    """Within the block a status shows nothing, if `quiet`."""
+    """Suppress the status within the block, if `quiet`."""
     before = _QUIET.set(quiet)
     try:
         yield

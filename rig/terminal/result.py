@@ -1,4 +1,4 @@
-"""What commands have in common: a result, printed; Ctrl-C; nothing half made left behind."""
+"""Common parts of commands: a printed result; Ctrl-C; removal of incomplete output."""
 
 import json
 import shutil
@@ -19,20 +19,20 @@ from rig.terminal.text import plain, sentence
 
 @dataclass
 class CommandResult:
-    """What came of a command: `data` for --json, `lines` for people, `missing` if not all is done."""
+    """Result of a command: `data` for --json, `lines` for people, `missing` if not all is done."""
 
     data: dict[str, Any]
     lines: list[str] = field(default_factory=list)
     missing: str | None = None
     """One sentence that lists what is missing."""
     usable: bool = True
-    """Whether anything of use is there when something is missing."""
+    """True if the output is usable although something is missing."""
     defect: bool = False
-    """Whether what is missing is a defect of rig."""
+    """True if the missing part is a defect of rig."""
     already_there: bool = False
-    """Whether all of it was done before."""
+    """True if all of it was done before."""
     quiet: bool = False
-    """Whether nobody wants to read the lines."""
+    """True if the lines are not to be printed."""
 
     @property
     def exit_code(self) -> int:
@@ -129,7 +129,7 @@ def put(text: str) -> None:
 
 @contextmanager
 def removed_on_failure(folder: Path, unless: Callable[[Path], bool]) -> Iterator[None]:
-    """If the block fails and `unless(folder)` finds nothing usable, remove what the block created.
+    """Remove what the block created if it fails and `unless(folder)` finds nothing usable.
 
     A folder that was there before stays, and so do files that were in it.
     """

@@ -1,4 +1,4 @@
-"""How far a stage is, and how long it will take at the pace so far."""
+"""Progress of a stage, and the time left at the pace so far."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ Clock = Callable[[], float]
 
 @dataclass
 class Stage:
-    """How far a stage is, and how long it will take at the pace so far."""
+    """Progress of a stage, and the time left at the pace so far."""
 
     clock: Clock
     name: str = ""

@@ -1,4 +1,4 @@
-"""When the command was started: a budget of time is counted from there."""
+"""Start time of the command, from which a budget of time is counted."""
 
 import os
 import time

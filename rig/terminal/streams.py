@@ -1,4 +1,4 @@
-"""Who may speak: libraries are silenced while a command works, only rig's own lines come out.
+"""Silencing of libraries while a command works: only rig's own lines come out.
 
 A standard stream that is not there, or breaks, takes nothing but the words: the work goes on.
 """

@@ -1,4 +1,4 @@
-"""How values are said to people: safe text, durations, sizes, counts."""
+"""Formatting of values for people: safe text, durations, sizes, counts."""
 
 import math
 import shlex
@@ -53,7 +53,7 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A value with so many significant digits, never in exponents people cannot read; `n/a` for None."""
+    """A value with that many significant digits, never in exponents people cannot read; `n/a` for None."""
     if value is None or not math.isfinite(value):
         return "n/a"
     if value != 0 and (abs(value) >= 1e6 or abs(value) < 1e-4):

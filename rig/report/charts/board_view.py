@@ -1,4 +1,4 @@
-"""Where a board was held, seen from the cameras that it calibrated: a turntable for each rig."""
+"""Poses of a board, seen from the cameras that it calibrated: a turntable for each rig."""
 
 from collections.abc import Iterable, Sequence
 
@@ -13,7 +13,7 @@ from rig.report.charts.topic import Figure
 from rig.terminal.text import counted
 
 MOST_RIGS = 4
-"""Cameras that never saw the board together are drawn apart, so many of them."""
+"""Most separate drawings of cameras that never saw the board together."""
 
 Array = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ MANY = 40
 
 FEWEST_TICKS, MOST_TICKS = 3, 8
 LEAST, MOST = 1e-300, 1e300
-"""Of a logarithmic axis: its ticks, and what it shows."""
+"""Range of values on a logarithmic axis."""
 
 Scale = Literal["linear", "log"]
 
@@ -88,7 +88,7 @@ class Axis:
 
     @classmethod
     def _decades(cls, label: str, low: float, high: float) -> "Axis":
-        """From decade to decade; of a few, from 1, 2 or 5 of one to 1, 2 or 5 of another."""
+        """Ticks from decade to decade; for a few decades, from 1, 2 or 5 of one to 1, 2 or 5 of another."""
         low, high = min(max(low, LEAST), MOST), min(max(high, LEAST), MOST)
         powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)
         steps = [factor * 10.0**power for power in powers for factor in (1, 2, 5)]

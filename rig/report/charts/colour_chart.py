@@ -15,7 +15,7 @@ CELL, GAP = 100, 6
 
 
 def colour_topic(record: CalibrationRecord) -> Topic:
-    """Return what charts and shared points told of colours; an empty topic if neither did."""
+    """Return the colours from charts and shared points; an empty topic without either."""
     return Topic("Colour", figures=tuple(_figures(record)), tables=tuple(_tables(record)))
 
 

@@ -34,7 +34,7 @@ FREE: dict[LensModel, tuple[str, ...]] = {
 
 
 def lens_topic(record: CalibrationRecord, residuals: Residuals) -> Topic:
-    """Return what is known of the lenses, as far as scene points or a board told it."""
+    """Return the lenses, as far as scene points or a board determine them."""
     return Topic(
         "Lenses",
         figures=tuple(_figures(record, residuals)),
@@ -103,7 +103,7 @@ def _small(drawings: Sequence[Markup]) -> Markup:
 
 
 def field(name: str, residuals: CameraResiduals) -> Markup:
-    """Arrows from the middle of cells of the image, all magnified alike; the factor is told below."""
+    """Arrows from the middle of cells of the image, all magnified alike; the factor is stated below."""
     width, height = residuals.size
     rows = max(1, round(COLUMNS * height / width))
     column = np.clip((residuals.seen[:, 0] / width * COLUMNS).astype(int), 0, COLUMNS - 1)

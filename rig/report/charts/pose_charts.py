@@ -90,7 +90,7 @@ def _figures(
 
 
 def _by_camera(values: Mapping[ViewId, float]) -> list[Series]:
-    """One cloud a camera; so many that colours tell nothing are one."""
+    """Split into one cloud a camera; with too many cameras for colours, one cloud in all."""
     names = sorted({view.camera for view in values})
     groups = [[name] for name in names] if len(names) <= COLOURS else [names]
     return [

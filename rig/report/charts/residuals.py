@@ -1,4 +1,4 @@
-"""How far every scene point lands from where it was seen, from the COLMAP model of a calibration."""
+"""Residuals of every scene point, from the COLMAP model of a calibration."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from imaging.session.view_id import ViewId
 Array = npt.NDArray[np.float64]
 
 MOST_OBSERVATIONS = 200_000
-"""Of larger models an even choice of each image's observations is looked at."""
+"""Most observations drawn; of larger models an even choice of each image's observations is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class CameraResiduals:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """By camera; views: root mean square of the lengths, px."""
+    """Residuals by camera; views: root mean square of the lengths, px."""
 
     cameras: dict[str, CameraResiduals]
     views: dict[ViewId, float]
 
 
 def read_residuals(folder: Path) -> Residuals:
-    """Of the images called `<camera>/<frame>.png` of the model in `folder`; of none if there is no model."""
+    """Read the images called `<camera>/<frame>.png` of the model in `folder`; empty without a model."""
     try:
         model = pycolmap.Reconstruction(str(folder))
     except (ValueError, RuntimeError, OSError):

@@ -39,7 +39,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Topic:
-    """What belongs together: lenses, or sensors, or poses."""
+    """Section of charts: lenses, or sensors, or poses."""
 
     title: str
     note: str = ""
@@ -48,7 +48,7 @@ class Topic:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to show."""
+        """True if there is nothing to show."""
         return not (self.figures or self.tables)
 
 

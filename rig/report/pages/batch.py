@@ -14,7 +14,7 @@ from rig.terminal.text import counted, plain, size
 
 @dataclass(frozen=True)
 class SceneRow:
-    """A scene in words. link: to its report, from the page; empty where there is none."""
+    """Scene in words. link: to its report, from the page; empty without a report."""
 
     session: str
     scene: str

@@ -39,7 +39,7 @@ Rows = tuple[tuple[str, tuple["SheetCell | None", ...]], ...]
 
 @dataclass(frozen=True)
 class SheetCell:
-    """One shot in the grid; uri is None where there is no picture of it."""
+    """Shot in the grid; uri is None without a picture."""
 
     title: str
     frame: int

@@ -25,7 +25,7 @@ def reconstruction_report(
 ) -> Path:
     """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality.
 
-    until: reading of `time.monotonic` from which on no more photographs are looked at for the contact sheet.
+    until: reading of `time.monotonic` after which no more photographs are read for the contact sheet.
     """
     folder = Path(folder)
     metrics = store.read_json(folder / "metrics.json")

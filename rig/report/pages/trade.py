@@ -49,7 +49,9 @@ class TradeSection:
 
 @checked
 def trade_report(session: str | PathLike[str]) -> Path:
-    """Write the page of a session's trade-off; returns its path. InputError if there is none."""
+    """Write the page of a session's trade-off; return its path. InputError without a trade-off. InputError if
+    there is none.
+    """
     session = Path(session)
     opened, trade = Session.open(session), read_trade(session)
     page = Page(
@@ -140,7 +142,7 @@ def _tables(trade: Trade) -> Iterable[Table]:
 
 
 def settings(point: Point) -> dict[str, float | str | None]:
-    """Return what a training was made with, by hand or as its scene decided; None: as the method has it."""
+    """Return a training's settings, by hand or as its scene decided; None: the method's."""
     overrides = point.choice.overrides
     overridden = {key: getattr(overrides, key) for key in AXES}
     return overridden | {
@@ -178,7 +180,7 @@ USUAL = {
     "views": "all",
     "exposures": "all",
 }
-"""What a setting is where nobody sets it."""
+"""Default of a setting."""
 
 
 def _said(axis: str, value: float | str | None) -> str:

@@ -36,7 +36,7 @@ TOPICS = (
     ("Coordinates", ("survey", "gps", "onto")),
     ("Rig and poses", ("rig_", "board_", "pose_")),
 )
-"""Which rungs belong together, by the beginning of their name; the first that fits."""
+"""Groups of rungs, by the beginning of their name; the first that fits."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class RungRow:
     gain: str
     tried: bool
     cost: str
-    """What it adds to the model; nothing where that was not counted."""
+    """Cost in parameters of the model; empty if not counted."""
     reason: str
 
 
@@ -186,7 +186,7 @@ def _kind(camera: CameraCalibration) -> str:
 
 
 def rung_groups(rungs: Sequence[Rung]) -> Iterable[RungGroup]:
-    """By topic, in the order of `TOPICS`; what fits none comes last."""
+    """Rungs by topic, in the order of `TOPICS`; those without a topic come last."""
     groups: dict[str, list[Rung]] = {title: [] for title, _ in TOPICS}
     for rung in rungs:
         title = next((title for title, starts in TOPICS if rung.name.startswith(starts)), "Other")

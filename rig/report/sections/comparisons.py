@@ -146,7 +146,7 @@ def _balanced(pixels: Float, view: View) -> Float:
 
 
 def _shot_error(shot: Shot, predicted: Float, view: View) -> Bytes:
-    """Error of light where the photograph tells it: neither clipped, nor dark, nor invalid."""
+    """Error of light where the photograph is neither clipped, nor dark, nor invalid."""
     said = ~shot.saturated & ~shot.dark & shot.valid
     valid = said[..., None] if said.ndim == 2 else np.all(said, axis=-1, keepdims=True)
     if view.sensor.kind == "ldr":

@@ -1,4 +1,4 @@
-"""What to shoot next: sentences that follow from what a calibration could not measure, or not well."""
+"""Advice for the next shots: sentences that follow from gaps and errors of a calibration."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -102,7 +102,7 @@ def _files(folder: Path) -> Iterable[FileRow]:
 
 
 def _ended_by(model: ModelRecord) -> str:
-    """Return how many of the held-out views were looked at before."""
+    """Return how many of the held-out views influenced the training."""
     return f", {len(model.validation)} of them to end the training by" if model.validation else ""
 
 

@@ -1,4 +1,4 @@
-"""What the files of a session show: how much is clipped, how much is dark, and a thumbnail a view."""
+"""Shares of clipped and dark pixels in the files of a session, and a thumbnail a view."""
 
 import math
 import time
@@ -28,14 +28,16 @@ Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
 
 MOST_VIEWS = 24
-"""Views that are looked at; of a larger session an even choice."""
+"""Most views read; of a larger session an even choice."""
 GOLDEN = 0.6180339887498949
-"""Turns by it soon are everywhere: the views that were looked at when time is up are spread evenly."""
+"""Golden ratio of the order in which views are read: those read when time is up are spread evenly."""
 THUMBNAIL_WIDTH = 256
 BAND = 256
 """Rows of a photograph that are worked on at a time."""
 CLIPPED, DARK = 0.996, 0.004
-"""Of the code range or RAW signal: above the first no light is told apart, below the second hardly."""
+"""Thresholds as shares of the code range or RAW signal: above the first light is clipped, below the second
+hardly measurable.
+"""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class ShotPreviews:
-    """What was seen: shares by file, thumbnails, how many views of how many, files that cannot be read."""
+    """Read shots: shares by file, thumbnails, number of views read and in all, unreadable files."""
 
     shares: dict[str, tuple[float, float]]
     thumbnails: tuple[Thumbnail, ...]
@@ -120,7 +122,7 @@ def read_previews(session: Session, progress: Progress, until: float = math.inf)
 
 @dataclass(frozen=True)
 class _Looked:
-    """Of a view: a picture as a data URI, empty where no file of it could be read; shares by file."""
+    """Read view: a picture as a data URI, empty if no file of it could be read; shares by file."""
 
     uri: str
     shares: dict[str, tuple[float, float]]

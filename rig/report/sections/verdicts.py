@@ -1,4 +1,4 @@
-"""Whether a calibration is good enough to go on: a line for the whole and one a camera, and outliers by name.
+"""Verdict on a calibration: a line for the whole and one a camera, and outliers by name.
 
 Each line names the number and the threshold that it is held against.
 """

@@ -18,7 +18,7 @@ Vector = npt.NDArray[np.float64]
 
 
 class BrowserCamera(Protocol):
-    """What a browser says of its camera: its axes are those of OpenCV, x right, y down, z ahead."""
+    """Camera of a browser: its axes are those of OpenCV, x right, y down, z ahead."""
 
     @property
     def wxyz(self) -> Vector:
@@ -27,12 +27,12 @@ class BrowserCamera(Protocol):
 
     @property
     def position(self) -> Vector:
-        """Of its centre."""
+        """Position of its centre."""
         ...
 
     @property
     def fov(self) -> float:
-        """From top to bottom, radians."""
+        """Vertical field of view, radians."""
         ...
 
     @property

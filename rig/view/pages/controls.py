@@ -1,4 +1,4 @@
-"""What stands beside the picture of a scene: sliders, choices, switches."""
+"""Controls beside the picture of a scene: sliders, choices, switches."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared
 FREE = "free"
 AIM = "Click or tap into the picture."
 DIFFERENCE_STOPS = 2.0
-"""At the ends of the colours of a difference."""
+"""Range of the colours of a difference, stops."""
 KEYS = (
     "Drag or arrow keys to turn, right-drag to shift, scroll to go nearer, **W A S D Q E** to fly.  \n"
     "**B**, **V**: a stop brighter, darker. **N**, **P**: next, previous photograph. "
@@ -77,17 +77,17 @@ class Controls:
 
     @property
     def look(self) -> Look:
-        """As chosen."""
+        """Chosen look."""
         return Look(float(self.exposure.value), self.tones.value)
 
     @property
     def parts(self) -> Parts:
-        """As chosen."""
+        """Chosen parts."""
         environment, degree = self.parts_of_model
         return Parts(environment is None or environment.value, None if degree is None else int(degree.value))
 
     def offer(self, view: str | None) -> None:
-        """Let what there is to see from a view be chosen from."""
+        """Offer the layers of a view for choice."""
         shows = self._painter.shows(view)
         if tuple(self.show.options) != shows:
             chosen = self.show.value
@@ -117,7 +117,7 @@ class Controls:
         changed()
 
     def say_legend(self) -> None:
-        """What the colours mean, if there are any."""
+        """Show the legend of the colours, if any."""
         show = str(self.show.value)
         label, picture = "", legend()
         if show in LAYERS:

@@ -22,18 +22,18 @@ from rig.view.serving.server import Viewer
 PERIOD = 0.4
 """Seconds between two looks at the disk."""
 LONG = 30.0
-"""Seconds after which a training that does not answer is told of."""
+"""Seconds after which a training that does not respond is reported."""
 NONE = "None is under way: what `rig reconstruct` trains is shown here as it goes."
 
 
 def training_in(session: Path) -> Path | None:
-    """The folder that a process trains a scene in, the newest if there are more; None: none does."""
+    """Folder in which a process trains a scene, the newest of several, or None."""
     found = [folder for folder in session.glob("reconstructions/*/") if is_held(folder)]
     return max(found, key=lambda folder: folder.stat().st_mtime_ns, default=None)
 
 
 class Follower:
-    """Looks at a session again and again, and has a viewer show what is new."""
+    """Follower of a session, which keeps a viewer up to date."""
 
     def __init__(self, viewer: Viewer, session: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.viewer, self.session, self.clock = viewer, session, clock
@@ -47,14 +47,14 @@ class Follower:
         self._say(_unfinished(session))
 
     def run(self) -> None:
-        """Look until Ctrl-C."""
+        """Follow until Ctrl-C."""
         pause = threading.Event()
         while True:
             self.look()
             pause.wait(PERIOD)
 
     def look(self) -> None:
-        """Look once; what goes wrong is said in the page, and tried again at the next look."""
+        """Update once; failures are shown in the page, and retried at the next update."""
         try:
             training = training_in(self.session)
             if training is not None and training != self._training:
@@ -144,7 +144,7 @@ def _name(training: Path) -> str:
 
 
 def _stamp(path: Path) -> object:
-    """Another one for each file that was there; None: there is none."""
+    """Stamp that changes with the file; None without a file."""
     try:
         found = path.stat()
     except OSError:
@@ -153,7 +153,7 @@ def _stamp(path: Path) -> object:
 
 
 def _unfinished(session: Path) -> str:
-    """Return what there is to say of a session that no training is under way in."""
+    """Return the state of a session without a running training."""
     for folder in sorted(session.glob("reconstructions/*/")):
         begun = (folder / CHECKPOINT).is_file() or (folder / LOG).is_file()
         if begun and not (folder / MODEL).is_file():

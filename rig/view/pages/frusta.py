@@ -19,7 +19,7 @@ from rig.view.pictures.tones import Picture
 from rig.view.serving.start import Start, height_angle, overview
 
 LENGTH = 0.06
-"""Of a camera, in units of the scene."""
+"""Length of a camera, in units of the scene."""
 NEAR = 5 * LENGTH
 _TRAINED, _HELD_OUT = (90, 160, 255), (255, 140, 0)
 
@@ -51,7 +51,7 @@ class Frusta:
         return bool(np.linalg.norm(centres - eye, axis=1).min() < NEAR)
 
     def overview(self) -> Start:
-        """From where all cameras are seen."""
+        """Place that overlooks all cameras."""
         return overview([self.painter.placed(view.name).cam_from_world for view in self.painter.scene.views])
 
     def hide(self) -> None:
@@ -62,7 +62,7 @@ class Frusta:
                 self.client.scene.remove_by_name(_name(view))
 
     def _photographs(self) -> Photographs | None:
-        """Of the session that the scene is in; None where it is in none, or in one that cannot be read."""
+        """Photographs of the session of the scene; None without a readable session."""
         session = session_of(self.painter.scene.folder)
         try:
             return None if session is None or self.painter.scene.record.bands else Photographs(session)

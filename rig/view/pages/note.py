@@ -1,10 +1,10 @@
-"""What a page says of a training, above all else; nothing where none is followed."""
+"""Note on a training at the top of a page; empty if no training is followed."""
 
 import viser
 
 
 class Note:
-    """Of one browser."""
+    """Note of one browser."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._folder = gui.add_folder("Training", visible=False)

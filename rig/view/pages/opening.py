@@ -25,10 +25,9 @@ def painter_of(*scenes: Scene) -> Painter:
 
 
 def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay: bool = False) -> None:
-    """Have a viewer show what a painter draws.
+    """Let a viewer show the drawings of a painter.
 
-    start: where browsers stand already; None: they are sent to the first view, unless they `stay` where they
-    are.
+    start: present place of browsers; None: they are sent to the first view, unless they `stay`.
     """
     home = start_of(painter.scene, painter.scene.views[0]) if start is None else start
     sent = home if start is None and not stay else None

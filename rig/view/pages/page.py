@@ -1,4 +1,4 @@
-"""What one browser sees of scenes: the picture of its own camera, and the controls beside it."""
+"""Page of a scene in one browser: the picture of its own camera, and the controls beside it."""
 
 import threading
 import time
@@ -23,16 +23,16 @@ from rig.view.serving.start import Start, point, stand, start_at, up_of
 from rig.view.serving.state import State
 
 COARSE_SECONDS = 0.028
-"""That a picture may take while the camera moves: it has as few pixels as that needs."""
+"""Time of a picture while the camera moves: it has as few pixels as that needs."""
 STILL_SECONDS = 0.15
-"""After which a camera that did not move is shown at full size."""
+"""Time after which a camera that did not move is shown at full size."""
 ARRIVAL_SECONDS = 0.5
-"""In which a browser says where it stands after it was sent to a view: upright, as that may not be."""
+"""Time in which a browser reports its place after it was sent to a view: upright, as that may not be."""
 LOADING_SECONDS = 5.0
 """The same, of one that has just been opened by the address of a view."""
 MOST_WIDTH, LEAST_WIDTH = 1280, 160
 _SAME = 1e-4
-"""In units of the scene: a camera that is moved by less is where it was."""
+"""Smallest movement of a camera, in units of the scene."""
 
 
 class ScenePage:
@@ -70,11 +70,11 @@ class ScenePage:
 
     @property
     def look(self) -> Look:
-        """As chosen."""
+        """Chosen look."""
         return self.controls.look
 
     def tell(self, text: str) -> None:
-        """Say how a training goes."""
+        """Show the state of a training."""
         self.controls.note.say(text)
 
     def refresh(self) -> None:
@@ -96,7 +96,7 @@ class ScenePage:
         self._wake.set()
 
     def _state(self) -> State:
-        """As an address has it."""
+        """State for the address."""
         camera, view = self.client.camera, self.controls.view.value
         start = None
         if view == FREE:
@@ -116,7 +116,7 @@ class ScenePage:
         self._frusta.hide()
 
     def _go(self, name: str) -> None:
-        """Look from where a view does, through its lens, until the camera is moved."""
+        """Move the camera to a view, with its lens, until it is moved."""
         self.controls.offer(None if name == FREE else name)
         if name != FREE:
             view = self.painter.scene.view(name)
@@ -201,7 +201,7 @@ class ScenePage:
 
     @contextmanager
     def _told(self, wanted: Wanted) -> Iterator[None]:
-        """Say what is being done while it takes longer than a picture."""
+        """Show the present work while it takes longer than a picture."""
         if wanted.show != TRUST or self.painter.trust_is_known:
             yield
             return
@@ -242,7 +242,7 @@ class ScenePage:
         self._wake.set()
 
     def _measure(self, drawing: Drawing, place: tuple[int, int] | None, show: str, coarse: bool) -> None:
-        """Say what light there is at a pixel; None: the spot lies beside the picture."""
+        """Show the light at a pixel; None: the spot lies beside the picture."""
         if place is None:
             self.controls.spot.content = AIM
             return

@@ -1,4 +1,4 @@
-"""What a calibration found, for a page: cameras, scene points, and how far both agree."""
+"""Calibration on a page: cameras, scene points, and their residuals."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ WORST = 12
 
 @dataclass(frozen=True, eq=False)
 class RigModel:
-    """In page coordinates: the origin amid the cameras, the scene's points about 1 away.
+    """Rig in page coordinates: the origin amid the cameras, the scene's points about 1 away.
 
     poses: cam_from_world [4, 4] by view; points float32 [P, 3], with colours uint8 [P, 3]; residuals: root
     mean square by view, px.
@@ -36,7 +36,7 @@ class RigModel:
 
     @classmethod
     def of(cls, folder: Path, record: CalibrationRecord) -> "RigModel | None":
-        """Of a session's folder; None where no view has a pose."""
+        """Read a session's folder; None without any pose."""
         lenses = {camera.name: camera.lens for camera in record.cameras if camera.lens is not None}
         poses = {view.id: view.cam_from_world.matrix() for view in record.views if view.camera in lenses}
         if not poses:
@@ -55,7 +55,7 @@ class RigModel:
         return cls(record, poses, lenses, placed, colours, read_residuals(colmap).views)
 
     def start(self, view: ViewId | None = None) -> Start:
-        """Return where a view stands; None: from where all cameras are seen, behind and above them."""
+        """Return the place of a view; None: a place that overlooks all cameras, behind and above them."""
         if view is not None:
             return start_at(self.poses[view], up_of(self.poses.values()), self.lenses[view.camera])
         return overview(list(self.poses.values()))

@@ -1,4 +1,4 @@
-"""What one browser sees of a session without a scene: its photographs, and its rig once calibrated."""
+"""Page of a session without a scene in one browser: its photographs, and its rig once calibrated."""
 
 import threading
 from functools import partial
@@ -71,7 +71,7 @@ class SessionPage:
 
     @property
     def look(self) -> Look:
-        """As chosen."""
+        """Chosen look."""
         return Look(float(self.exposure.value), self.tones.value)
 
     def restore(self, state: State) -> None:
@@ -81,11 +81,11 @@ class SessionPage:
         self._wake.set()
 
     def tell(self, text: str) -> None:
-        """Say how a training goes."""
+        """Show the state of a training."""
         self._note.say(text)
 
     def refresh(self) -> None:
-        """Nothing of it is a scene's."""
+        """Do nothing: it shows no scene."""
 
     def _reshaped(self) -> None:
         """Only another shape of the window changes a contact sheet."""
@@ -184,7 +184,7 @@ class SessionPage:
 
 
 def show_session(viewer: Viewer, folder: Path) -> None:
-    """Have a viewer show a session before there is a scene: its photographs, and its rig if it has poses."""
+    """Let a viewer show a session before it has a scene: its photographs, and its rig if it has poses."""
     photographs = Photographs(folder)
     if not photographs.groups:
         raise InputError(f"{folder} has no photographs of a scene: capture or import some first.")

@@ -1,1 +1,1 @@
-"""What is shown: the scene drawn in float, its layers, tones, and what is measured under the cursor."""
+"""Pictures of a scene: drawn in float, its layers, tones, and the spot meter."""

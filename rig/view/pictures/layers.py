@@ -1,4 +1,4 @@
-"""What is known of a scene beside its light, as pictures: how far, which way, by how many photographs."""
+"""Data layers of a scene as pictures: distance, orientation, number of photographs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ MOST_PHOTOGRAPHS = 16
 
 @dataclass(frozen=True)
 class _Shown:
-    """How a layer of a scene is coloured, what its colours mean, and what a value of it is in words."""
+    """Display of a layer of a scene: its colours, their legend, and a value in words."""
 
     picture: Callable[[Plane, Scene], Picture]
     legend: Callable[[Scene], str]
@@ -88,7 +88,7 @@ def _trust_words(value: npt.NDArray[np.float32], scene: Scene) -> str:
 
 
 def unit_of(scene: Scene) -> str:
-    """Of lengths, as the calibration has it that the scene holds; without a name where it is none."""
+    """Unit of lengths, as the calibration of the scene has it; without a name if arbitrary."""
     return _unit(scene.folder)
 
 

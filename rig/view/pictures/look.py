@@ -1,4 +1,4 @@
-"""How linear light is shown on a screen of 8 bits: an exposure, and a map of tones."""
+"""Display of linear light on a screen of 8 bits: an exposure, and a tone map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
 
 MIDDLE_GREY = 0.18
 STOPS = 8.0
-"""That false colour shows on either side of middle grey."""
+"""Range of false colour on either side of middle grey, stops."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Of linear Rec.709 (ITU-R BT.709)."""
+"""Luminance weights of linear Rec.709 (ITU-R BT.709)."""
 _BRIGHT, _DARK = (255, 0, 80), (40, 90, 255)
 _CURVES: dict[str, Callable[[Light], Picture]] = {
     "linear": tones.linear,

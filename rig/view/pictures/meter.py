@@ -1,4 +1,4 @@
-"""What a spot meter says of a pixel, as Markdown."""
+"""Spot meter reading of a pixel, as Markdown."""
 
 import numpy as np
 

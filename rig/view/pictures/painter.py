@@ -25,7 +25,7 @@ FIRST, SECOND, SPLIT, OVER = "A", "B", "A | B", "B over A"
 
 @dataclass(frozen=True)
 class Parts:
-    """Of the model that are drawn. degree: of the harmonics at most; None: that of each scene."""
+    """Parts of the model that are drawn. degree: of the harmonics at most; None: that of each scene."""
 
     environment: bool = True
     degree: int | None = None
@@ -41,7 +41,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Wanted:
-    """show: one of the names above. view: whose lens is looked through, `frame/camera`; None: a free camera.
+    """Requested picture. show: one of the names above. view: whose lens is used, `frame/camera`; None: a free
+    camera.
 
     camera: in the coordinates of the first scene.
     """
@@ -85,7 +86,7 @@ class Painter:
 
     @property
     def references(self) -> Mapping[str, Path]:
-        """Of the first scene, as far as they are there: an evaluation may still be writing them."""
+        """References of the first scene, as far as they exist: an evaluation may still be writing them."""
         return references(self.scene)
 
     def turn_to(self, scene: Scene) -> None:
@@ -103,7 +104,7 @@ class Painter:
             return self._residuals[scene]
 
     def shows(self, view: str | None) -> tuple[str, ...]:
-        """Return what there is to see from a view, or from a free camera."""
+        """Return the layers that a view, or a free camera, offers."""
         if len(self.scenes) > 1:
             return (FIRST, SECOND, SPLIT, OVER, *((REFERENCE,) if view in self.references else ()))
         return (RENDER, *((REFERENCE, DIFFERENCE) if view in self.references else ()), *LAYERS)
@@ -141,7 +142,7 @@ class Painter:
 
     @property
     def trust_is_known(self) -> bool:
-        """Whether the views were looked at already, which takes a picture each."""
+        """Return whether the views were drawn already, which takes a picture each."""
         return "photographs" in vars(self._data)
 
     def _layer(self, wanted: Wanted) -> Plane:

@@ -26,9 +26,10 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A view: its light [h, w, 3], linear Rec.709 as far as colours are known, and what was shot, in words.
+    """Photographs of a view: its light [h, w, 3], linear Rec.709 as far as colours are known, and its shots,
+    in words.
 
-    light is None where no file of it can be read; told says why then, and begins with the view.
+    light is None if no file of it can be read; told then gives the reason, and begins with the view.
     """
 
     view: ViewId

@@ -1,4 +1,4 @@
-"""How far a scene is off what photographs hold that it was not trained on, by how bright it is there."""
+"""Residuals of a scene against held-out photographs, by brightness."""
 
 from dataclasses import dataclass
 
@@ -18,24 +18,26 @@ from rig.view.pictures.look import LUMINANCE
 MOST_VIEWS = 4
 MOST_PIXELS = 400_000
 WITHIN = 0.5
-"""Stops around a brightness: pixels as bright as that tell of it."""
+"""Range around a brightness, stops, of the pixels that count for it."""
 FEWEST = 100
-"""Pixels that tell anything."""
+"""Fewest pixels for a residual."""
 SHARE = 0.68
-"""Of the pixels that are off by no more than what is told: one standard deviation, of normal errors."""
+"""Share of the pixels within the stated residual: one standard deviation, of normal errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Of pixels of held-out photographs, [N]: log2 of the luminance of the render, and stops that it is above
-    what the photographs hold, whose noise is in it. views: how many photographs' brackets these are."""
+    """Residuals of pixels of held-out photographs, [N]: log2 of the luminance of the render, and stops that
+    it is above that of the photographs, noise included. views: number of brackets. views: how many
+    photographs' brackets these are.
+    """
 
     brightness: npt.NDArray[np.float32]
     off: npt.NDArray[np.float32]
     views: int
 
     def at(self, luminance: float) -> float | None:
-        """Stops that most pixels as bright as this are off by at most; None: too few are that bright."""
+        """Residual in stops of pixels as bright as this: most are within it; None with too few pixels."""
         if luminance <= 0:
             return None
         near = np.abs(self.off[np.abs(self.brightness - np.log2(luminance)) <= WITHIN])
@@ -43,9 +45,9 @@ class Residuals:
 
 
 def residuals_of(scene: Scene) -> Residuals | None:
-    """Of some of the held-out views; None where there is none, or its photographs are not there.
+    """Residuals of some of the held-out views; None without held-out views or their photographs.
 
-    None, too, of scenes that are no light of three channels: of bands, and of display values.
+    None also for scenes of bands, and of display values.
     """
     record, session = scene.record, session_of(scene.folder)
     held_out = [view for view in scene.views if view.use == "test"]

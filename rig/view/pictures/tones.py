@@ -19,7 +19,7 @@ Picture = npt.NDArray[np.uint8]
 _CONFIG, _SOURCE, _DISPLAY = "cg-config-v4.0.0_aces-v2.0_ocio-v2.5", "Linear Rec.709 (sRGB)", "sRGB - Display"
 _VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"
 _BRIGHTEST = 65504.0
-"""Of what the output transform takes: float16."""
+"""Largest input of the output transform: float16."""
 _CODES = 1 << 16
 
 _AGX_INTO = np.array(
@@ -39,7 +39,7 @@ _AGX_OUT_OF = np.array(
 _AGX_STOPS = -12.47393, 4.026069
 """log2 of the light at the ends of its curve."""
 _AGX_CURVE = (15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232)
-"""Of its sixth to its zeroth power."""
+"""Coefficients from its sixth to its zeroth power."""
 _REC2020_FROM_REC709 = np.array(
     [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0113], [0.0164, 0.0880, 0.8956]]
 )
@@ -54,7 +54,7 @@ def linear(light: Light) -> Picture:
 
 
 def aces(light: Light) -> Picture:
-    """By the output transform of ACES 2.0 for an SDR screen of 100 nits."""
+    """Tone map by the output transform of ACES 2.0 for an SDR screen of 100 nits."""
     values = np.ascontiguousarray(np.minimum(light, _BRIGHTEST), np.float32)
     _output_transform().applyRGB(values)
     return np.asarray(np.round(255 * np.clip(np.nan_to_num(values), 0, 1)), np.uint8)

@@ -1,1 +1,1 @@
-"""How pages are served: to whom, what is shown first, and frames on their way to the browser."""
+"""Serving of pages: access, the first picture, and frames on their way to the browser."""

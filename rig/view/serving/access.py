@@ -1,4 +1,4 @@
-"""Who may connect: pages of this very server, and, where other machines reach it, who has its token."""
+"""Access control: pages of this very server, and, where other machines reach it, holders of its token."""
 
 import functools
 import hmac
@@ -29,23 +29,23 @@ Answer = Callable[[ServerConnection, Request], Response | None]
 
 @dataclass(frozen=True)
 class Access:
-    """token: that a browser has to show, in the address and then as a cookie; None: it need not."""
+    """Token that a browser has to show, in the address and then as a cookie; None: no token."""
 
     token: str | None = None
 
     @classmethod
     def to(cls, host: str) -> "Access":
-        """For a server at an address: a random token, unless only this machine reaches it."""
+        """Access to a server at an address: a random token, unless only this machine reaches it."""
         local = host in (LOCAL, "localhost", "::1")
         return cls(None if local else secrets.token_urlsafe(24))
 
     @property
     def query(self) -> str:
-        """What the address of the page ends with."""
+        """Query at the end of the page's address."""
         return "" if self.token is None else f"/?{PARAMETER}={self.token}"
 
     def refusal(self, request: Request) -> Response | None:
-        """Return what a request gets that may not be answered; None: it may.
+        """Return the refusal of a request, or None if it is accepted.
 
         A program has no origin; a page of somebody else's site has its own, and any browser would let it
         connect. Pages of this machine may, as may those that came from the address that they connect to.
@@ -67,7 +67,7 @@ class Access:
         return _response(http.HTTPStatus.FORBIDDEN, _REFUSAL)
 
     def remembered(self, request: Request, response: Response) -> None:
-        """Have the browser show the token from now on, if it did in the address."""
+        """Store the token as a cookie if the address has it."""
         if self.token is not None and self._in_address(request):
             value = f"{_cookie_name(request)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
             response.headers["Set-Cookie"] = value
@@ -88,7 +88,7 @@ class Access:
 
 
 _UNHEARD = logging.getLogger(f"{__name__}.connections")
-"""Where `websockets` writes of connections that made no sense, with tracebacks."""
+"""Logger in which `websockets` writes tracebacks of invalid connections."""
 _UNHEARD.propagate = False
 _UNHEARD.addHandler(logging.NullHandler())
 

@@ -32,7 +32,7 @@ class FirstPicture:
 
     @classmethod
     def of(cls, folder: Path) -> "FirstPicture | None":
-        """Of a reconstruction's folder; None if it has no picture of its own.
+        """Read the picture of a reconstruction's folder; None without one.
 
         model.json is read as far as that needs: what is wrong with it is said by who opens the scene.
         """

@@ -1,4 +1,4 @@
-"""What `rig view` serves: a first picture as soon as there is one, then a page for each browser."""
+"""Server of `rig view`: a first picture as soon as possible, then a page for each browser."""
 
 import io
 import socket
@@ -23,15 +23,15 @@ _ANY = ("0.0.0.0", "::")
 
 
 class Page(Protocol):
-    """What one browser sees, until it is closed."""
+    """Page of one browser, until it is closed."""
 
     @property
     def look(self) -> Look:
-        """As chosen."""
+        """Chosen look."""
         ...
 
     def tell(self, text: str) -> None:
-        """Say how a training goes, in Markdown; nothing: none is followed."""
+        """Show the state of a training, in Markdown; empty: no training is followed."""
         ...
 
     def refresh(self) -> None:
@@ -47,12 +47,12 @@ class Page(Protocol):
         ...
 
     def clear(self) -> None:
-        """Once closed: remove all but its picture, which stays until that of another page comes."""
+        """Remove all but its picture once closed; that stays until the picture of another page comes."""
         ...
 
 
 MakePage = Callable[[viser.ClientHandle, Look, bool], Page]
-"""Of a browser, as a look has it; the last: its window is narrow."""
+"""Factory of pages: takes a browser, its look, and whether its window is narrow."""
 
 
 class Viewer:
@@ -88,22 +88,22 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Of the page, with its token, if it has one."""
+        """Address of the page, with its token, if it has one."""
         host = socket.gethostname() if self.host in _ANY else self.host
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{self.server.get_port()}{self.access.query}"
 
     def begin_at(self, start: Start) -> None:
-        """Where the cameras of browsers stand that connect from now on."""
+        """Set the place of cameras in browsers that connect from now on."""
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.up = start.position, start.look_at, start.up
         camera.fov = start.fov
         self.server.scene.set_up_direction(start.up)
 
     def show(self, make: MakePage, start: Start | None = None) -> None:
-        """Give every browser that is there, and that comes, a page, in place of the one it has.
+        """Give every present and future browser a page, in place of the one it has.
 
-        start: where their cameras are sent; None: they stay where they are.
+        start: place for their cameras; None: they stay.
         """
         with self._changing:
             self._make = make
@@ -113,21 +113,21 @@ class Viewer:
                 self._show(client, start)
 
     def tell(self, text: str) -> None:
-        """Have every page say how a training goes, in Markdown."""
+        """Show the state of a training in every page, in Markdown."""
         with self._changing:
             self._told = text
             for page in self.pages.values():
                 page.tell(text)
 
     def refresh(self) -> None:
-        """Have every page drawn again."""
+        """Redraw every page."""
         with self._changing:
             for page in self.pages.values():
                 page.refresh()
 
     @property
     def watched(self) -> bool:
-        """Whether any browser looks."""
+        """True if any browser is connected."""
         return bool(self._clients)
 
     def close(self) -> None:
@@ -212,5 +212,5 @@ def _require_address(host: str) -> None:
 
 
 def _silent() -> AbstractContextManager[object]:
-    """What viser prints of itself is not for users of rig."""
+    """Silence viser's own output, which is not for users of rig."""
     return redirect_stdout(io.StringIO())

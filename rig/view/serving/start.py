@@ -1,4 +1,4 @@
-"""Where the camera of a browser stands when its page opens."""
+"""Start of a browser's camera when its page opens."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -33,11 +33,11 @@ def point(vector: npt.ArrayLike) -> Point:
 NARROW = 600
 """CSS px of a window's width below which all controls would hide the picture: some begin folded."""
 WIDEST = np.radians(120.0)
-"""That a browser is asked to show from top to bottom."""
+"""Widest vertical field of view requested of a browser."""
 
 
 def height_angle(lens: Lens) -> float:
-    """From the top to the bottom of a lens's picture, radians."""
+    """Vertical angle of a lens's picture, radians."""
     ends = rays(lens, [[lens.cx, 0.0], [lens.cx, lens.height]])
     return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
 
@@ -56,7 +56,7 @@ def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> 
 
 
 def overview(poses: Sequence[npt.NDArray[np.float64]]) -> Start:
-    """Where cameras about the origin, cam_from_world [4, 4], are all seen from: behind and above them."""
+    """Place that overlooks cameras about the origin, cam_from_world [4, 4]: behind and above them."""
     up = up_of(poses)
     ahead = sum((pose[2, :3] for pose in poses), np.zeros(3))
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)

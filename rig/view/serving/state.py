@@ -1,4 +1,5 @@
-"""What a page shows, as text behind the # of its address: a link leads to the same spot, a reload back to it.
+"""State of a page, as text behind the # of its address: a link leads to the same spot, a reload back to
+it.
 
 The page's script (`window`) keeps the address and a cookie, by which the server learns of it when a browser
 connects.
@@ -14,18 +15,19 @@ from rig.view.pictures.look import TONE_MAPS, Look
 from rig.view.serving.start import Start
 
 ELEMENT = "rig-state"
-"""Of the page, whose title is the state."""
+"""Element of the page whose title is the state."""
 MOST_STOPS = 16.0
 _FAR = 1e6
 
 said_state: ContextVar[str] = ContextVar("said_state", default="")
-"""What the address of the connection at hand has behind its #."""
+"""Text behind the # of the address of the present connection."""
 
 
 @dataclass(frozen=True)
 class State:
-    """look: exposure and tones. view, show: as the choices of the page name them, "" for none. start: where
-    the camera stands; None: where the page has it.
+    """State of a page. look: exposure and tones. view, show: as the choices of the page name them, "" for
+    none. start: place of the camera; None: that of the page. start: where the camera stands; None: where the
+    page has it.
     """
 
     look: Look = field(default_factory=Look)
@@ -35,7 +37,7 @@ class State:
 
     @property
     def text(self) -> str:
-        """For an address."""
+        """Format for an address."""
         parts = {"stops": f"{self.look.exposure:g}", "tones": str(self.look.tones)}
         parts |= {"view": self.view, "show": self.show}
         if self.start is not None:
@@ -51,7 +53,7 @@ class State:
 
     @classmethod
     def of(cls, text: str) -> "State":
-        """Of the text in an address, which anybody may have written: what makes no sense is left out."""
+        """Parse the text in an address, which may be arbitrary: invalid parts are left out."""
         parts = dict(parse_qsl(text))
         stops = _numbers(parts.get("stops", ""), 1, MOST_STOPS)
         tones = next((tones for tones in TONE_MAPS if tones == parts.get("tones")), Look().tones)
@@ -66,7 +68,7 @@ class State:
 
 
 def _numbers(text: str, count: int, most: float) -> list[float]:
-    """So many numbers of a text; none where one is missing or too large."""
+    """Parse that many numbers; empty if one is missing or too large."""
     try:
         found = [float(part) for part in text.split()]
     except ValueError:

@@ -42,11 +42,11 @@ addEventListener("pointerdown", (event) => {{
 """
 
 css_width: ContextVar[int | None] = ContextVar("css_width", default=None)
-"""px of the window that the connection at hand is from; None: it did not say."""
+"""Window width, px, of the present connection, or None."""
 
 
 def width_of(request: Request) -> int | None:
-    """Read the width of the window, CSS px, that a request is from; None: it does not say."""
+    """Read the width of the window, CSS px, that a request is from, or None."""
     # Not by `http.cookies`: it gives up at cookies that other servers of this machine set in their own way.
     found = _SAID.search("; ".join(request.headers.get_all("Cookie")))
     return int(found[1]) if found else None
