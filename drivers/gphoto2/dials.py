@@ -16,7 +16,7 @@ TIMES = ("shutterspeed2", "shutterspeed", "exptime")
 F_NUMBERS = ("aperture", "f-number")
 ISOS = ("iso",)
 FORMATS = ("imageformat", "imagequality")
-"""File formats of a body."""
+"""Settings that hold the file format of a body."""
 _RAW_WORDS = ("raw", "nef", "arw", "cr2", "cr3", "crw", "dng", "orf", "raf", "rw2", "pef")
 
 Decode = Callable[[str], float | None]

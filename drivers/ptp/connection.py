@@ -24,7 +24,7 @@ _LOOK_EVERY = 0.1
 
 
 _NAMES = {"nikon": VendorId.NIKON, "canon": VendorId.CANON, "sony": VendorId.SONY}
-"""Display names of makers by the first word of DeviceInfo's manufacturer."""
+"""Makers by the first word of DeviceInfo's manufacturer."""
 
 
 class Connection(Protocol):

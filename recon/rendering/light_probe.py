@@ -47,8 +47,8 @@ class LightProbe:
 
     light: linear radiance in the units of the calibration, float32 [rows, 2 * rows, C], premultiplied by
     alpha [rows, 2 * rows], which is None of a scene without. known: share of all directions from which the
-    scene has light, 0..1; the rest is black. axes: float64 [3, 3], of longitude 90 degrees, of latitude 90 degrees
-    (the uppermost row), and of the middle of the map, in world axes, as of environment.exr.
+    scene has light, 0..1; the rest is black. axes: float64 [3, 3], of longitude 90 degrees, of latitude 90
+    degrees (the uppermost row), and of the middle of the map, in world axes, as of environment.exr.
     """
 
     light: Plane

@@ -26,7 +26,7 @@ _CAPACITY = (0x0FFFFFFF, 0x1000, 1)
 """Free clusters, bytes of a cluster, reset: room on the host, without which nothing is shot."""
 _LIST = 3
 _IMAGE_FORMAT = struct.pack("<I", CanonProperty.IMAGE_FORMAT)
-"""Layout of the image format records, after the number of files of a shot."""
+"""Beginning of the image format's records; the number of files of a shot follows."""
 _PAUSE = 0.05
 _READERS = (
     CanonOperation.GET_PARTIAL_OBJECT,

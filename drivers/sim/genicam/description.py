@@ -46,7 +46,7 @@ class Feature(IntEnum):
     """Thousandths of the linear gain."""
     BLACK_SELECTOR = 0x10098
     BLACK_LEVEL = 0x100A0
-    """Black level for all, red, green, blue."""
+    """First of the black levels: for all, red, green, blue."""
     CHUNK_MODE = 0x100C0
     CHUNK_SELECTOR = 0x100C8
     CHUNK_ENABLE = 0x100D0
@@ -65,7 +65,7 @@ class Feature(IntEnum):
     """One for each line: bit 0 is 1 for an output, bit 4 is 1 where that shows exposures."""
     PTP_ENABLE = 0x10140
     PTP_STATUS = 0x10148
-    """Values of SFNC's PtpStatus."""
+    """Holds values of SFNC's PtpStatus."""
     GAMMA_ENABLE = 0x10150
     BALANCE_SELECTOR = 0x10158
     BALANCE_RATIO = 0x10160
