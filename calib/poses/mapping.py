@@ -9,7 +9,7 @@ from imaging.progress import Progress
 MANY = 60
 """Views beyond which a model is adjusted as a whole less often, and less exactly, while it grows."""
 GROWTH = 1.3
-"""Growth that triggers it; 1.1 else."""
+"""Growth of the model between two adjustments then; 1.1 else."""
 STILL = 1e-5
 """Share of the loss that a step of those adjustments has to gain."""
 

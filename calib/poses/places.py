@@ -18,7 +18,7 @@ FEWEST = 6
 AGREE = 4.0
 """Standard deviations by which a place may miss."""
 WIDE = 3.0
-"""Least spread of the places in two directions for their rotation to count."""
+"""Least spread of the places in two directions, in such deviations: less leaves their rotation open."""
 _TILT, _HEADING = np.radians(10.0), np.radians(60.0)
 """Largest median residuals of attitudes; beyond, they are rejected."""
 

@@ -48,8 +48,7 @@ class Original:
 
 @dataclass(frozen=True)
 class Survey:
-    """Contents of a folder. originals: in order. notes: exclusions and assumptions, a sentence each. notes:
-    what was left aside or assumed, a sentence each.
+    """Contents of a folder. originals: in order. notes: exclusions and assumptions, a sentence each.
 
     masks: by photograph, of those that lie in a folder of masks.
     """

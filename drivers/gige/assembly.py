@@ -71,7 +71,7 @@ class Assembler:
 
     def feed(self, data: memoryview, now: float) -> Frame | None:
         """Take a datagram; return the frame that it completes. CameraProtocol if it is invalid.
-        CameraProtocol if it is none of ours.
+        
         """
         header = PacketHeader.parse(data)
         if header.block in self._done:

@@ -38,7 +38,7 @@ ON_ALL_CORES = 0.65
 MOST_TRIALS = 1.1
 """Largest share of the training that trials take (`recon.decide.probe.WITH_TRIALS`)."""
 SURE = 0.7, 1.6
-"""Relative uncertainty of the duration that is counted."""
+"""Lower and upper factor on the counted seconds."""
 WORTH_SAYING = 30.0
 """Seconds; what is sooner done needs no word."""
 

@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.floating]
 Array = npt.NDArray[np.float64]
 
 MERGED_BITS = 2
-"""Factor by which the codes of HDR+'s merged mosaics exceed those of their shots."""
+"""Additional bits of the codes in HDR+'s merged mosaics over those of their shots."""
 WHITE_PERCENTILE = 97.0
 """Percentile of the clean picture, linear Rec.709, at which its development turns white."""
 BORDER = 16
