@@ -19,8 +19,7 @@ NAMED = "libgphoto2, as it is named"
 
 
 class Place(NamedTuple):
-    """Address of a PTP/IP camera, which discovery cannot find. library: drive it by libgphoto2. 
-    """
+    """Address of a PTP/IP camera, which discovery cannot find. library: drive it by libgphoto2."""
 
     host: str
     port: int

@@ -20,8 +20,7 @@ from imaging.errors import CalibrationError
 Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 5
-"""Fewest frames in which both cameras are placed. Three determine the mount; the others its error. 
-"""
+"""Fewest frames in which both cameras are placed. Three determine the mount; the others its error."""
 LEAST_TURN = 2.0
 """Smallest rotation about an axis, degrees rms, that counts."""
 LEAST_MOVE = 0.02

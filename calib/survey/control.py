@@ -23,7 +23,7 @@ def read_control(
     session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
 ) -> Control | None:
     """Read the control from these files; None without a survey. InputError of one sentence for unusable
-    files. 
+    files.
     """
     if survey is None:
         if marks is not None or markers is not None:

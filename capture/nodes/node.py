@@ -42,7 +42,7 @@ Wire = tuple[Literal["listen", "drive"], str]
 @dataclass(frozen=True)
 class Assignment:
     """Task of a node in a capture. serials: of its cameras; addresses: of cameras that discovery cannot find.
-    
+
 
     wires: what cameras do with a line. compression: of the DNG files that it makes of mosaics.
     """

@@ -24,7 +24,7 @@ _DECIBEL = 0.05
 
 
 def even_out(nodes: NodeMap, name: str) -> None:
-    """Set equal gains for all colours, and read them back. CameraRefused if one differs. 
+    """Set equal gains for all colours, and read them back. CameraRefused if one differs.
 
     name: of the camera, for messages.
     """

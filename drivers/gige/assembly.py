@@ -70,9 +70,7 @@ class Assembler:
         self._done: deque[int] = deque(maxlen=_REMEMBERED)
 
     def feed(self, data: memoryview, now: float) -> Frame | None:
-        """Take a datagram; return the frame that it completes. CameraProtocol if it is invalid.
-        
-        """
+        """Take a datagram; return the frame that it completes. CameraProtocol if it is invalid."""
         header = PacketHeader.parse(data)
         if header.block in self._done:
             return None

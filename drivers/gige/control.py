@@ -241,9 +241,7 @@ class ControlChannel:
                 continue
 
     def _confirm(self) -> None:
-        """Renew the control privilege, which keeps the connection alive. CameraLost if it was taken over.
-        
-        """
+        """Renew the control privilege, which keeps the connection alive. CameraLost if it was taken over."""
         if not self.read_number(Bootstrap.CONTROL_PRIVILEGE, 4) & CONTROL:
             self._lost = f"{self.where} let go of this host, which it did not hear from: set it up again."
             raise CameraLost(self._lost)

@@ -59,8 +59,7 @@ class Leader:
 
 @dataclass(frozen=True)
 class Trailer:
-    """Trailer of a frame. status: 0 on success; valid: valid bytes of payload. 
-    """
+    """Trailer of a frame. status: 0 on success; valid: valid bytes of payload."""
 
     block: int
     status: int

@@ -30,7 +30,7 @@ LEAST_SECONDS, LOOK_SECONDS = 1.0, 0.2
 
 @dataclass
 class Snapshots:
-    """Snapshots of one training. record: the current record of it. """
+    """Snapshots of one training. record: the current record of it."""
 
     folder: Path
     training: Training

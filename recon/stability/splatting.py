@@ -27,7 +27,8 @@ STEPS = torch.tensor([1e-3] * 6 + [0.1] * 4 + [1e-3] * 4).double()
 PIXELS, GRADIENTS = 1e-4, 1e-2
 """Limits of the worst relative error: of a channel of a pixel, of a Gaussian's gradient."""
 LAYERS = 1e-2
-"""Limit of the relative error of the transmittance of a million faint layers before one pixel: their alphas alone have 24 bits.
+"""Limit of the relative error of the transmittance of a million faint layers before one pixel: their alphas
+alone have 24 bits.
 """
 
 

@@ -229,8 +229,7 @@ def render(
 
 
 def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | None:
-    """Place of a light probe; None if not requested. InputError for an invalid place. 
-    """
+    """Place of a light probe; None if not requested. InputError for an invalid place."""
     if probe is None:
         return view
     if view is not None:

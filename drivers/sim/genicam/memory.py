@@ -43,8 +43,7 @@ class FeatureMemory:
         return bytes(region[start : start + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Write from the host. Denied for any register that it may not write. 
-        """
+        """Write from the host. Denied for any register that it may not write."""
         self._find(address, len(data))
         features = [feature for feature in Feature if feature not in (*READ_ONLY, Feature.BLACK_LEVEL)]
         selected = [

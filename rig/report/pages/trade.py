@@ -49,8 +49,7 @@ class TradeSection:
 
 @checked
 def trade_report(session: str | PathLike[str]) -> Path:
-    """Write the page of a session's trade-off; return its path. InputError without a trade-off. 
-    """
+    """Write the page of a session's trade-off; return its path. InputError without a trade-off."""
     session = Path(session)
     opened, trade = Session.open(session), read_trade(session)
     page = Page(

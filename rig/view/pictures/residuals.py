@@ -28,7 +28,7 @@ SHARE = 0.68
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Residuals of pixels of held-out photographs, [N]: log2 of the luminance of the render, and stops that
-    it is above that of the photographs, noise included. views: number of brackets. 
+    it is above that of the photographs, noise included. views: number of brackets.
     """
 
     brightness: npt.NDArray[np.float32]

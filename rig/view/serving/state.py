@@ -26,7 +26,7 @@ said_state: ContextVar[str] = ContextVar("said_state", default="")
 @dataclass(frozen=True)
 class State:
     """State of a page. look: exposure and tones. view, show: as the choices of the page name them, "" for
-    none. start: place of the camera; None: that of the page. 
+    none. start: place of the camera; None: that of the page.
     """
 
     look: Look = field(default_factory=Look)
