@@ -1,1 +1,1 @@
-"""What is measured, and how: `python -m bench.ROOM.NAME`; tables are in bench/results."""
+"""Measurements: `python -m bench.ROOM.NAME`; tables are in bench/results."""

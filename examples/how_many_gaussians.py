@@ -1,4 +1,4 @@
-"""How many Gaussians a scene is worth: short trainings of several sizes, judged on views that were held out.
+"""Value of the number of Gaussians in a scene: short trainings of several sizes, judged on held-out views.
 
 python examples/how_many_gaussians.py SESSION [GAUSSIANS ...]
 """

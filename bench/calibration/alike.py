@@ -1,4 +1,4 @@
-"""How many alike views each view is matched with: the accuracy and the time of poses over it.
+"""Number of alike views each view is matched with: the accuracy and the time of poses over it.
 
     python -m bench.calibration.alike [--quick] [--json] [--write] [--work FOLDER]
 

@@ -1,10 +1,10 @@
-"""Two cameras that see nothing in common, tied together by how both move: how right, and what is refused.
+"""Hand-eye calibration of two cameras with non-overlapping views: accuracy, and refusals.
 
     python -m bench.calibration.apart [--quick] [--json] [--write]
 
 Points of the walls of a hall, seen by two cameras of 640x480 back to back, 0.2 m apart or so, off by 0.2 px
 (normal, each coordinate); no pictures. The rig is in a hand that walks two metres, five metres from the
-walls. Motions: turns about all axes by 10 degrees (root mean square), by 3 degrees, and what tells nothing:
+walls. Motions: turns about all axes by 10 degrees (root mean square), by 3 degrees, and degenerate ones:
 none, about one axis, about a point.
 """
 
@@ -95,7 +95,9 @@ def trial(seed: int, motion: str) -> dict[str, Any]:
 
 
 def errors(model: SceneModel, truth: dict[ViewId, Array]) -> dict[str, Any]:
-    """Of the turn between the cameras, degrees, and of their shift, mm, and both over what is stated."""
+    """Errors of the rotation between the cameras, degrees, and of their shift, mm, and both over the stated
+    ones.
+    """
     poses = {view: pose.matrix() for view, pose in model.poses.items()}
     found, true = (
         every[ViewId(0, "back")] @ np.linalg.inv(every[ViewId(0, "front")]) for every in (poses, truth)

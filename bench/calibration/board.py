@@ -71,7 +71,7 @@ def detected(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
 
 
 def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, float, float]]:
-    """Of each camera but the reference: degrees and mm between its true and its found place."""
+    """Error of each camera but the reference: degrees and mm between its true and its estimated place."""
     true = {mount.name: np.asarray(mount.cam_from_rig) for mount in rig.mounts}
     reference = next(name for name, pose in poses.items() if np.allclose(pose, np.eye(4)))
     errors = []

@@ -1,9 +1,9 @@
-"""Colour charts: in three lights before two cameras, and to be found in pictures.
+"""Colour charts: in three lights before two cameras, and detection in pictures.
 
     python -m bench.calibration.colours [--quick] [--json] [--write]
 
 Charts are made from spectra: Ohta's patches, NPL's sensitivities of two cameras, CIE's lights; noise is that
-of a sensor of 40,000 electrons, at so many stops below white. Delta E 2000 is of patches that the fit
+of a sensor of 40,000 electrons, at a number of stops below white. Delta E 2000 is of patches that the fit
 did not see, against what an observer adapted to the light sees. "Least squares" is colour-science's 3x3
 (`matrix_colour_correction`, Cheung 2004), which keeps no white. A chart counts as found when every patch
 that is used measures within 3 % and five standard errors of what was painted. --write puts
@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 
 LIGHTS = ("D65", "A", "LED-B3")
 STOPS = (None, 0, -3, -6)
-"""Below white; None: no noise."""
+"""Stops below white; None: no noise."""
 SITES = 200
 """Photosites of each channel that a patch is the mean of."""
 SHARES = (0.6, 0.3, 0.15, 0.1)
@@ -45,7 +45,7 @@ def place() -> Array:
 
 
 def seen(camera: str, light: str, stops: float | None, seed: int) -> ChartPatches:
-    """A chart's patches with the noise of an exposure, its brightest so many stops below white."""
+    """A chart's patches with the noise of an exposure, its brightest at a number of stops below white."""
     rgb = world(camera, light).camera
     if stops is None:
         return ChartPatches(rgb, 1e-6 * rgb, place(), np.ones(24, bool))
@@ -123,7 +123,7 @@ def detection(turns: int) -> list[dict[str, Any]]:
 
 
 def mosaics(count: int) -> int:
-    """Return how many of so many walls of coloured squares are taken for a chart."""
+    """Return the number of walls of coloured squares, of that many, taken for a chart."""
     false = 0
     for seed in range(count):
         random = np.random.default_rng(seed)

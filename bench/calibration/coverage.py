@@ -1,4 +1,4 @@
-"""How often the truth lies within the 95 % intervals that a calibration states, over made flights and walks.
+"""Coverage of the 95 % intervals that a calibration states, over simulated flights and walks.
 
     python -m bench.calibration.coverage [--json] [--write] [--seeds N]
 
@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 
 SEEDS = 20
 SPREAD = 0.03
-"""Of the focal length that files tell."""
+"""Spread of the focal length in files."""
 RECEIVER = 1.0
 """m, of GPS."""
 WITHIN = 1.96
@@ -40,7 +40,7 @@ WHAT = ("focal length", "turn", "place", "scale")
 
 
 def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[float]]:
-    """By how many stated standard errors everything misses the truth in one scene."""
+    """Errors of everything in one scene over the stated standard errors."""
     rng = np.random.default_rng((5, seed))
     truth = tracks.truth(kind, seed, radial)
     model = tracks.noisy(truth, seed)

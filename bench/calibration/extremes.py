@@ -1,4 +1,4 @@
-"""What calibration makes of sessions at the ends, for bench/calibration/poses.py: figures, or a refusal."""
+"""Calibration of sessions at the extremes, for bench/calibration/poses.py: figures, or a refusal."""
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime

@@ -1,11 +1,11 @@
-"""What a lens of another model loses by the fisheyes that `rig calibrate` fits.
+"""Loss of a lens of another model by the fisheyes that `rig calibrate` fits.
 
     python -m bench.calibration.fisheye_models [--json] [--write]
 
 The unified camera model with both parameters free (EUCM: Khomutenko, Garcia and Martinet, "An Enhanced
 Unified Camera Model", 2016) bends rays by two numbers beside a focal length. Lenses of alpha 0.5 to 0.7 and
 beta 0.9 to 1.4 fill a circle of 1,000 px. The two fisheyes are fitted to them by least squares of the pixels,
-and what is told is the pixel that is farthest off.
+and the largest error in pixels is reported.
 """
 
 import math

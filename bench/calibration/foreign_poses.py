@@ -85,7 +85,7 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
 
 
 def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
-    """Have calibration use the summaries and the matches that are kept, and keep those that are not."""
+    """Let calibration use stored summaries and matches, and store those that are missing."""
     summaries = kept.setdefault("summaries", {})
     pairs = kept.get("pairs")
 
@@ -139,7 +139,7 @@ TOLD = {
 
 
 def told(row: dict[str, Any]) -> str:
-    """Return what the user is told of poses that are not to be trusted."""
+    """Return the warnings about poses that are not to be trusted."""
     if row["refused"]:
         return "refused"
     said = [f"warned: {TOLD[name]}" for name in row["doubts"]]

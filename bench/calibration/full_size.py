@@ -49,7 +49,7 @@ class Clock:
         return processor_seconds(), time.perf_counter()
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """As a calibration reports its progress."""
+        """Record the progress of a calibration."""
         now, before = self._now(), self.parts.get(self._part, (0.0, 0.0))
         spent = [b + n - s for b, n, s in zip(before, now, self._since, strict=True)]
         self.parts[self._part] = spent[0], spent[1]

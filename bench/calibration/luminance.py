@@ -42,7 +42,7 @@ CANDELAS = 100.0
 SPOT, CARD, AIM = 0.03, 0.05, 0.01
 SIDE = 14
 CARDS: tuple[Area, ...] = ((20, 16, 24, 24), (70, 50, 24, 24), (120, 84, 24, 24))
-"""Where cards hang in the picture of the small camera: near a corner, near the middle, between."""
+"""Places of cards in the picture of the small camera: near a corner, near the middle, between."""
 SMALL: dict[str, Any] = {"cameras": 1, "positions": 1, "width": 160, "height": 120, "samples": 2}
 
 

@@ -1,7 +1,7 @@
-"""The Stanford memorial church: Debevec and Malik's exposures, and the radiance map that they made of them.
+"""Stanford memorial church: Debevec and Malik's exposures, and their radiance map.
 
 The map's file is found in the wild with every byte 10 and 13 turned into both of them, as a transfer of
-text does. Rows whose run lengths can then be told in one way only are read; bytes lost in them are NaN.
+text does. Rows whose run lengths then have a single reading are read; bytes lost in them are NaN.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ def series(folder: Path) -> Series:
 
 
 def radiance(path: Path) -> npt.NDArray[np.float64]:
-    """The authors' map, float64 [H, W, 3]; NaN where the file does not tell it."""
+    """The authors' map, float64 [H, W, 3]; NaN where the file is ambiguous."""
     data = path.read_bytes()
     damaged = b"\r\n" in data[:200]
     body = data[data.index(MARK) :]
@@ -66,7 +66,7 @@ def _row(tokens: tuple[int, ...]) -> npt.NDArray[np.int64] | None:
 
     @cache
     def ways(place: int, x: int) -> tuple[int, tuple[int, int] | None]:
-        """In how many ways the rest can be read, and the run (length, next place) that begins one of them."""
+        """Count the readings of the rest, and the run (length, next place) that begins one of them."""
         if x == 4 * WIDTH:
             return int(place == len(tokens)), None
         total, first = 0, None

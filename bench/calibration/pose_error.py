@@ -1,4 +1,4 @@
-"""How far poses are from the truth: between pairs of views, and in the standard errors that are stated."""
+"""Errors of poses: between pairs of views, and in the stated standard errors."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -15,7 +15,7 @@ from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 Name = TypeVar("Name", ViewId, str)
-"""By what views are told apart."""
+"""Key of a view."""
 
 INSIDE = 2.8
 """Standard errors of the worst axis within which 95 % of vectors lie that err alike along three axes (the

@@ -79,7 +79,7 @@ def scene(rows: Rows, seeds: Mapping[int, int]) -> dict[str, list[dict[str, Any]
 
 
 def sceaux(rows: Rows) -> dict[str, Any] | None:
-    """Real photographs; None where there are none."""
+    """Load real photographs; None if they are missing."""
     data = os.environ.get("RIG_DATA")
     if not data:
         return None

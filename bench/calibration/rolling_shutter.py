@@ -28,14 +28,14 @@ Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT, FOCAL, NOISE, POINTS = 640, 480, 620.0, 0.2, 600
 GUESS = Lens(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=640.0, fy=640.0, cx=320.0, cy=240.0)
 VIEWS, STEP, FAR = 12, 8.0, 4.0
-"""On the arc, degrees apart, metres from its middle."""
+"""Number of views on the arc, degrees apart, metres from its middle."""
 MOTIONS = {"standing": (0.0, 0.0, 0.0), "held still by hand": (0.0, 0.05, 3.0), "walking": (1.0, 0.1, 20.0)}
 """m/s along the arc, m/s in any direction, degrees/s about any axis."""
 READOUTS = (10, 20, 30)
 """ms from the first row to the last."""
 SEEDS = 4
 COLUMNS = {"turn": 3, "place": 1, "auc": 3, "reprojection": 2, "points": 0, "focal": 2}
-"""Of a row, and their digits."""
+"""Columns of a row, and their digits."""
 
 
 def arc(number: int) -> Array:

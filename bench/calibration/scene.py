@@ -21,14 +21,14 @@ WIDTH = 1600
 
 
 class Meter:
-    """How long each part of a calibration takes."""
+    """Time of each part of a calibration."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._part, self._since = "", time.perf_counter()
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """As a calibration reports its progress."""
+        """Record the progress of a calibration."""
         now = time.perf_counter()
         self.seconds[self._part] = self.seconds.get(self._part, 0.0) + now - self._since
         self._part, self._since = message, now

@@ -59,7 +59,7 @@ FIELDS = (
     ("dark_current", "dark current %", 100.0),
 )
 _SITES = np.array(((0.55, 1.0), (1.0, 0.7)))
-"""What red, green and blue sites get of grey light."""
+"""Response of red, green and blue sites to grey light."""
 
 
 def light(scene: bool, rng: np.random.Generator) -> Array:

@@ -52,14 +52,14 @@ class Meter:
         self._part, self._since = "", processor_seconds()
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """As a calibration reports its progress."""
+        """Record the progress of a calibration."""
         now = processor_seconds()
         self.seconds[self._part] = self.seconds.get(self._part, 0.0) + now - self._since
         self._part, self._since = message, now
 
 
 class _Known(Exception):
-    """What `sfm.solve` was asked is known."""
+    """Known inputs of `sfm.solve`."""
 
 
 def global_mapper(
@@ -73,8 +73,9 @@ def global_mapper(
     ahead: bool = False,
     images: Sequence[str] = (),
 ) -> Any | None:
-    """As `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
-    Revisited", 2024). ahead, images: it knows neither; all views are placed."""
+    """Map as `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
+    Revisited", 2024). ahead, images: it knows neither; all views are placed.
+    """
     progress("placing views", 0, views)
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads = options.mapper.num_threads = threads
@@ -121,7 +122,7 @@ def question(session: Path) -> tuple[tuple[Any, ...], dict[str, Any]]:
 def row(
     given: Sequence[Any], more: Mapping[str, Any], mapper: str, kept: Unfinished, truth: Any
 ) -> dict[str, Any]:
-    """Of one calibration from its features on; verified: how many matches each pair has that fits."""
+    """Row of one calibration from its features on; verified: number of fitting matches of each pair."""
     meter, found = Meter(), dict[str, int]()
 
     def fill(*values: Any) -> Any:

@@ -130,7 +130,7 @@ class _OneByOne:
 
     @property
     def where(self) -> str:
-        """Where it was last seen."""
+        """Last known place."""
         return self._camera.where
 
 

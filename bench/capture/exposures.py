@@ -3,7 +3,7 @@
     python -m bench.capture.exposures [--quick] [--json] [--write]
 
 Simulated: cameras of the demo rig with more pixels, every shutter time off by a normal deviate of 5 %; the
-error is that of the ratio of neighbouring exposures. Of developed photographs no picture tells a straight
+error is that of the ratio of neighbouring exposures. Of developed photographs no picture separates a straight
 line over the logarithm of exposure from the curve; "less a line" is the error without it. Real: the brackets
 t2i and memorial of the folder that RIG_DATA names, without truth. --write puts the tables into
 bench/results/exposures.md.

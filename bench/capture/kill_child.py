@@ -26,7 +26,7 @@ FOR_EVER = 1e9
 
 @dataclass(frozen=True)
 class Trouble:
-    """What happens. Calls are those that open, make, rename or remove something in `folder`, from 1.
+    """Faults of a run. Calls are those that open, make, rename or remove something in `folder`, from 1.
 
     die: SIGKILL at that call; refuse: from that call on, those that write fail with the errno `number`;
     unplug: serial, which of its operations, and after how many bytes of the answer.
@@ -42,8 +42,8 @@ class Trouble:
 def run(trouble: Trouble, arguments: Sequence[str], tell: Connection, out: Path, err: Path) -> None:
     """Run the command line in this process, its streams into files, and leave with its exit code.
 
-    To `tell` goes the file of every shot once its record is on the disk, and at the end how many calls
-    there were and how many operations the cameras were asked for.
+    `tell` receives the file of every shot once its record is on the disk, and at the end the number of calls
+    and of operations requested of the cameras.
     """
     for path, descriptor in ((out, 1), (err, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)

@@ -54,7 +54,7 @@ class Trial:
 
 
 def files_of(session: Path) -> dict[str, bytes]:
-    """Everything that a session holds of raw files and truth, but what is told of faults.
+    """Contents of a session's raw files and truth, without the log of faults.
 
     The truth lists the exposures in the order in which they were recorded; here they are sorted.
     """
@@ -67,7 +67,7 @@ def files_of(session: Path) -> dict[str, bytes]:
 
 
 def state_of(out: Path) -> str:
-    """In which part of its work the capture ended."""
+    """Stage of its work at which the capture ended."""
     if not (out / "session.json").exists():
         return "before the session"
     session = Session.open(out)
@@ -82,7 +82,9 @@ def state_of(out: Path) -> str:
 
 
 def examine(out: Path, told: list[str], trial: Trial, reference: Reference) -> None:
-    """Every told shot is recorded, every record has the right file, and `rig check` sees a wrong one."""
+    """Check that every reported shot is recorded, every record has the right file, and `rig check` finds a
+    wrong one.
+    """
     trial.recorded = 0
     if not (out / "session.json").exists():
         if told:

@@ -32,12 +32,12 @@ class Reference:
     seconds: float
 
     def pages(self, part: str = "") -> int:
-        """Of a disk that holds the files whose names begin so."""
+        """Pages of a disk with the files of this prefix."""
         return sum(-(-len(data) // PAGE) for name, data in self.files.items() if name.startswith(part))
 
 
 class Capture:
-    """`rig capture` in a process of its own: told holds the shots that it said were finished."""
+    """`rig capture` in a separate process: told holds the shots that it reported as finished."""
 
     def __init__(self, trouble: Trouble) -> None:
         out = trouble.folder
@@ -52,7 +52,7 @@ class Capture:
         self.counts = (0, 0)
 
     def read(self, count: int = -1) -> None:
-        """Wait for so many more finished shots, or for the end."""
+        """Wait for that many more finished shots, or for the end."""
         with suppress(EOFError):
             while count:
                 heard = self._pipe.recv()
@@ -63,7 +63,7 @@ class Capture:
                 count -= 1
 
     def running(self, seconds: float) -> bool:
-        """Return whether it still runs after so many seconds."""
+        """Return whether it still runs after that many seconds."""
         self._process.join(seconds)
         return self._process.exitcode is None
 
@@ -91,7 +91,9 @@ class Capture:
 def killed(
     out: Path, kind: int, left: float, rng: np.random.Generator, reference: Reference
 ) -> tuple[str, Capture]:
-    """SIGKILL at a call in the folder, after a told shot or some time after one, in the share `left`."""
+    """Send SIGKILL at a call in the folder, after a reported shot or some time after one, in the share
+    `left`.
+    """
     if kind == 0:
         call = int(rng.integers(1, 2 + int(left * reference.calls)))
         return f"call {call}", Capture(Trouble(out, die=call))
@@ -141,7 +143,7 @@ def full(out: Path, rng: np.random.Generator, reference: Reference) -> tuple[str
 
 
 def locked(out: Path, rng: np.random.Generator) -> tuple[str, Capture]:
-    """The file system becomes read-only after a told shot; not while a file is open, hence the loop."""
+    """Make the file system read-only after a reported shot; not while a file is open, hence the loop."""
     count = int(rng.integers(0, SHOTS + 1))
     capture = Capture(Trouble(out))
     capture.read(count)
@@ -151,7 +153,7 @@ def locked(out: Path, rng: np.random.Generator) -> tuple[str, Capture]:
 
 
 def refused(out: Path, number: int, rng: np.random.Generator, reference: Reference) -> tuple[str, Capture]:
-    """From a call in the folder on, what writes there fails with that error."""
+    """Let writing fail with that error from a call in the folder on."""
     call = int(rng.integers(1, 1 + reference.calls))
     return f"{errno.errorcode[number]} from call {call}", Capture(Trouble(out, refuse=call, number=number))
 

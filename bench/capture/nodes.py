@@ -83,7 +83,7 @@ class Hosts:
         process.wait()
 
     def stop(self, name: str) -> None:
-        """Have a node leave."""
+        """Remove a node."""
         process = self.up.pop(name)
         process.send_signal(signal.SIGINT)
         process.wait()

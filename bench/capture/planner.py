@@ -37,7 +37,7 @@ Values = npt.NDArray[np.float64]
 SIDE, TAKES = 64, 32
 """Photosites along a side of the flat fields, and how often each is shot."""
 LONG = 2.0
-"""Seconds from which dark current, of which no file tells, is looked at by itself."""
+"""Seconds above which dark current, which no file states, is reported separately."""
 
 
 def planned(case: Case) -> BracketPlan:
@@ -49,7 +49,7 @@ def listed(case: Case) -> tuple[Exposure, ...]:
 
 
 def against_brute_force(sensor: SensorModel, cases: list[Case]) -> dict[str, Any]:
-    """How many plans have as many exposures as the optimum, and how many show all that can be shown."""
+    """Count the plans with as many exposures as the optimum, and those that show all that can be shown."""
     sizes: list[int] = []
     gains: list[float] = []
     more = fewer = incomplete = beyond = 0
@@ -186,7 +186,7 @@ def steady(view: Values, frame: int) -> Values:
 
 
 def spread(differences: Values) -> dict[str, float]:
-    """Of the absolute differences; bias is their signed median."""
+    """Spread of the absolute differences; bias is their signed median."""
     size = np.abs(differences)
     return {
         "points": len(size),

@@ -49,7 +49,7 @@ SENSORS = {
 
 
 def noise_of(sensor: SensorModel) -> RawNoise:
-    """Return what the file of a camera with that sensor tells the planner."""
+    """Return the planner's noise model from the file of a camera with that sensor."""
     noise = SensorNoise(gain=sensor.gain, read_noise=sensor.read_noise)
     return RawNoise(noise, sensor.white - sensor.black[0][0])
 
@@ -110,9 +110,9 @@ def shown(
 
 
 def demands(case: Case, shots: Sequence[Exposure]) -> npt.NDArray[np.uint32]:
-    """One number for each radiance that some shot shows: a bit for every shot that does.
+    """Number for each radiance that some shot shows: a bit for every such shot.
 
-    The radiances stand for all: both ends of each target, and one between any two ends of intervals.
+    The radiances are representative: both ends of each target, and one between any two ends of intervals.
     """
     found: set[int] = set()
     for target in case.targets:

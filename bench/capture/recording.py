@@ -1,4 +1,4 @@
-"""How fast a capture reaches the disk, and in how much memory: cameras that deliver at once.
+"""Speed and memory of a capture to the disk: cameras that deliver at once.
 
     python -m bench.capture.recording [--quick] [--json] [--write] [--folder FOLDER]
 
@@ -37,7 +37,7 @@ MEBIBYTE = 1 << 20
 
 
 class Buffers:
-    """Copies of a mosaic, each given out again once nobody holds what was made of it, as a driver does it."""
+    """Copies of a mosaic, each reused once it is released, as a driver does it."""
 
     def __init__(self, mosaic: np.ndarray) -> None:
         self._mosaic = mosaic
@@ -67,11 +67,11 @@ class Replaying:
         return ""
 
     def verified(self) -> str:
-        """Nothing: there is no camera."""
+        """Verify nothing: there is no camera."""
         return "memory"
 
     def identify(self) -> CameraIdentity:
-        """Who it is."""
+        """Return the identity."""
         return CameraIdentity(f"replay-{self.number}", "hdr-rig", "replay", "raw")
 
     def capabilities(self) -> Capabilities:
@@ -79,15 +79,15 @@ class Replaying:
         return Capabilities(WIDTH, HEIGHT, 14, (1 / 60,), (), ())
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
-        """Whatever is asked for."""
+        """Accept any exposure."""
         self.exposure = exposure
         return exposure
 
     def arm(self) -> None:
-        """It always is."""
+        """Do nothing: it is always armed."""
 
     def trigger(self) -> float:
-        """At once."""
+        """Trigger at once."""
         self.shots += 1
         return time.monotonic()
 
@@ -99,7 +99,7 @@ class Replaying:
         return RawMosaic(pixels, Cfa.RGGB, ((512.0,),), 16383, metadata=metadata)
 
     def close(self) -> None:
-        """There is nothing to let go of."""
+        """Do nothing: there is nothing to close."""
 
 
 def replayed() -> np.ndarray:

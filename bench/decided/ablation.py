@@ -1,4 +1,4 @@
-"""What each choice that NH-3DGS leaves open costs or buys: one is changed at a time.
+"""Cost and gain of each choice that NH-3DGS leaves open: one is changed at a time.
 
     python -m bench.decided.ablation [--quick] [--json] [--write] [--seeds 2] [--iterations 1000] [--work
     FOLDER]
@@ -47,7 +47,7 @@ class Row:
     compose: Compose = nh_3dgs.compose
     within: Callable[[], Any] = nullcontext
     start: float = 0.5
-    """Share of the Gaussians that there are from the beginning."""
+    """Share of the Gaussians at the beginning."""
 
 
 def changed(**fields: Any) -> Compose:

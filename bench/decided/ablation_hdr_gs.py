@@ -59,7 +59,7 @@ def sigmoid(power: float, residual: float | None) -> Response:
 
 
 class Pinned(ToneCurve):
-    """With the unit exposure loss of the paper."""
+    """Loss with the unit exposure loss of the paper."""
 
     def penalty(self, progress: float) -> Tensor | float:
         """Roughness, and how far the curve is from C0 at unit exposure."""
@@ -71,7 +71,9 @@ class Pinned(ToneCurve):
 
 @dataclass(frozen=True)
 class Row:
-    """response: what calibration.json says; None: measured. ssim: its weight in the loss; None: as it is."""
+    """Row. response: that of calibration.json; None: measured. ssim: its weight in the loss; None: the
+    default.
+    """
 
     response: Response | None = None
     within: Callable[[], Any] = nullcontext

@@ -1,4 +1,4 @@
-"""What the appearance of NH-3DGS buys: the same mosaics, loss, budget and start, another way to colour.
+"""Gain by the appearance of NH-3DGS: the same mosaics, loss, budget and start, another way to colour.
 
     python -m bench.decided.appearance [--quick] [--json] [--write] [--seeds 3] [--iterations 2000]
                                [--calibration own|truth] [--work FOLDER]

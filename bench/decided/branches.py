@@ -1,4 +1,4 @@
-"""What a long training shows of a short one: on the way, after a brief cooling down, or not at all.
+"""Prediction of a long training from a short one: on the way, after a brief cooling down, or not at all.
 
     python -m bench.decided.branches [--quick] [--json] [--write] [--seed 0] [--work FOLDER]
 

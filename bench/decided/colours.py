@@ -73,5 +73,5 @@ class LogRadiance:
         return (C0 * parameters["log_dc"].detach()[:, 0]).amax(1).clamp_max(20.0).exp()
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """Nothing."""
+        """Penalise nothing."""
         return parameters["log_dc"].new_zeros(())

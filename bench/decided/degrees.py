@@ -1,4 +1,4 @@
-"""Whether each Gaussian should have harmonics of its own degree, or all of a scene the same.
+"""Harmonics of an own degree for each Gaussian, against one degree for all of a scene.
 
     python -m bench.decided.degrees [--quick] [--json] [--write] [--work FOLDER] [--ladder FOLDER]
 
@@ -75,7 +75,7 @@ def one_scene(job: tuple[Any, ...], options: argparse.Namespace) -> dict[str, An
 
 
 def effects(opened: Opened, key: str) -> torch.Tensor:
-    """How much each Gaussian's harmonics change the training views, [N], in units that only compare."""
+    """Change of the training views by each Gaussian's harmonics, [N], in units that only compare."""
     training = opened.training
     gaussians, renderer = training.gaussians, training.renderer()
     parameters = {name: value.detach() for name, value in gaussians.parameters.items()}

@@ -1,4 +1,4 @@
-"""What depth that was measured beside the photographs is worth: at the start, and as a term of the loss.
+"""Value of depth measured beside the photographs: at the start, and as a term of the loss.
 
     python -m bench.decided.depth [--quick] [--json] [--write] [--work FOLDER]
 

@@ -1,10 +1,10 @@
-"""Whether colours should depend on the direction where there are only a few views.
+"""Dependence of colours on the direction with only a few views.
 
     python -m bench.decided.few_views [--quick] [--json] [--write] [--work FOLDER]
 
 Rigs of four cameras at one place and at two, with their true calibration, trained with harmonics of each
-degree. So few views cannot tell by themselves which degree they need (recon/decide/view_dependence.py asks
-for eight that see a point), so that this table says what they are given. Finished rows are kept in FOLDER.
+degree. So few views do not determine the degree themselves (recon/decide/view_dependence.py asks for eight
+that see a point), so that this table determines it. Finished rows are kept in FOLDER.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from recon.reconstruct import reconstruct
 from recon.train.warm_up import warm_up
 
 GLOSS = 0.12
-"""Of all surfaces, as in the view-dependent scenes of bench/recon/ladder.py."""
+"""Gloss of all surfaces, as in the view-dependent scenes of bench/recon/ladder.py."""
 SCENES = [
     (rig, gloss, frames)
     for rig, gloss in (("demo", None), ("gallery", None), ("demo", GLOSS))

@@ -1,4 +1,4 @@
-"""Veiling glare: whether dark scene points tell how much light a lens scatters, and what knowing it buys.
+"""Veiling glare: its estimate from dark scene points, and the gain by knowing it.
 
     python -m bench.decided.glare [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
@@ -29,7 +29,7 @@ from recon.result.scene import open_model
 
 SHARES = (0.0, 0.003, 0.01, 0.03)
 DARKEST = 0.2
-"""Of the pixels, those that count as dark."""
+"""Share of the pixels that count as dark."""
 
 
 def session(rig: str, share: float, seed: int, work: Path) -> Path:

@@ -18,9 +18,9 @@ from recon.train.training import Training
 DEAD = 0.005
 """Opacity below which a Gaussian is moved to where one lives."""
 SHARE = 0.05
-"""Of the Gaussians that are added at a time."""
+"""Share of the Gaussians that are added at a time."""
 NOISE = 5e5
-"""Of the positions, times their learning rate, as in the authors' code."""
+"""Noise of the positions, times their learning rate, as in the authors' code."""
 
 
 FAINT, FROM = 0.01, 0.5
@@ -29,7 +29,8 @@ FAINT, FROM = 0.01, 0.5
 
 @dataclass(frozen=True)
 class Contribution(Density):
-    """From half of the training on, what adds little to every ray goes, and nothing comes.
+    """Density control that removes small contributions to every ray from half of the training on, and adds
+    nothing.
 
     RadSplat (Niemeyer et al., arXiv 2403.13806): the largest transmittance times opacity over the rays of an
     epoch; what is brighter than the scene's median is asked for proportionally less, or tails would go.
@@ -43,7 +44,7 @@ class Contribution(Density):
         progress: float,
         generator: torch.Generator,
     ) -> Change:
-        """As before, until half of the training."""
+        """Adapt as before, until half of the training."""
         if progress < FROM:
             return super().adapt(gaussians, luminance, stats, progress, generator)
         share = (luminance.median() / luminance.clamp_min(1e-30)).clamp_max(1.0)
@@ -52,7 +53,7 @@ class Contribution(Density):
 
 @dataclass(frozen=True)
 class Mcmc(Density):
-    """As in 3DGS-MCMC (Kheradmand et al., arXiv 2404.09591).
+    """Density control of 3DGS-MCMC (Kheradmand et al., arXiv 2404.09591).
 
     Dead Gaussians are moved to living ones, drawn by opacity; new ones likewise, until the cap is met.
     """
@@ -65,7 +66,7 @@ class Mcmc(Density):
         progress: float,
         generator: torch.Generator,
     ) -> Change:
-        """Which move, and where to: opacities and sizes shared so that the picture stays (eq. 9)."""
+        """Relocate Gaussians: opacities and sizes shared so that the picture stays (eq. 9)."""
         opacity = gaussians.opacities().detach()
         broken = ~torch.isfinite(gaussians.parameters["means"].detach()).all(1)
         dead = (opacity < DEAD) | broken

@@ -1,4 +1,4 @@
-"""Which learning rates suit trainings of which length: the usual ones times several factors.
+"""Learning rates by the length of a training: the usual ones times several factors.
 
     python -m bench.decided.learning_rates [--quick] [--json] [--write] [--work FOLDER] [--ladder FOLDER]
 
@@ -48,7 +48,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def one(session: Callable[[], Path], iterations: int, factor: float) -> dict[str, float]:
-    """Held-out dB, and dB to the truth, of a whole training at so many times the usual rates."""
+    """Held-out dB, and dB to the truth, of a whole training at that factor on the usual rates."""
     folder = session()
     warm_up(lambda message, done, total: None)
     with mock.patch("recon.decide.settings.rate_factor", return_value=factor):

@@ -20,7 +20,7 @@ from recon.observe.linear import LinearLight, split, through_filter
 
 RAWNERF_EPSILON = 1e-3
 SCALES = 3
-"""Of `coarse_to_fine`: single photosites, and means of 2x2 and 4x4 of a plane."""
+"""Scales of `coarse_to_fine`: single photosites, and means of 2x2 and 4x4 of a plane."""
 
 
 @dataclass
@@ -43,7 +43,7 @@ class _Signal(LinearLight):
 
 @dataclass
 class Whitened(_Signal):
-    """In standard deviations of the noise at the predicted signal."""
+    """Loss in standard deviations of the noise at the predicted signal."""
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
@@ -56,7 +56,7 @@ class Whitened(_Signal):
 
 @dataclass
 class RelativeSquares(_Signal):
-    """Over the predicted signal."""
+    """Loss relative to the predicted signal."""
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
@@ -69,7 +69,7 @@ class RelativeSquares(_Signal):
 
 @dataclass
 class Stabilised(_Signal):
-    """On the scale on which the noise is the same everywhere, black at 0 and white at 1."""
+    """Loss on the scale on which the noise is the same everywhere, black at 0 and white at 1."""
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None

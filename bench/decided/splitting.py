@@ -1,4 +1,4 @@
-"""What the Gaussians that a training splits are chosen by, and whether a longer training is worse.
+"""Criteria by which a training splits Gaussians, and the effect of longer trainings.
 
     python -m bench.decided.splitting [--quick] [--json] [--write] [--seeds 2] [--long] [--work FOLDER]
         [--sets NAMES] [--code NAME]
@@ -44,7 +44,9 @@ LONGER = 4
 
 @dataclass(frozen=True)
 class Set:
-    """What is trained. parts: of the views, one of which each seed holds out; 0: as the session has it."""
+    """Data set of a training. parts: of the views, one of which each seed holds out; 0: as the session has
+    it.
+    """
 
     name: str
     width: int
@@ -53,7 +55,7 @@ class Set:
     parts: int = 0
 
     def folder(self, work: Path, seed: int) -> Path:
-        """Its session, made now if it is not there."""
+        """Session folder, made now if it does not exist."""
         if self.name in ("castle", "monstree", "lego"):
             return session_of(self.name, work)
         return session(work, self.name, seed, "truth")

@@ -31,7 +31,7 @@ class ClampedChroma(LuminanceChromaticity):
     rest_rate: Rate = Rate(0.0008, 0.00016)
 
     def start(self, rgb: Tensor) -> Parameters:
-        """As of its class."""
+        """Start as its class."""
         found = super().start(rgb)
         chroma = torch.sigmoid(C0 * found["chroma_dc"])
         return found | {"chroma_dc": (chroma - 0.5) / C0}
@@ -61,7 +61,7 @@ class ThirdDegree(LuminanceChromaticity):
         return super().rates | {"chroma_third": self.rest_rate}
 
     def start(self, rgb: Tensor) -> Parameters:
-        """As of its class."""
+        """Start as its class."""
         return super().start(rgb) | {"chroma_third": rgb.new_zeros(len(rgb), THIRD, 3)}
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
@@ -104,11 +104,11 @@ class _OfLinear:
         return self.linear.rates
 
     def start(self, rgb: Tensor) -> Parameters:
-        """As of its class."""
+        """Start as its class."""
         return self.linear.start(rgb)
 
     def luminance(self, parameters: Parameters) -> Tensor:
-        """That of the linear colours."""
+        """Luminance of the linear colours."""
         return self.linear.luminance(parameters)
 
     def penalty(self, parameters: Parameters) -> Tensor:
@@ -168,7 +168,7 @@ class Remembering(Renderer):
     """Leaves what it drew last where `CurveOfGaussians` finds it."""
 
     def __call__(self, gaussians: Gaussians, camera: SplatCamera, **options: Any) -> Render:
-        """As of its class."""
+        """Evaluate as its class."""
         CurveOfGaussians.last = self, gaussians, camera, options
         return super().__call__(gaussians, camera, **options)
 

@@ -27,9 +27,9 @@ from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
 SHARE = 0.02
-"""Of the Gaussians, as many are planted."""
+"""Share of the Gaussians that are planted."""
 CLEAR = 0.04
-"""Of the scene's depth: what is farther from every surface stands in the air."""
+"""Distance from every surface, relative to the scene's depth, beyond which a Gaussian is in the air."""
 
 
 def begun(dataset: Dataset, gaussians: int, iterations: int, seed: int) -> tuple[Training, Plan]:
@@ -131,7 +131,7 @@ def plant(training: Training, dataset: Dataset, seed: int) -> Tensor:
 
 
 def in_the_air(session: Path, training: Training, dataset: Dataset) -> Tensor | None:
-    """Return which Gaussians are farther than `CLEAR` from every surface; None: nobody knows."""
+    """Return which Gaussians are farther than `CLEAR` from every surface; None if the truth is unknown."""
     origin = Session.open(session).record.origin
     if not origin.startswith("sim:"):
         return None

@@ -40,7 +40,7 @@ SETS = {"demo": (160, 3000), "gallery": (160, 3000), "monstree": (250, 4000)}
 """Width, px, and Gaussians."""
 ITERATIONS = 250
 PLANTED, PRUNED = 0.625, {"at once": 0.63, "adapted": 0.825}
-"""Where on the schedule; growth ends at 0.6."""
+"""Positions on the schedule; growth ends at 0.6."""
 
 Rule = Callable[[Evidence], Tensor]
 RULES: dict[str, Rule] = {
@@ -49,7 +49,7 @@ RULES: dict[str, Rule] = {
     "seen by 2 views": lambda found: found.seen >= 2,
     "seen by 3 views": lambda found: found.seen >= 3,
 }
-"""What stays."""
+"""Rules of pruning."""
 VERDICT = (
     "**Not adopted.** Asked were 90 % of the floaters gone for less than 0.05 dB. The one rule that costs "
     "less than that on every set (needed by 2 views, or opposed by none) leaves 21 to 77 % of the planted "

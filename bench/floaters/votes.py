@@ -1,12 +1,13 @@
-"""How many photographs see a Gaussian above noise, and how many would get worse, or better, without it.
+"""Votes of photographs on a Gaussian: its signal above noise, and the views that would gain or lose without
+it.
 
 A rendered pixel is affine in the opacity of each Gaussian, so `o dC/do` is exactly what it adds to the pixel
 in place of what is behind it: one derivative is one removal. In units of the noise of a view, the sum of its
 squares is how far above noise the Gaussian is, and that less twice its product with the residuals is what
 chi-square would gain if it were gone. Sums of squares of derivatives are estimated by random signs
-(Hutchinson 1990), so that a view costs a backward pass a probe, by the passes that there are, whatever the
-device. Noise is what the render misses of the photographs of a view: that of the sensor, and what the
-Gaussians cannot show.
+(Hutchinson 1990), so that a view costs a backward pass a probe, by the existing passes, whatever the device.
+Noise is the difference of the render from the photographs of a view: that of the sensor, and the Gaussians'
+own error.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ SIGNIFICANT = 9.0
 
 @dataclass
 class Evidence:
-    """Of N Gaussians over the views that were asked.
+    """Evidence on N Gaussians over the selected views.
 
     seen: int32 [N], views in which it is above noise. needed, opposed: int32 [N], views whose photographs get
     worse, or better, without it; all by `SIGNIFICANT`. total: float64 [N], what chi-square of all views gains

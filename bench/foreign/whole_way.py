@@ -34,7 +34,7 @@ Times = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class Case:
-    """What is photographed and how. given: with the true poses and lens, else with none."""
+    """Subject and photographs of a case. given: with the true poses and lens, else without poses."""
 
     title: str
     scene: Callable[..., LitScene]
@@ -146,7 +146,7 @@ def _commit() -> str:
 
 
 def kept(rows: list[dict[str, Any]], earlier: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each scene the first row that was ever measured, and the newest."""
+    """First measured row of each scene, and the newest."""
     together = []
     for name in CASES:
         own = [row for row in (*earlier, *rows) if row["scene"] == name]

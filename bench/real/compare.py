@@ -49,11 +49,11 @@ WALKED, WALK_SIZE = 100, (1600, 1200)
 KNOWN = (("castle", 400, (120.0,)), ("monstree", 400, (120.0,)), ("lego", 400, (120.0,)))
 """Each set, its width in px, its budgets in processor seconds: blur, rates and more were chosen on them."""
 UNSEEN = ((WALK, 800, (240.0,)), ("lund", 400, (120.0,)))
-"""Nothing was chosen on these."""
+"""Scenes on which no choice was made."""
 QUALITY: QualityName = "best"
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 PEER_POINTS = 20_000
-"""That the peer starts from where poses came without points: rig's own, of its plane sweep."""
+"""Start points of the peer where poses came without points: rig's own, of its plane sweep."""
 
 
 def session_of(name: str, work: Path) -> Path:
@@ -73,7 +73,7 @@ def session_of(name: str, work: Path) -> Path:
 
 
 def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, Any]:
-    """Of one training by rig; `budget` in processor seconds."""
+    """Row of one training by rig; `budget` in processor seconds."""
     warm_up(lambda message, done, total: None)
     before = _used()
     folder = reconstruct(
@@ -112,7 +112,7 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
 
 
 def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, float]:
-    """PSNR of photographs with alpha before white, as NeRF-synthetic is published; nothing of others."""
+    """PSNR of photographs with alpha over white, as NeRF-synthetic is published; empty for others."""
     alphas = [view.alpha for view in views]
     if any(alpha is None for alpha in alphas):
         return {}
@@ -127,7 +127,7 @@ def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, 
 def peer_rows(
     session: Path, width: int, budget: float, program: Path, work: Path, seed: int
 ) -> list[dict[str, Any]]:
-    """Of each variant of OpenSplat."""
+    """Rows of each variant of OpenSplat."""
     dataset = load(session, max_width=width)
     folder = work / f"{session.name}-{width}-peer"
     if not (folder / "transforms.json").is_file():

@@ -103,14 +103,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def needed(row: dict[str, dict[str, float]]) -> tuple[int, int]:
-    """Of trainings of one length: the best number of Gaussians, and the fewest that are as good."""
+    """Best number of Gaussians in trainings of one length, and the smallest that is as good."""
     best = max(row, key=lambda count: row[count]["gained"])
     enough = [count for count in row if row[count]["gained"] >= row[best]["gained"] - NEAR]
     return int(best), min(map(int, enough))
 
 
 def exponent(table: dict[str, dict[str, dict[str, float]]]) -> float:
-    """Of the fewest Gaussians that are as good as any, over the iterations: a line through logarithms."""
+    """Exponent of the smallest number of Gaussians as good as any, over the iterations: a line through
+    logarithms.
+    """
     lengths = np.log([float(iterations) for iterations in table])
     counts = np.log([float(needed(row)[1]) for row in table.values()])
     return float(np.polyfit(lengths, counts, 1)[0])

@@ -1,13 +1,14 @@
-"""Exposure and white balance of photographs: what each part gains where it is needed, and costs elsewhere.
+"""Exposure and white balance of photographs: the gain of each part where it is needed, and its cost
+elsewhere.
 
     python -m bench.real.light [--quick] [--json] [--write] [--seeds 1] [--work FOLDER] [--sets banana,...]
 
 Real photographs under RIG_DATA, 1,000 px or less on the long side, and the demo's views as photographs, as
 bench/recon/auto_exposure.py develops them. Each set is calibrated once, and trained (preset draft) from the
 same poses by three rules. `off`: no part. `points`: every part that held-out points ask for by two standard
-errors, which is what scene points tell by themselves. `taken`: what calibration takes, by what the files say
-and by regions that have to agree. Held-out photographs are judged as recorded, and once more after a gain of
-each channel that is fitted to them. Rows are kept in FOLDER. --quick: banana.
+errors, by scene points alone. `taken`: the parts that calibration takes, by the files and by regions that
+have to agree. Held-out photographs are judged as recorded, and once more after a gain of each channel that is
+fitted to them. Rows are kept in FOLDER. --quick: banana.
 """
 
 import argparse
@@ -46,11 +47,11 @@ REAL: Mapping[str, tuple[str, int, int]] = {
     "monstree": ("monstree/*.jpg", 800, 1),
     "brighton": ("brighton/*.JPG", 1000, 1),
 }
-"""Which files, px of the long side, and every which of them."""
+"""Files, px of the long side, and their stride."""
 MADE = {f"demo {name}": name for name in CASES}
 RULES = ("off", "points", "taken")
 FRAMES = 3
-"""Of the demo, each of four views."""
+"""Number of frames of the demo, each of four views."""
 
 
 def session_of(name: str, work: Path) -> Path:

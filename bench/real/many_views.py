@@ -5,9 +5,9 @@
 Brackets of four RAW exposures of the simulator whose cells are repeated to 4160x3120, 13 megapixels
 (`bench/support/enlarged.py`), the 24 views of the demo once or many times over. Copies of a view are links to
 its files, also to what 24 views decoded: it is read for each view at each look, but takes the disk once, and
-a training's seconds are those of one whose images are decoded. At the width of the preset best. The free
-memory that the training is told is 8 GB. Each in a process of its own; finished rows are kept in FOLDER,
-which needs 20 GB of disk.
+a training's seconds are those of one whose images are decoded. At the width of the preset best. The training
+is given 8 GB as the free memory. Each in a process of its own; finished rows are kept in FOLDER, which needs
+20 GB of disk.
 """
 
 import argparse
@@ -60,20 +60,20 @@ print(json.dumps(dict(
 
 
 def session_of(work: Path, views: int) -> Path:
-    """A calibrated session of so many views of full size."""
+    """Make a calibrated session of that many views of full size."""
     once = enlarged(oracle_session(work / "demo"), work / "full-size", FACTOR, exposures=EXPOSURES)
     return multiplied(once, work / f"full-size-{views}", views // 24)
 
 
 def decoded(work: Path, views: int) -> Path:
-    """Return what a session of so many views has decoded."""
+    """Return the decoded files of a session of that many views."""
     return work / f"full-size-{views}" / "decoded"
 
 
 def link_decoded(work: Path, views: int, width: int) -> None:
-    """Give a session of many views what is decoded at a width of the one of 24.
+    """Link the decoded files of the session of 24 views, at a width, to a session of many views.
 
-    The name of a decoded file tells size and time of the photograph's, which links have in common.
+    The name of a decoded file has size and time of the photograph's, which links have in common.
     """
     place = f"{width} px"
     load(session_of(work, 24), max_width=width, examine=lambda firsts, counts: True)
@@ -88,7 +88,7 @@ def link_decoded(work: Path, views: int, width: int) -> None:
 
 
 def measured(work: Path, views: int, width: int, seed: int) -> dict[str, Any]:
-    """Of a training."""
+    """Figures of a training."""
     session = session_of(work, views)
     if views > 24:
         link_decoded(work, views, width)

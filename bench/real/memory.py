@@ -130,7 +130,7 @@ def last(script: str, *options: object) -> dict[str, Any]:
 
 
 def large_session(work: Path, views: int) -> Path:
-    """A calibrated session of so many large views."""
+    """Make a calibrated session of that many large views."""
     name = f"toy-{views}"
     rigs._RIGS[name] = replace(rigs._RIGS["toy"], positions=views // 2)
     small = oracle_session(work / name, name, points=600)

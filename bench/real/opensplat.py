@@ -22,7 +22,7 @@ from imaging.files import store
 SOURCE = "https://github.com/pierotofy/OpenSplat"
 RELEASE = "v1.1.4"
 BACKGROUND = (0.6130, 0.0101, 0.3984)
-"""What it draws behind its Gaussians: a constant of its source."""
+"""Background behind its Gaussians: a constant of its source."""
 WHOLE = 30_000
 """Iterations that its schedule is made for."""
 
@@ -74,7 +74,7 @@ def built(work: Path, source: Path | None = None) -> Path:
 
 
 def version(program: Path) -> str:
-    """As it says itself."""
+    """Version as it prints it."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
 
 

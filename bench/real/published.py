@@ -1,10 +1,10 @@
-"""What presets make of NeRF-synthetic scenes unaided, beside what is published.
+"""Presets on NeRF-synthetic scenes unaided, beside published figures.
 
     python -m bench.real.published [--scenes lego] [--quick] [--json] [--write] [--work FOLDER]
 
 Scenes are folders of RIG_DATA in the layout of NeRF-synthetic (Mildenhall et al., arXiv 2003.08934), or any
 such folder. Each is imported with the poses it comes with and trained with nothing set by hand; views are
-those that it tests on, before white as it is published. Finished rows are kept in FOLDER. --quick: drafts.
+those that it tests on, over white as it is published. Finished rows are kept in FOLDER. --quick: drafts.
 """
 
 import argparse

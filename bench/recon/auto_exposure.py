@@ -1,10 +1,10 @@
-"""Photographs that their camera exposed and balanced by itself: what knowing that is worth.
+"""Photographs that their camera exposed and balanced by itself: the gain by modelling that.
 
     python -m bench.recon.auto_exposure [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
 
 The demo's views, a photograph each, through sRGB, without labels; each brighter or darker and of another
 white balance as drawn. `labels`: the calibration's poses and falloff, photographs taken as equally exposed
-and balanced. `own`: as the calibration tells (`calib/light/each_photograph.py`), by either method. Held-out
+and balanced. `own`: as in the calibration (`calib/light/each_photograph.py`), by either method. Held-out
 views are compared with the simulator's light where it is not among the brightest tenth, after one scale a
 scene.
 """
@@ -50,7 +50,7 @@ CASES = {
 }
 METHODS: tuple[MethodName | None, ...] = (None, "vanilla", "hdr-gs")
 MIDDLE = 0.25
-"""Of the scene's median radiance in an average photograph, linear."""
+"""Mean of an average photograph, relative to the scene's median radiance, linear."""
 
 
 def photographed(base: Path, case: Case, seed: int, frames: int) -> tuple[Path, npt.NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""What time buys: quality of the demo against iterations and Gaussians, the curve behind the presets.
+"""Gain by time: quality of the demo against iterations and Gaussians, the curve behind the presets.
 
     python -m bench.recon.budget [--quick] [--json] [--write] [--seed 0] [--calibration own|truth] [--work
     FOLDER]

@@ -1,4 +1,4 @@
-"""How many Gaussians scenes need, how many the ladder gives them, and what its trials cost.
+"""Number of Gaussians: needed by scenes, chosen by the ladder, and the cost of its trials.
 
     python -m bench.recon.count [--quick] [--json] [--write] [--seeds 2] [--iterations 2000] [--work FOLDER]
 
@@ -36,7 +36,7 @@ SCENES = (("toy", 64), ("demo", 160), ("gallery", 160), ("demo", 320), ("gallery
 WITHIN = 0.2
 """dB of the best of a sweep that count as the best."""
 RATIO = 1.3
-"""How many times the needed number the chosen one may be."""
+"""Largest ratio of the chosen number to the needed one."""
 MEASURES = {"truth": "hdr_psnr_mu_aligned", "pictures": "raw_psnr"}
 
 

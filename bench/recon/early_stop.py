@@ -1,4 +1,5 @@
-"""What stopping early costs and saves: standard and best as they are, and ended where little is gained.
+"""Early stopping, its cost and its saving: standard and best as they are, and ended where little is
+gained.
 
     python -m bench.recon.early_stop [--quick] [--json] [--write] [--work FOLDER]
 

@@ -1,9 +1,9 @@
-"""What each format of `rig export` loses of a scene's light, and how large its file is.
+"""Loss of a scene's light in each format of `rig export`, and the size of its file.
 
     python -m bench.recon.exports demo/ [--json] [--write]
 
-Of scenes that are trained, such as that of `make demo`. The loss is what the command tells: the Gaussians as
-the file holds them against those of the scene, and pictures drawn of both.
+Of scenes that are trained, such as that of `make demo`. The loss is that of the command: the Gaussians as the
+file holds them against those of the scene, and pictures drawn of both.
 """
 
 import argparse

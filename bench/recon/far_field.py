@@ -1,4 +1,4 @@
-"""What an environment behind the Gaussians is worth before a far background, and where it is refused.
+"""Environment behind the Gaussians: its gain before a far background, and its refusals elsewhere.
 
     python -m bench.recon.far_field [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
 
@@ -38,7 +38,7 @@ from tests.foreign.photographs import GAIN, READ, probe, session
 from tests.foreign.scenes import Scene, box, floor, moved, ring, spots, surface
 
 SIGNAL = 15.0
-"""Of the photographs: signal of light 1 in 1 s."""
+"""Signal of the photographs for light 1 in 1 s."""
 MIDDLE = 0.02
 """Median light of the views."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

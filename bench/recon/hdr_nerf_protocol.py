@@ -112,7 +112,7 @@ def one_exposure_each(photos: Path, session: Path, scene: Path, seed: int) -> Pa
 
 
 def with_measured_response(plain: Path, session: Path) -> Path:
-    """The same session with the response that its photographs for training tell."""
+    """Replace the response of a session by the one from its photographs for training."""
     if not session.exists():
         with store.replacing(session) as part:
             shutil.copytree(plain, part, ignore=shutil.ignore_patterns("reconstructions"))

@@ -18,7 +18,7 @@ Picture = Callable[[View], tuple[Float, Bool]]
 
 
 def brackets(dataset: Dataset) -> Dataset:
-    """As `rig reconstruct` has it: every exposure of a view is an observation of its own."""
+    """Observe as `rig reconstruct` does: every exposure of a view is an observation of its own."""
     return dataset
 
 
@@ -33,7 +33,7 @@ def merged(dataset: Dataset, picture: Picture = radiance_image) -> Dataset:
 
 
 def bilinear_image(view: View) -> tuple[Float, Bool]:
-    """As `radiance_image`, demosaicked bilinearly."""
+    """Demosaic bilinearly, otherwise as `radiance_image`."""
     sensor = view.sensor
     assert sensor.cfa is not None
     found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])

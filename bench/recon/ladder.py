@@ -1,4 +1,4 @@
-"""Whether what is modelled is just what a scene requires, on scenes of which that is known.
+"""Choice of the modelled parts on scenes whose needs are known.
 
     python -m bench.recon.ladder [--quick] [--json] [--write] [--minutes M] [--work FOLDER]
 
@@ -39,9 +39,9 @@ RIGHT = 0.95
 WORSE = 0.2
 """dB on held-out pictures that the ladder's choice may lie below everything on."""
 LESS = 3.0
-"""On scenes that need little it has to be so many times faster or smaller."""
+"""Factor in time or size that scenes with little need have to gain."""
 SMALL = Quality(2000, 20_000, 640)
-"""In place of `standard`: half its Gaussians, since the pictures are small."""
+"""Budget in place of `standard`: half its Gaussians, since the pictures are small."""
 TINY = Quality(60, 600, 640)
 """And where it has to be quick."""
 QUICK = "one exposure enough 0"
@@ -60,7 +60,7 @@ def chosen(record: CalibrationRecord, rungs: Sequence[Rung], exposures: int) -> 
 
 
 def wrong(needs: Mapping[str, bool], taken: Mapping[str, bool]) -> list[str]:
-    """What was taken for nothing, or was not though it is needed; a rung nobody considered is not taken."""
+    """Rungs taken without need, or needed and not taken; a rung that was not considered is not taken."""
     return [
         f"{'no ' if need else ''}{name}" for name, need in needs.items() if taken.get(name, False) != need
     ]
@@ -120,7 +120,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def of_kind(kind: Kind, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """The scenes of a kind together; None if there are none."""
+    """Scenes of a kind together, or None."""
     own = [one for one in rows if one["scene"].rpartition(" ")[0] == kind.name]
     if not own:
         return None

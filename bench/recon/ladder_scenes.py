@@ -29,15 +29,15 @@ SNR = 14.0
 """dB that a planned bracket has to reach in the dark: soft light spans 5 stops, and one exposure of these
 sensors reaches 8 at that; lamps and shadows span 17."""
 TURN, SHIFT = 0.5, 0.008
-"""By which poses are made wrong: degrees about each axis, nearly a pixel, and m along each."""
+"""Errors of made wrong poses: degrees about each axis, nearly a pixel, and m along each."""
 STOPS = 0.2
-"""By which exposure scales are made wrong."""
+"""Errors of made wrong exposure scales, stops."""
 
 PLAIN: dict[str, Any] = {
     "width": 96, "height": 72, "samples": 3,
     "even": True, "gloss": 0.0, "distortion": 0.0, "vignetting": 0.0, "gains": 0.0,
 }  # fmt: skip
-"""Nothing but things in soft light before ideal cameras, as small as calibration by itself still can."""
+"""Settings of a plain scene: soft light before ideal cameras, as small as calibration by itself still can."""
 
 OFF = dict.fromkeys(
     (
@@ -47,7 +47,7 @@ OFF = dict.fromkeys(
     ),
     False,
 )  # fmt: skip
-"""What a plain scene requires of all that is judged: nothing."""
+"""Needs of a plain scene among all that is judged: none."""
 
 Altered = Callable[[CalibrationRecord, np.random.Generator], CalibrationRecord]
 
@@ -74,16 +74,16 @@ def mislabelled(record: CalibrationRecord, rng: np.random.Generator) -> Calibrat
 
 
 def unshaded(record: CalibrationRecord, rng: np.random.Generator) -> CalibrationRecord:
-    """No falloff told."""
+    """Remove the falloff."""
     cameras = [camera.model_copy(update={"vignetting": (0.0, 0.0, 0.0)}) for camera in record.cameras]
     return record.model_copy(update={"cameras": tuple(cameras)})
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of scene: how the simulator is set, and which rungs have to be taken, or must not be.
+    """Kind of scene: the settings of the simulator, and the rungs that have to be taken, or must not be.
 
-    required: in place of what `OFF` says; None: either will do. stops: of the bracket about the rig's middle
+    required: in place of `OFF`; None: either will do. stops: of the bracket about the rig's middle
     exposure, or `auto`: planned; None: the rig's own. altered: the calibration is not measured but the
     truth's, made wrong so. little: whether its scenes need little. trainings: of each scene, with seeds of
     their own, for the mean of their dB: where there are lamps, seeds alone change the pictures by 0.3 dB.
@@ -101,7 +101,7 @@ class Kind:
 
     @property
     def needs(self) -> dict[str, bool]:
-        """Of every rung that is judged, whether it has to be taken."""
+        """Expected state of every rung that is judged."""
         known = {**OFF, **self.required}
         return {name: need for name, need in known.items() if need is not None}
 
@@ -158,7 +158,7 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """In words; it names its row and, with dashes, its folder."""
+        """Name in words; it names its row and, with dashes, its folder."""
         return f"{self.kind.name} {self.seed}"
 
 
@@ -169,7 +169,7 @@ def scenes() -> list[Scene]:
 
 
 def session(scene: Scene, work: Path) -> Path:
-    """Its session, shot and calibrated now if it is not there."""
+    """Session, shot and calibrated now if it does not exist."""
     kind, seed = scene.kind, scene.seed
     folder = work / scene.name.replace(" ", "-")
     settings = {**PLAIN, "scene": "gallery" if seed % 2 else "table", **kind.settings}

@@ -33,7 +33,7 @@ from recon.splat import SplatCamera
 Array = npt.NDArray[np.float64]
 SETS = "demo,gallery"
 NEARER = 0.98
-"""Of the distance of a place: a surface that is nearer hides it."""
+"""Ratio of the distance of a place below which a nearer surface hides it."""
 
 
 def places(subject: Subject, camera: SplatCamera) -> tuple[Array, Array]:
@@ -50,7 +50,7 @@ def places(subject: Subject, camera: SplatCamera) -> tuple[Array, Array]:
 
 
 def normals(xyz: Array, centre: Array) -> Array:
-    """Of the surface through places [H, W, 3], towards a centre."""
+    """Normals of the surface through places [H, W, 3], towards a centre."""
     found = np.cross(np.gradient(xyz, axis=1), np.gradient(xyz, axis=0))
     found /= np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-30)
     return np.asarray(found * -np.sign(((xyz - centre) * found).sum(-1, keepdims=True)))

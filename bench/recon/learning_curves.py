@@ -1,4 +1,4 @@
-"""How held-out quality follows the length of a training, which is what forecasts are made from.
+"""Held-out quality over the length of a training, on which forecasts rest.
 
     python -m bench.recon.learning_curves [--quick] [--json] [--write] [--longest 45] [--work FOLDER]
                                     [--ladder FOLDER]
@@ -39,7 +39,7 @@ from recon.train.warm_up import warm_up
 LENGTHS = (6, 12, 25, 50, 100, 200, 400, 800, 1600, 3200)
 FIRST = np.log([12.0, 40.0, 1.3])
 BOUNDS = np.log([[0.5, 2.0, 0.3], [40.0, 1000.0, 4.0]])
-"""Of rise, half and power: a curve that was rising from the first has no half that is sure."""
+"""Bounds of rise, half and power: a curve that was rising from the first has no certain half."""
 CHANGED = (
     ("demo 0", Overrides(gaussians=5000)),
     ("linear 0", Overrides(gaussians=4000)),

@@ -72,7 +72,7 @@ class LinearLoss(LinearLight):
 
 @dataclass(frozen=True)
 class Row:
-    """What is trained on, how it is coloured, and how it is compared."""
+    """Row: data, appearance and comparison."""
 
     given: str
     appearance: str
@@ -80,7 +80,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Of its line."""
+        """Label of its line."""
         return f"{self.given} | {self.appearance}"
 
 
@@ -136,7 +136,7 @@ class Studio:
 
 
 def searched(options: argparse.Namespace, cache: Cache, studio: Studio) -> dict[str, float]:
-    """What the colour rates of every row are multiplied by: the best of a search, by the truth of seed 0.
+    """Factors on the colour rates of every row: the best of a search, by the truth of seed 0.
 
     Searched for brackets and for merged EXR; demosaicked brackets are compared as brackets are. The usual
     rates of 3DGS stay as they are.

@@ -1,4 +1,4 @@
-"""Where the presets draft, standard and best lie against the front of what time buys, over many scenes.
+"""Presets draft, standard and best against the front of quality over time, over many scenes.
 
     python -m bench.recon.presets [--quick] [--json] [--write] [--minutes 20] [--scenes 9] [--work FOLDER]
 
@@ -30,7 +30,7 @@ TOLERANCE = 0.5
 """dB that a preset may lie behind the front of any scene, at SLACK times its seconds."""
 SLACK = 1.1
 FASTER, WITHIN = 10.0, 1.0
-"""draft is to be so many times faster than best, and standard within so many dB of it, on every scene."""
+"""Requirements on every scene: the speed of draft over best, and the loss of standard against best in dB."""
 MARKERS = {"draft": "v", "standard": "s", "best": "^"}
 TICKS = (5, 10, 20, 50, 100, 200, 500)
 LOWEST = 4.0
@@ -51,7 +51,7 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name in words."""
         return f"{self.rig} {self.seed}" + (f", {self.darker} stops darker" if self.darker else "")
 
 
@@ -65,7 +65,7 @@ TOYS = (Scene("toy", 0), Scene("toy-ldr", 0))
 
 
 def folder_of(scene: Scene, work: Path) -> Path:
-    """Its session, made now if it is not there."""
+    """Session folder, made now if it does not exist."""
     if scene.rig.startswith("toy"):
         return session(work, scene.rig, scene.seed, "truth")
     if scene == CASTLE:

@@ -56,7 +56,7 @@ MEASURES = {"raw_psnr": ("RAW dB", 2), "rgb_psnr": ("RGB dB", 2), "rgb_ssim": ("
 
 @dataclass(frozen=True)
 class Row:
-    """How a scene is trained: what it sees, and how that is compared."""
+    """Training of a scene: its data, and their comparison."""
 
     name: str
     observation: Callable[[float], LinearLight]
@@ -76,13 +76,13 @@ ROWS = (
 
 
 class Studio:
-    """Views of a scene, and so many of them with a start; the last ones are kept for the next row."""
+    """Views of a scene, and a number of them with a start; the last ones are kept for the next row."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options, self._scene, self._count = options, ("", -1), -1
 
     def run(self, scene: str, seed: int, count: int, row: Row) -> Scores:
-        """Train once on so many views; measure the tested ones."""
+        """Train once on that many views; measure the tested ones."""
         iterations, cap = self.options.iterations, self.options.cap
         if self._scene != (scene, seed):
             self._scene, self._count = (scene, seed), -1

@@ -1,10 +1,10 @@
-"""From which error of the poses on it pays to correct them in training.
+"""Pose error above which a correction in training pays.
 
     python -m bench.recon.refine [--quick] [--json] [--write] [--work FOLDER]
 
 Simulated sessions whose calibration is the truth but for the poses of the views that are trained on: each is
-turned and shifted at random, by so many pixels as `rig reconstruct` counts them, half of them by either. Each
-is trained twice, with poses as they are and corrected; the views that judge have their true poses.
+turned and shifted at random, by a number of pixels as `rig reconstruct` counts them, half of them by either.
+Each is trained twice, with poses as they are and corrected; the views that judge have their true poses.
 Finished rows are kept in FOLDER/refine.jsonl. --write puts the table into bench/results/refine.md.
 """
 

@@ -47,7 +47,7 @@ from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 WIDTHS = {"lego": 100, "demo": 80, "castle": 200, "monstree": 60}
-"""Of training, px: a quarter of what there is."""
+"""Widths of training, px: a quarter of the full ones."""
 FACTORS = (0.25, 0.5, 1, 2, 4)
 VIEWS = 6
 """Held-out views that are drawn, spread over all."""
@@ -59,7 +59,7 @@ EVERY = 100
 
 @dataclass
 class Filter:
-    """What stands in front of `rasterize`: see the head. cameras: those of training."""
+    """Filter before `rasterize`: see the head. cameras: those of training."""
 
     blur: float
     kept: bool = False
@@ -68,10 +68,10 @@ class Filter:
     cameras: Sequence[SplatCamera] = ()
     renders: int = 0
     distance: Tensor = field(default_factory=lambda: torch.zeros(0))
-    """Of samples, in the unit of the means, [N]."""
+    """Distance of samples, in the unit of the means, [N]."""
 
     def name(self) -> str:
-        """As the table has it."""
+        """Name in the table."""
         return f"{self.blur:g}{', kept' if self.kept else ''}{', 3D' if self.smoothed else ''}" + (
             ", as trained" if self.as_trained else ""
         )
@@ -88,7 +88,7 @@ class Filter:
         limits: Limits,
         *rest: Any,
     ) -> Render:
-        """As `rasterize`."""
+        """Render as `rasterize`."""
         if self.smoothed:
             if torch.is_grad_enabled():
                 self.renders += 1
@@ -224,7 +224,7 @@ def show(pair: tuple[Any, Any], scale: float, linear: bool, path: Path) -> None:
 
 
 def filters() -> list[Filter]:
-    """In the order of the table; the first is what 3DGS has."""
+    """Filters in the order of the table; the first is that of 3DGS."""
     return [
         Filter(0.3),
         Filter(0.1, kept=True),

@@ -1,4 +1,4 @@
-"""How right calibration, splatting and methods are at the extremes, against float64 and against the truth.
+"""Calibration, splatting and methods at the extremes, against float64 and against the truth.
 
     python -m bench.recon.stability [--quick] [--json] [--write] [--seed 0]
 

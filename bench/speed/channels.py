@@ -1,4 +1,4 @@
-"""What a channel of light costs: the CPU rasteriser at 1 to 16 channels, as ratios to 3 in the same run.
+"""Cost of a channel of light: the CPU rasteriser at 1 to 16 channels, as ratios to 3 in the same run.
 
     python -m bench.speed.channels [--quick] [--json] [--write] [--rounds 40] [--seed 0]
 
@@ -24,7 +24,7 @@ COUNT, WIDTH, HEIGHT = 50_000, 640, 480
 
 
 def render(name: str, channels: int, seed: int) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Forward, and forward with backward, of a workload whose light has so many channels."""
+    """Forward, and forward with backward, of a workload with that many channels of light."""
     *shape, _ = workload(name, COUNT, seed)
     random = torch.Generator().manual_seed(seed)
     tensors = [*shape, torch.rand(COUNT, channels, generator=random).requires_grad_()]

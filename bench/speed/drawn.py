@@ -8,6 +8,6 @@ from recon.splat import Limits, Render, SplatCamera, rasterize
 
 
 def drawn(tensors: Sequence[torch.Tensor], camera: SplatCamera, limits: Limits) -> Render:
-    """By our rasteriser; tensors: means, quats, scales, opacities, colours, as `workload` has them."""
+    """Draw by our rasteriser; tensors: means, quats, scales, opacities, colours, as `workload` has them."""
     means, quats, scales, opacities, colours = tensors
     return rasterize(means, quats, scales, opacities, colours, camera, limits=limits)

@@ -1,4 +1,4 @@
-"""What the rasteriser is measured against: the same algorithm in plain torch, tile after tile.
+"""Reference implementation of the rasteriser's speed: the same algorithm in plain torch, tile after tile.
 
 Projection is one batch; each 16x16 tile is then a handful of matrix operations over its list of Gaussians;
 autograd does the backward pass. gsplat's rules (alpha at most 0.999 and at least 1/255, transmittance at

@@ -1,4 +1,4 @@
-"""How fast each method's model is drawn on the CPU, as a ratio to 3DGS: same Gaussians, same geometry.
+"""Speed of drawing each method's model on the CPU, as a ratio to 3DGS: same Gaussians, same geometry.
 
     python -m bench.speed.render_speed [--quick] [--json] [--write] [--repeats 100] [--gaussians 20000]
                                  [--iterations 500] [--work FOLDER]
@@ -67,7 +67,7 @@ def grown(trial: Trial, iterations: int) -> Training:
 
 
 def developed(dataset: Dataset) -> Dataset:
-    """As if its cameras gave photographs."""
+    """Treat its cameras as if they gave photographs."""
     response = Response(kind="srgb", evidence="of this script")
 
     def seen(view: View) -> View:
@@ -79,7 +79,7 @@ def developed(dataset: Dataset) -> Dataset:
 
 
 def models(trial: Trial, training: Training) -> dict[str, Drawn]:
-    """Of every row."""
+    """Models of every row."""
     light, own = trial.light, training.gaussians
     wide = limits_for(light.reference)
     parameters = own.parameters

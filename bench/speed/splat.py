@@ -1,4 +1,4 @@
-"""How fast the CPU rasteriser is, against the same algorithm in plain torch, in one run.
+"""Speed of the CPU rasteriser, against the same algorithm in plain torch, in one run.
 
     python -m bench.speed.splat [--quick] [--json] [--write] [--threads N] [--seed 0]
 

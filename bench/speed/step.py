@@ -1,4 +1,4 @@
-"""Where the time of a training step goes: the demo's scene with NH-3DGS, part by part.
+"""Time of a training step, part by part: the demo's scene with NH-3DGS.
 
     python -m bench.speed.step [--quick] [--json] [--write] [--seed 0] [--calibration own|truth] [--work
     FOLDER]

@@ -1,4 +1,4 @@
-"""How fast `rig view` answers: its first picture, pictures while the camera moves, and the one after it.
+"""Latency of `rig view`: its first picture, pictures while the camera moves, and the one after it.
 
     python -m bench.speed.viewer [--quick] [--json] [--write] [--gaussians 100000] [--seconds 10]
                                  [--repeats 3] [--work FOLDER]
@@ -45,7 +45,7 @@ LIMIT = 60.0
 
 
 def scene_of(work: Path, sim: str, count: int) -> Path:
-    """A reconstruction of the demo with so many Gaussians, unless it is there already."""
+    """Reconstruction of the demo with that many Gaussians, made if it does not exist."""
     place = session(work, sim, 0, "truth")
     trained = place / "reconstructions" / "viewer"
     if not (trained / "model.json").exists():
@@ -95,7 +95,7 @@ class Browser:
         self._ahead = cameras[0].cam_from_world[2, :3]
 
     def stand(self, angle: float) -> None:
-        """Say that the camera stands at an angle, radians, from where it began, about what is 1 ahead."""
+        """Move the camera to an angle, radians, from its start, about the subject at distance 1."""
         half = 0.5 * angle
         turn = np.array([math.cos(half), *(math.sin(half) * self._up)])
         target = self._position + self._ahead
@@ -115,7 +115,7 @@ class Browser:
         self.socket.send(msgspec.msgpack.encode(message))
 
     def pictures(self, seconds: float) -> Iterator[tuple[float, int]]:
-        """Yield when each came that comes within so many seconds, and how wide it is, px."""
+        """Yield the arrival time of each picture within that many seconds, and its width, px."""
         end = time.perf_counter() + seconds
         while (left := end - time.perf_counter()) > 0:
             try:
@@ -135,7 +135,7 @@ class Browser:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of quaternions wxyz."""
+    """Product of quaternions wxyz."""
     w = a[0] * b[0] - a[1:] @ b[1:]
     return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
 

@@ -1,1 +1,1 @@
-"""What the benches share: options, tables, trainings, errors by scene and seed."""
+"""Shared parts of the benches: options, tables, trainings, errors by scene and seed."""

@@ -41,7 +41,8 @@ def measured(
 
 
 def add_depths(session: Path, noise: float, holes: float, seed: int, unit: float = MILLIMETRE) -> None:
-    """Lay down a 16-bit PNG for each view of a calibrated simulated session, in so many units of the world.
+    """Write a 16-bit PNG of depth for each view of a calibrated simulated session, in a given unit of the
+    world.
 
     The records of the first shots say that they are in millimetres.
     """

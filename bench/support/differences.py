@@ -1,4 +1,4 @@
-"""How much better one row of a table is than another, with an error that counts scenes and rigs, not views.
+"""Difference between two rows of a table, with an error that counts scenes and rigs, not views.
 
 The held-out views of a scene share its rig, its light and its training, so they say little of other scenes.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Difference:
-    """A mean over scenes, its standard error (None: a single training cannot tell), and every scene's own."""
+    """Mean over scenes, its standard error (None for a single training), and every scene's own value."""
 
     mean: float
     error: float | None
@@ -21,11 +21,11 @@ class Difference:
 
     @property
     def agreed(self) -> bool:
-        """Whether every scene has the sign of the mean."""
+        """True if every scene has the sign of the mean."""
         return all(value * self.mean > 0 for value in self.by_scene.values())
 
     def words(self, digits: int) -> str:
-        """As a table shows it; where scenes contradict each other, it says so."""
+        """Format for a table; contradictions between scenes are stated."""
         if not self.by_scene:
             return "n/a"
         error = "" if self.error is None else f" +- {self.error:.{digits}f}"
@@ -35,11 +35,12 @@ class Difference:
 def paired(
     ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]], measure: str
 ) -> Difference:
-    """Ours minus theirs, from rows with `scene`, `seed` and `views`, paired by scene, seed and view.
+    """Differences of ours minus theirs, from rows with `scene`, `seed` and `views`, paired by scene, seed and
+    view.
 
     The mean is that of the scenes, each the mean of its rigs (seeds), each the mean of the views that have
     the measure in both. Its standard error is the larger of that over scenes and that over the rigs of each
-    scene: two scenes may be near each other by chance, and one scene tells of no other.
+    scene: two scenes may be near each other by chance, and one scene is no evidence on another.
     """
     rigs: dict[str, list[float]] = {}
     other = {(row["scene"], row["seed"]): row for row in theirs}

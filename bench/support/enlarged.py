@@ -23,7 +23,7 @@ Value = TypeVar("Value", bound=np.generic)
 
 
 def enlarged(session: Path, folder: Path, factor: int, *, exposures: int | None = None) -> Path:
-    """A copy of a calibrated session, `factor` times as wide, unless it is there already.
+    """Copy a calibrated session, `factor` times as wide, unless the copy exists.
 
     exposures: of each bracket, the first ones; None: all.
     """
@@ -68,9 +68,9 @@ def _repeated(pixels: npt.NDArray[Value], cell: tuple[int, int], factor: int) ->
 
 
 def multiplied(session: Path, folder: Path, times: int) -> Path:
-    """A copy of a calibrated session with each frame so many times, its files linked, unless it is there.
+    """Copy a calibrated session with each frame repeated, its files linked, unless the copy exists.
 
-    No view of it shows anything new: it takes what so many views take of a training.
+    No view of it shows anything new: it costs a training as much as that many views.
     """
     if (folder / "calibration" / "calibration.json").exists():
         return folder

@@ -39,7 +39,7 @@ class Size:
 
     @property
     def views(self) -> int:
-        """How many; the paper has 35."""
+        """Number of views; the paper has 35."""
         return self.columns * self.rows
 
 

@@ -51,10 +51,11 @@ LIGHT = Sensor("hdr", None, np.eye(3), _EVEN, _LINEAR)
 
 @dataclass(frozen=True, eq=False)
 class PhoneViews:
-    """dataset: all training views, nothing held out. cameras and references: of the tested views, in a row.
+    """Views of a telephone. dataset: all training views, nothing held out. cameras and references: of the
+    tested views, in a row.
 
-    `points` are those of a plane sweep through the true light of every third training view, and stand for
-    those that structure from motion finds in a whole set.
+    `points` are those of a plane sweep through the true light of every third training view, in place of those
+    that structure from motion finds in a whole set.
     """
 
     dataset: "PosedViews"
@@ -62,7 +63,7 @@ class PhoneViews:
     references: list[Reference]
 
     def of(self, count: int) -> Dataset:
-        """A data set of so many training views, evenly chosen."""
+        """Make a data set of that many training views, evenly chosen."""
         views = self.dataset.train
         places = np.rint(np.linspace(0, len(views) - 1, count)).astype(int)
         return replace(self.dataset, train=tuple(views[place] for place in places))

@@ -1,4 +1,4 @@
-"""What the scripts here have in common: their options, the machine, where a table goes."""
+"""Shared parts of the scripts: their options, the machine, places of tables."""
 
 import argparse
 import json
@@ -14,13 +14,13 @@ from imaging.files import store
 
 RESULTS = Path(__file__).parents[1] / "results"
 WORK = Path(tempfile.gettempdir()) / "hdr-rig-bench"
-"""Where sessions and finished rows are kept, if no other place is named."""
+"""Default folder of sessions and finished rows."""
 
 
 def arguments(text: str | None, seeds: int | None = None) -> argparse.ArgumentParser:
-    """A parser with the flags of every script; `text` is the script's docstring.
+    """Make a parser with the flags of every script; `text` is the script's docstring.
 
-    seeds: of trainings, unless another number is asked for, which are kept in a folder; None: has none.
+    seeds: of trainings, by default, whose rows are kept in a folder; None: no such option.
     """
     parser = argparse.ArgumentParser(description=(text or "").splitlines()[0])
     for flag in ("--quick", "--json", "--write"):

@@ -1,4 +1,4 @@
-"""What work takes that begins processes of its own: seconds of the processor, and memory."""
+"""Cost of work with child processes: processor seconds, and memory."""
 
 import os
 import resource
@@ -12,7 +12,7 @@ EVERY = 0.05
 
 
 def processor_seconds() -> float:
-    """Of this process and of those that it began and that have ended."""
+    """Processor seconds of this process and of its ended children."""
     return sum(
         usage.ru_utime + usage.ru_stime
         for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
@@ -20,7 +20,7 @@ def processor_seconds() -> float:
 
 
 class Memory:
-    """Looks at the memory of this process and those it began, until the block ends: `peak`, bytes."""
+    """Peak memory of this process and its children until the block ends: `peak`, bytes."""
 
     def __init__(self) -> None:
         self.peak = _resident()

@@ -119,7 +119,7 @@ def _signal(predicted: list[torch.Tensor], shots: Sequence[Shot], light: np.ndar
     """PSNR of the signal, mean over a bracket; and apart, where the light is below 1 % or above 50 %.
 
     predicted: signal of every shot; light [H, W]: true, over the scene's maximum. The two parts count only
-    photosites that are not clipped, of all shots together; NaN where there are none.
+    photosites that are not clipped, of all shots together; NaN without any.
     """
     psnrs = [psnr for pair in zip(predicted, shots, strict=True) if (psnr := shot_psnr(*pair)) is not None]
     figures = {"raw_psnr": float(np.mean(psnrs))}

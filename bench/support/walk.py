@@ -34,7 +34,7 @@ Bytes = npt.NDArray[np.uint8]
 SIZE = 4000, 3000
 """px."""
 FOCAL = 0.78
-"""Of the width: 28 mm on a full frame."""
+"""Focal length relative to the width: 28 mm on a full frame."""
 RING = 66
 """Photographs once around the house."""
 LARGEST_LEAF, SMALLEST_LEAF = 900.0, 60.0
@@ -60,7 +60,7 @@ class House:
 
 
 def lens_of(size: tuple[int, int]) -> Lens:
-    """Of the camera: a barrel of 4 % at the corners, its axis a little off the middle."""
+    """Lens of the camera: a barrel of 4 % at the corners, its axis a little off the middle."""
     width, height = size
     return Lens(
         model="RADIAL", width=width, height=height, fx=FOCAL * width, fy=FOCAL * width,
@@ -235,7 +235,7 @@ _CODES = np.rint(255 * srgb_encode(np.arange(8192) / 8191)).astype(np.uint8)
 
 
 def _visible(scene: House, pose: Array, lens: Lens) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Of each tile, which boxes it may show: numbers, and where each tile's begin, [tiles + 1]."""
+    """Visibility of boxes in each tile: numbers, and the beginning of each tile's, [tiles + 1]."""
     rows, columns = math.ceil(lens.height / TILE), math.ceil(lens.width / TILE)
     shown = np.zeros((len(scene.boxes), rows, columns), bool)
     signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T

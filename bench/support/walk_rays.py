@@ -8,7 +8,7 @@ import numpy as np
 from imaging.compute.jit import compiled
 
 LEVELS = 4
-"""Of each texture, halved each time."""
+"""Mipmap levels of each texture, halved each time."""
 TILE = 50
 """px; the boxes that each tile may show are found before any ray is sent."""
 

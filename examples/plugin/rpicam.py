@@ -4,7 +4,7 @@
     rig cameras
     rig doctor --camera rpicam-0
 
-It has been tried on a program that stands for `rpicam-still`, not on a Raspberry Pi.
+It has been tried on a stand-in of `rpicam-still`, not on a Raspberry Pi.
 """
 
 import shutil
