@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture.imports.layouts.colmap_files import check_whole
+from capture.imports.layouts.colmap_files import check_whole, text_names
 from capture.imports.layouts.given import Array, Given, GivenPhoto, lens_of, pose_of
 from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
@@ -172,9 +172,11 @@ def read_model(place: Path) -> Any:
     size = sum(path.stat().st_size for path in place.iterdir() if path.suffix in (".bin", ".txt"))
     check(f"{place} is a COLMAP model of {size / 1e6:.0f} MB", _PER_BYTE * size)
     check_whole(place)
+    names = text_names(place)
     try:
         model = _whole(place) if _has_points(place) else _without_points(place)
-        for image in model.images.values():
+        for number, image in model.images.items():
+            image.name = names.get(number, image.name)
             image.name.encode()  # raises for a name that is no UTF-8
     except Exception as error:  # of many types, one for each way in which a file may be wrong
         raise InputError(f"{place} cannot be read as a COLMAP model: export it again.") from error
@@ -234,6 +236,8 @@ def lens_of_camera(camera: Any, place: Path) -> Lens | None:
 
 def _nearest(camera: Any, place: Path) -> Lens | None:
     """The lens of `rig` nearest to a camera of a model that it has not; None where none is near."""
+    if not camera.focal_length_idxs():  # of a panorama, of which pycolmap would end the process
+        return None
 
     def image_of(tangents: Array) -> Array:
         rays = np.concatenate([tangents, np.ones((len(tangents), 1))], axis=1)
@@ -249,7 +253,7 @@ def _nearest(camera: Any, place: Path) -> Lens | None:
         )
         size = (int(camera.width), int(camera.height))
         return nearest_lens(image_of, size, centred, f"camera {camera.camera_id} of {place}")[0]
-    except (RuntimeError, ValueError, TypeError, IndexError):  # a model that has no focal length, or no rays
+    except (RuntimeError, ValueError, TypeError, IndexError):  # a model that has no such rays
         return None
 
 

@@ -1,4 +1,4 @@
-"""Integrity of the binary files of a COLMAP model.
+"""Integrity of the files of a COLMAP model, and what pycolmap does not read of them.
 
 pycolmap reads a file that is cut off for ever, or invents what is missing; so the files are walked
 through first. Their layout: https://colmap.github.io/format.html.
@@ -56,6 +56,33 @@ def check_whole(place: Path) -> None:
             raise InputError(f"{path} is damaged or cut off: copy it again.")
 
 
+def text_names(place: Path) -> dict[int, str]:
+    """Names of the images of images.txt by their number, of which pycolmap keeps the first word alone.
+
+    Empty where there is none, or images.bin, which is read in its place. InputError for a rotation of zeros,
+    which pycolmap takes for none.
+    """
+    path = place / "images.txt"
+    if (place / "images.bin").is_file() or not path.is_file():
+        return {}
+    names = {}
+    try:
+        lines = iter(path.read_text(encoding="utf-8").split("\n"))
+        for line in lines:
+            if not line.strip() or line.startswith("#"):
+                continue
+            fields = line.split(maxsplit=9)
+            if not any(float(value) for value in fields[1:5]):
+                raise InputError(f"{path} has an image with a rotation of zeros: export it again.")
+            names[int(fields[0])] = fields[9].strip()
+            next(lines, None)  # its features
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: correct its permissions.") from error
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path} is damaged or cut off: copy it again.") from error
+    return names
+
+
 def _camera(walk: _Walk) -> None:
     walk.skip(4)
     model = pycolmap.CameraModelId(walk.read("i"))
@@ -63,11 +90,20 @@ def _camera(walk: _Walk) -> None:
 
 
 def _image(walk: _Walk) -> None:
-    walk.skip(4 + _POSE + 4)
+    walk.skip(4)
+    _pose(walk)
+    walk.skip(4)
     end = walk.data.index(b"\0", walk.at)
     walk.data[walk.at : end].decode()  # pycolmap reads a name that is no UTF-8, and cannot hand it over
     walk.at = end + 1
     walk.skip(24 * walk.read("Q"))
+
+
+def _pose(walk: _Walk) -> None:
+    """Pass over a pose; ValueError for a rotation of zeros, which pycolmap takes for none."""
+    if not any([walk.read("d") for _ in range(4)]):
+        raise ValueError
+    walk.skip(3 * 8)
 
 
 def _point(walk: _Walk) -> None:
@@ -87,7 +123,8 @@ def _rig(walk: _Walk) -> None:
 
 
 def _frame(walk: _Walk) -> None:
-    walk.skip(8 + _POSE)
+    walk.skip(8)
+    _pose(walk)
     walk.skip(16 * walk.read("I"))
 
 

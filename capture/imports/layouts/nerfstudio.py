@@ -26,7 +26,7 @@ from capture.imports.layouts.given import (
 from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
-from capture.imports.layouts.split_lists import PARTS, paths_of, split
+from capture.imports.layouts.split_lists import PARTS, photos_named, split
 from capture.imports.originals import natural, shown
 from capture.pictures.read import read_picture
 from imaging.errors import InputError
@@ -57,6 +57,8 @@ class PosedFrame:
     values: dict[str, Any]
     top: dict[str, Any]
     where: str
+    use: Literal["train", "test"] | None = None
+    """What `test_frames`, as ScanNet++ has them beside `frames`, say of it; None where there are none."""
 
     def number(self, key: str) -> float | None:
         """Number of the frame, else of the top; None if neither has it; InputError if it is not a number."""
@@ -171,9 +173,16 @@ def entries(path: Path) -> list[PosedFrame]:
     """The frames of a file; InputError if it is not JSON with a list of them."""
     value = store.read_json(path)
     frames = value.get("frames") if isinstance(value, dict) else None
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
-        raise InputError(f"{path} has no list of frames: use --layout photos, or export it again.")
-    return [PosedFrame(frame, value, f"frame {number} of {path}") for number, frame in enumerate(frames)]
+    tests = value.get("test_frames", []) if isinstance(value, dict) else []
+    for listed in (frames, tests):
+        if not isinstance(listed, list) or not all(isinstance(frame, dict) for frame in listed):
+            raise InputError(f"{path} has no list of frames: use --layout photos, or export it again.")
+    assert frames is not None
+    return [
+        PosedFrame(frame, value, f"{word} {number} of {path}", use)
+        for listed, word, use in ((frames, "frame", "train" if tests else None), (tests, "test frame", "test"))
+        for number, frame in enumerate(listed)
+    ]
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -195,7 +204,9 @@ def read(folder: Path) -> Given:
     lenses: dict[Lens | None, str] = {}
     photos: dict[Path, GivenPhoto] = {}
     missing = []
-    for entry, use in ((entry, _use(source, sources)) for source in sources for entry in entries(source)):
+    for entry, use in (
+        (entry, entry.use or _use(source, sources)) for source in sources for entry in entries(source)
+    ):
         path = file_named(folder, entry.file_path)
         if path in photos:
             raise InputError(f"{entry.where} names {shown(path)} a second time: take one of both out.")
@@ -219,9 +230,7 @@ def read(folder: Path) -> Given:
     )
     lists = {part: top[f"{part}_filenames"] for part in PARTS if top.get(f"{part}_filenames")}
     if lists and len(sources) == 1:
-        named = {
-            part: paths_of(names, lambda name: file_named(folder, name)) for part, names in lists.items()
-        }
+        named = {part: photos_named(given, folder, names) for part, names in lists.items()}
         given = split(given, named, " and ".join(f"{part}_filenames" for part in lists))
     return given
 

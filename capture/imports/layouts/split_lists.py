@@ -1,11 +1,13 @@
 """Training and test views of a data set by lists of names, beside it or in its transforms.json."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from capture.imports.layouts.given import Given, GivenPhoto
+from capture.imports.originals import shown
+from capture.pictures.read import kind_of
 
 Use = Literal["train", "test"]
 
@@ -22,17 +24,23 @@ def with_lists(given: Given, folder: Path) -> Given:
     if any(photo.use for photo in given.photos):
         return given
     by_name = _by_name(given.photos, folder, given.images)
+    strange = []
     for place in dict.fromkeys((folder, given.source if given.source.is_dir() else given.source.parent)):
         lists: dict[str, set[Path]] = {}
         for part in PARTS:
             paths = (place / form.format(part) for form in _LISTS)
-            names = next((_lines(path) for path in paths if path.is_file()), [])
+            path = next((path for path in paths if path.is_file()), None)
+            names = [] if path is None else _lines(path)
             photos = {by_name[name] for name in names if name in by_name}
             if names and 2 * len(photos) >= len(names):
                 lists[part] = photos
+            elif path is not None and 2 * sum(kind_of(Path(name)) is not None for name in names) > len(names):
+                strange.append(
+                    f"{shown(path)} is left aside: of the photos that it names {len(photos)} are there."
+                )
         if lists.keys() & {"val", "test"}:
             return split(given, lists, f"lists in {place.name}")
-    return given
+    return replace(given, notes=(*given.notes, *strange))
 
 
 def split(given: Given, lists: Mapping[str, set[Path]], source: str) -> Given:
@@ -49,9 +57,11 @@ def split(given: Given, lists: Mapping[str, set[Path]], source: str) -> Given:
     return replace(given, photos=tuple(replace(photo, use=use(photo)) for photo in given.photos))
 
 
-def paths_of(values: object, path_of: Callable[[str], Path]) -> set[Path]:
-    """The photographs that a list of a JSON file names; none where it is no list of names."""
-    return {path_of(name) for name in values if isinstance(name, str)} if isinstance(values, list) else set()
+def photos_named(given: Given, folder: Path, values: object) -> set[Path]:
+    """The photographs that a list of a JSON file names, by their path or name; none where it is no list."""
+    by_name = _by_name(given.photos, folder, given.images)
+    names = [_plain(value) for value in values if isinstance(value, str)] if isinstance(values, list) else []
+    return {by_name[name] for name in names if name in by_name}
 
 
 def _by_name(photos: Iterable[GivenPhoto], folder: Path, images: Path | None) -> dict[str, Path]:
@@ -73,5 +83,10 @@ def _lines(path: Path) -> list[str]:
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError:
         return []
-    lines = (line.strip().replace("\\", "/").removeprefix("./") for line in text.splitlines())
+    lines = (_plain(line.strip()) for line in text.splitlines())
     return [line for line in lines if line and not line.startswith("#")]
+
+
+def _plain(name: str) -> str:
+    """A path as `_by_name` has it, whatever system wrote it."""
+    return name.replace("\\", "/").removeprefix("./")

@@ -10,9 +10,12 @@ from scipy.spatial.transform import Rotation
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import OPENCV_FROM_OPENGL, pose_seen
 from capture.imports.layouts.llff import pose_of_row
+from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import FARTHEST_OFF
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.photos import import_photos
+from imaging.errors import InputError
+from imaging.files.colmap import pycolmap
 from imaging.lens import project
 from imaging.session.session import Session
 
@@ -61,6 +64,21 @@ def test_names_with_backslashes_with_dots_and_without_suffix_mean_their_files(sc
     assert not given.missing
 
 
+@pytest.mark.parametrize("change", [str.upper, lambda f: f.replace("frame", "FRAME")])
+def test_names_that_differ_in_letters_alone_mean_their_files(scene, change):
+    given = read_layout(scene([change(file) for file in FILES]), "nerfstudio")
+    assert [photo.path.name for photo in given.photos] == [file.rpartition("/")[2] for file in FILES]
+
+
+def test_an_accent_may_be_a_character_of_its_own_and_two_likely_files_are_none(tmp_path):
+    (tmp_path / "caf\u00e9").mkdir()
+    (tmp_path / "caf\u00e9" / "1.png").touch()
+    assert file_named(tmp_path, "cafe\u0301/1.PNG") == tmp_path / "caf\u00e9" / "1.png"
+    (tmp_path / "caf\u00e9" / "1.Png").touch()
+    assert not file_named(tmp_path, "cafe\u0301/1.PNG").exists()
+    assert not file_named(tmp_path, "no/1.png").exists()
+
+
 def test_backslashes_in_a_colmap_model_and_beside_it_mean_folders(tmp_path, picture, put):
     names = [f"left\\{n}.png" for n in range(3)]
     for n in range(3):
@@ -103,6 +121,31 @@ def test_the_split_of_lists_of_names_is_kept(scene):
     given = read_layout(scene(train_filenames=FILES), "nerfstudio")
     assert uses(given) == [None] * 4
     assert any("train_filenames is left out" in note for note in given.notes)
+
+
+@pytest.mark.parametrize("change", [lambda f: f.rpartition("/")[2], lambda f: f.replace("/", "\\")])
+def test_lists_of_a_transforms_json_may_name_files_alone(scene, change):
+    names = [change(file) for file in FILES]
+    folder = scene(train_filenames=names[:3], test_filenames=names[3:])
+    assert uses(read_layout(folder, "nerfstudio")) == ["train"] * 3 + ["test"]
+
+
+def test_lists_of_names_that_are_not_there_are_told(scene):
+    given = read_layout(scene(train_filenames=FILES, test_filenames=["DSC_1.JPG"]), "nerfstudio")
+    assert uses(given) == [None] * 4
+    assert any("test_filenames is left out" in note for note in given.notes)
+    folder = scene()
+    (folder / "test.txt").write_text("DSC_1.JPG\nDSC_2.JPG\n")
+    (note,) = read_layout(folder, "nerfstudio").notes
+    assert note.endswith("test.txt is left aside: of the photos that it names 0 are there.")
+
+
+def test_frames_for_testing_beside_the_others_are_read(scene):
+    folder = scene()
+    whole = json.loads((folder / "transforms.json").read_text())
+    whole["test_frames"] = [whole["frames"].pop()]
+    (folder / "transforms.json").write_text(json.dumps(whole))
+    assert uses(read_layout(folder, "nerfstudio")) == ["train"] * 3 + ["test"]
 
 
 @pytest.mark.parametrize("where", ["", "sparse/0"])
@@ -218,3 +261,37 @@ def test_listed_photographs_that_are_not_there_are_one_sentence(scene):
     assert len(Session.open(folder.parent / "s").shots()) == 2
     (told,) = (guess for guess in result.guesses if "not there" in guess)
     assert told.startswith("2 photos that are listed are not there and left out")
+
+
+def test_photographs_of_a_panorama_come_without_poses(tmp_path, picture, put):
+    """pycolmap ends the process where it is asked for the focal length of one."""
+    put(tmp_path / "in" / "images" / "0.png", picture())
+    place = write_model(tmp_path / "in", "sparse/0", ["0.png"])
+    (place / "cameras.txt").write_text("1 EQUIRECTANGULAR 64 48 64 48\n")
+    given = read_layout(tmp_path / "in", "colmap")
+    assert [photo.cam_from_world for photo in given.photos] == [None]
+    assert "EQUIRECTANGULAR come without lens" in given.notes[0]
+
+
+def test_names_with_spaces_are_read_of_a_model_in_text(tmp_path, picture, put):
+    names = ["a b.png", "a c.png"]
+    for n, name in enumerate(names):
+        put(tmp_path / "in" / "images" / name, picture(n))
+    write_model(tmp_path / "in", "sparse/0", names)
+    given = read_layout(tmp_path / "in", "colmap")
+    assert [photo.path.name for photo in given.photos if photo.cam_from_world] == names
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_rotation_of_zeros_is_refused(tmp_path, picture, put, binary):
+    put(tmp_path / "in" / "images" / "0.png", picture())
+    place = write_model(tmp_path / "in", "sparse/0", ["0.png"])
+    if binary:
+        pycolmap.Reconstruction(place).write_binary(place)
+        for name in ("images.bin", "frames.bin"):
+            data = (place / name).read_bytes()
+            (place / name).write_bytes(data.replace(np.float64(1).tobytes() + bytes(24), bytes(32)))
+    else:
+        (place / "images.txt").write_text("1 0 0 0 0 0 0 3 1 0.png\n\n")
+    with pytest.raises(InputError, match=r"images\.bin is damaged" if binary else "rotation of zeros"):
+        read_layout(tmp_path / "in", "colmap")
