@@ -101,7 +101,8 @@ def _image(walk: _Walk) -> None:
 
 def _pose(walk: _Walk) -> None:
     """Pass over a pose; ValueError for a rotation of zeros, which pycolmap takes for none."""
-    if not any([walk.read("d") for _ in range(4)]):
+    quaternion = [walk.read("d") for _ in range(4)]
+    if not any(quaternion):
         raise ValueError
     walk.skip(3 * 8)
 

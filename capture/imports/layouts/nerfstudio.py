@@ -178,10 +178,10 @@ def entries(path: Path) -> list[PosedFrame]:
         if not isinstance(listed, list) or not all(isinstance(frame, dict) for frame in listed):
             raise InputError(f"{path} has no list of frames: use --layout photos, or export it again.")
     assert frames is not None
-    return [
-        PosedFrame(frame, value, f"{word} {number} of {path}", use)
-        for listed, word, use in ((frames, "frame", "train" if tests else None), (tests, "test frame", "test"))
-        for number, frame in enumerate(listed)
+    use: Literal["train"] | None = "train" if tests else None
+    train = [PosedFrame(frame, value, f"frame {n} of {path}", use) for n, frame in enumerate(frames)]
+    return train + [
+        PosedFrame(frame, value, f"test frame {n} of {path}", "test") for n, frame in enumerate(tests)
     ]
 
 
