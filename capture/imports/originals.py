@@ -1,7 +1,6 @@
 """The photographs of a folder, as somebody left them: found, read to their end, put in order."""
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from capture.imports.sorting.derived import Derived, find_derived
 from capture.pictures.read import PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.natural_order import natural
 from imaging.progress import Progress
 from imaging.session.records import ImageKind
 
@@ -109,14 +109,6 @@ def survey(
 def pictures_in(folder: Path) -> list[Path]:
     """The picture files of a folder and its subfolders, in natural order."""
     return _walked(folder)[0]
-
-
-def natural(path: Path) -> list[tuple[str | int, ...]]:
-    """A key that sorts IMG_9 before IMG_10, folder by folder."""
-    return [
-        tuple(int(piece) if piece.isdecimal() else piece for piece in re.split(r"(\d+)", part.casefold()))
-        for part in path.parts
-    ]
 
 
 def shown(path: Path | str) -> str:

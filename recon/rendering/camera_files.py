@@ -9,13 +9,14 @@ of theirs. Of other files somebody has to say it; else positions are taken as th
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.natural_order import natural
 from recon.rendering.camera_paths import MOST_FRAMES, CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
 from recon.rendering.given_camera import camera_of
@@ -27,6 +28,8 @@ TRANSFORMS = "transforms.json"
 OFFSET = "world_offset"
 """Key of the coordinates of a transforms.json of `rig export`: those of the calibration are the file's plus
 this. (An `offset` is what they are less than those of a survey, and Instant NGP's.)"""
+_MOST = 1e9
+"""What no number of a lens reaches."""
 _COLMAP_MODELS = {
     "SIMPLE_PINHOLE": ("fx", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -110,9 +113,11 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
 def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) -> dict[str, Any]:
     def number(key: str) -> float | None:
         value = values.get(key)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise InputError(f"{where} has a {key} that is no number: correct it.")
-        return value
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MOST:
+            raise InputError(f"{where} has a {key} that is no number, or too large: correct it.")
+        return float(value)
 
     model = values.get("camera_model", "OPENCV_FISHEYE" if values.get("is_fisheye") else "OPENCV")
     if model not in (*_COLMAP_MODELS, None):
@@ -124,6 +129,9 @@ def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) 
     fy = number("fl_y") or (down and height / 2 / math.tan(down / 2))
     focal = fx or fy or usual.fx * width / usual.width
     terms = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+    for term in ("k3", "k4", "k5", "k6", "p1", "p2"):
+        if term not in terms and number(term):
+            raise InputError(f"{where} has a lens with {term}, which rig cannot draw: take it out.")
     cx, cy = number("cx"), number("cy")
     return {
         "width": width,
@@ -149,7 +157,7 @@ def _colmap(folder: Path) -> GivenPath:
             "the folder that has."
         ) from error
     cameras = []
-    for image in sorted(model.images.values(), key=lambda image: str(image.name)):
+    for image in sorted(model.images.values(), key=lambda image: natural(PurePosixPath(image.name))):
         camera, where = image.camera, f"image {image.name} of {folder}"
         names = _COLMAP_MODELS.get(camera.model_name)
         if names is None:

@@ -1,5 +1,6 @@
 """A camera by the numbers that a file gives of it, checked."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.errors import InputError
+from imaging.lens import FISHEYE_TERMS, WIDEST, Lens, widest_angle
 from recon.rendering.camera_paths import placed
 from recon.splat import SplatCamera
 
@@ -48,4 +50,15 @@ def camera_of(
         raise InputError(f"{where} has a lens that cannot be ({error}): correct it.") from error
     if not (camera.width <= MOST_PIXELS and camera.height <= MOST_PIXELS):
         raise InputError(f"{where} has a picture of {camera.width}x{camera.height} pixels: correct it.")
+    if camera.fisheye and widest_angle(_lens_of(camera)) > WIDEST:
+        raise InputError(
+            f"{where} has a fisheye that sees more than {math.degrees(WIDEST):.0f} degrees from its axis, "
+            "which rig cannot draw: make its picture smaller."
+        )
     return placed(camera, motion[:3, 3], turn)
+
+
+def _lens_of(camera: SplatCamera) -> Lens:
+    """The lens of a fisheye."""
+    names = ("width", "height", *FISHEYE_TERMS)
+    return Lens(model="OPENCV_FISHEYE", **{name: getattr(camera, name) for name in names})

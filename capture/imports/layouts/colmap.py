@@ -14,11 +14,12 @@ from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.masks import masks_beside
-from capture.imports.originals import natural, pictures_in, shown
+from capture.imports.originals import pictures_in, shown
 from imaging.compute.memory import check
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
+from imaging.natural_order import natural
 from imaging.pose import Pose
 
 MODELS: Mapping[str, LensModel] = {

@@ -27,12 +27,13 @@ from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.layouts.split_lists import PARTS, photos_named, split
-from capture.imports.originals import natural, shown
+from capture.imports.originals import shown
 from capture.pictures.read import read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.lens import Lens, distort
+from imaging.natural_order import natural
 from imaging.pose import Pose
 
 FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")

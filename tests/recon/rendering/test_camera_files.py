@@ -173,6 +173,11 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
         ("a.json", b'{"frames": [{"transform_matrix": [[1, 2], [3]]}]}', "4x4 finite numbers"),
         ("a.json", b'{"camera_model": "EQUIRECTANGULAR", "frames": [{}]}', "which rig cannot draw"),
         ("a.json", b'{"w": "wide", "frames": [{}]}', "no number"),
+        ("a.json", b'{"w": NaN, "frames": [{}]}', "no number"),
+        ("a.json", b'{"h": Infinity, "frames": [{}]}', "too large"),
+        ("a.json", b'{"fl_x": 1e400, "frames": [{}]}', "too large"),
+        ("a.json", b'{"k1": 0.1, "k3": 0.1, "frames": [{}]}', "a lens with k3"),
+        ("a.json", b'{"is_fisheye": true, "p1": 0.1, "frames": [{}]}', "a lens with p1"),
         ("a.abc", b"", "Alembic"),
         ("a.usda", b"#usda 1.0\n", "has no camera"),
         ("a.usdc", b"nonsense", "damaged or not USD"),
@@ -193,3 +198,23 @@ def test_a_mirrored_camera_a_missing_file_and_an_empty_folder_are_refused(tmp_pa
     refuse(tmp_path / "b.csv", "is no path to render")
     (tmp_path / "empty").mkdir()
     refuse(tmp_path / "empty", "COLMAP model")
+
+
+def test_a_fisheye_beyond_what_is_drawn_is_refused(tmp_path: Path) -> None:
+    lens = {"w": 400, "h": 300, "fl_x": 100.0, "camera_model": "OPENCV_FISHEYE"}
+    for focal, refused in ((100.0, True), (200.0, False)):
+        frames = [{"transform_matrix": matrices()[0].tolist()}]
+        (tmp_path / "a.json").write_text(json.dumps(lens | {"fl_x": focal, "frames": frames}))
+        if refused:
+            refuse(tmp_path / "a.json", "sees more than 88 degrees")
+        else:
+            assert read_camera_path(tmp_path / "a.json", SCENE).cameras[0].fisheye
+
+
+def test_images_of_a_model_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 60 60 32 24\n")
+    (tmp_path / "points3D.txt").write_text("")
+    rows = [f"{n + 1} 1 0 0 0 {-n} 0 3 1 v{n}.png\n\n" for n in (10, 9, 100)]
+    (tmp_path / "images.txt").write_text("".join(rows))
+    centres = [-one.cam_from_world[0, 3] for one in read_camera_path(tmp_path, SCENE).cameras]
+    assert centres == [9, 10, 100]
