@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
 from recon.data.world import SAME, Vector, WorldTransform
@@ -110,6 +111,8 @@ _TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _MOST_HEADER = 1 << 20
+_PER_BYTE = 4
+"""Bytes of memory that the numbers of a file take for each of its bytes, float32 and twice float64."""
 _DEGREE_3 = 16
 """Coefficients of the highest degree that files have."""
 
@@ -142,13 +145,16 @@ def read_ply(path: Path) -> PlySplats:
             if not head.startswith(b"ply") or end is None:
                 raise InputError(f"{path} is not a PLY file: name one in the layout of 3DGS.")
             lines = head[: end.start()].decode("ascii", "replace").splitlines()
-            table = _vertices(path, lines)
+            table, count = _vertices(path, lines), _count(lines)
+            if path.stat().st_size - end.end() < table.itemsize * count:
+                raise InputError(f"{path} ends before its last Gaussian: copy it again.")
+            memory.check(f"{path} has {count} Gaussians", _PER_BYTE * table.itemsize * count)
             file.seek(end.end())
-            body = file.read(table.itemsize * _count(lines))
+            body = file.read(table.itemsize * count)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): correct the path.") from error
-    if len(body) < table.itemsize * _count(lines):
-        raise InputError(f"{path} ends before its last Gaussian: copy it again.")
+    if not count:
+        raise InputError(f"{path} holds no Gaussian: export it again.")
     rows = np.frombuffer(body, table)
 
     def columns(*names: str) -> npt.NDArray[np.float64]:

@@ -18,6 +18,7 @@ from recon.render import render
 from recon.result.scene import Scene, open_scene
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer
+from recon.scene.ply import properties
 from recon.splat import Limits
 from tests.foreign_gsply import gsply
 from tests.recon.exports.made_scene import write_made
@@ -160,6 +161,17 @@ def test_what_is_no_splat_file_is_refused(suffix: str, content: bytes, tmp_path:
     path = tmp_path / f"bad{suffix}"
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"^/.*\.$"):
+        open_scene(path)
+
+
+@pytest.mark.parametrize(("count", "says"), [(0, "holds no Gaussian"), (10**9, "ends"), (10**25, "ends")])
+def test_a_ply_that_claims_none_or_more_than_it_holds_is_refused(
+    tmp_path: Path, count: int, says: str
+) -> None:
+    header = "".join(f"property float {name}\n" for name in properties(0))
+    path = tmp_path / "a.ply"
+    path.write_text(f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{header}end_header\n")
+    with pytest.raises(InputError, match=says):
         open_scene(path)
 
 
