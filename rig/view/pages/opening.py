@@ -6,6 +6,7 @@ from pathlib import Path
 from recon.result.scene import Scene, open_scene
 from rig.view.pages.cameras import start_of
 from rig.view.pages.page import ScenePage
+from rig.view.pictures.look import Look, first_look, shot_at
 from rig.view.pictures.painter import Painter
 from rig.view.serving.server import Viewer
 from rig.view.serving.start import Start
@@ -31,4 +32,17 @@ def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay:
     """
     home = start_of(painter.scene, painter.scene.views[0]) if start is None else start
     sent = home if start is None and not stay else None
-    viewer.show(lambda client, look, narrow: ScenePage(client, painter, home, look, narrow), sent)
+    viewer.show(
+        lambda client, look, narrow: ScenePage(client, painter, home, look, narrow),
+        look_of(painter.scene),
+        sent,
+    )
+
+
+def look_of(scene: Scene) -> Look:
+    """How a scene is shown at first; one of display values as its file or its photographs are."""
+    record = scene.record
+    if record.display is not None:
+        return first_look(record.exposure, record.display.k)
+    shots = [[(shot.file, shot.k) for shot in view.shots] for view in record.views]
+    return first_look(record.exposure, shot_at(shots))

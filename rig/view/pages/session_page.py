@@ -12,7 +12,7 @@ from imaging.session.view_id import ViewId
 from rig.view.pages.controls import assign
 from rig.view.pages.note import Note
 from rig.view.pages.rig_model import RigModel
-from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look
+from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look, first_look, shot_at
 from rig.view.pictures.photographs import Photograph, Photographs, in_words, labelled, sheet
 from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer
@@ -191,4 +191,6 @@ def show_session(viewer: Viewer, folder: Path) -> None:
     record = photographs.calibration
     rig = None if record is None else RigModel.of(folder, record)
     start = None if rig is None else rig.start()
-    viewer.show(lambda client, look, narrow: SessionPage(client, photographs, rig, look, narrow), start)
+    shots = [[(shot.file, 1.0) for shot in group] for group in photographs.groups.values()]
+    look = first_look(1.0, shot_at(shots))
+    viewer.show(lambda client, look, narrow: SessionPage(client, photographs, rig, look, narrow), look, start)

@@ -1,14 +1,17 @@
 """Display of linear light on a screen of 8 bits: an exposure, and a tone map."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Literal, get_args
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from imaging.files.photo import is_photo
 from rig.view.pictures import tones
 from rig.view.pictures.tones import Light, Picture
 
@@ -16,6 +19,8 @@ ToneMap = Literal["linear", "ACES 2.0", "AgX", "filmic", "false colour", "clippi
 TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
 
 MIDDLE_GREY = 0.18
+MOST_STOPS = 16.0
+"""That a page makes light brighter or darker by."""
 STOPS = 8.0
 """Range of false colour on either side of middle grey, stops."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -47,6 +52,27 @@ class Look:
             return bands(stops(light, factor))
         shown = light * np.float32(factor)
         return _clipped(shown) if self.tones == "clipping" else _CURVES[self.tones](shown)
+
+
+def first_look(exposure: float, shot_at: float | None) -> Look:
+    """Return the initial look of a scene: that of its photographs where these are developed, else AgX.
+
+    exposure: factor that shows its median as middle grey; shot_at: result of `shot_at`.
+    """
+    if shot_at is None:
+        return Look(tones="AgX")
+    return Look(round(min(max(math.log2(shot_at / exposure), -MOST_STOPS), MOST_STOPS), 1), "linear")
+
+
+def shot_at(shots: Sequence[Sequence[tuple[str, float]]]) -> float | None:
+    """Return the median factor from light to the signal of the photographs, whose white is 1.
+
+    shots: file and factor of the shots of each view. None where a view has several photographs, or RAW or
+    EXR: no single one shows all its light, and no tones were chosen for it.
+    """
+    if not shots or any(len(one) != 1 or not is_photo(Path(one[0][0])) for one in shots):
+        return None
+    return float(np.median([factor for ((_, factor),) in shots]))
 
 
 def stops(light: Light, factor: float) -> Light:

@@ -14,6 +14,7 @@ from imaging.errors import RigError
 from imaging.files.exr import read_exr
 from imaging.lens import Lens
 from imaging.pose import Pose
+from rig.view.pictures.look import Look, first_look, shot_at
 from rig.view.pictures.tones import Light
 from rig.view.serving.start import Start, start_at, up_of
 
@@ -22,13 +23,14 @@ from rig.view.serving.start import Start, start_at, up_of
 class FirstPicture:
     """light: linear Rec.709 [H, W, 3]; exposure: factor that shows its scene's median as middle grey.
 
-    view: name of the view that it is of, `frame/camera`; start: where that stands.
+    view: name of the view that it is of, `frame/camera`; start: where that stands; look: how it is shown.
     """
 
     light: Light
     exposure: float
     view: str
     start: Start
+    look: Look
 
     @classmethod
     def of(cls, folder: Path) -> "FirstPicture | None":
@@ -44,7 +46,10 @@ class FirstPicture:
                 if path.is_file():
                     light = read_exr(path).rgb()
                     name = f"{view['frame']:04d}/{view['camera']}"
-                    return cls(light, float(model["exposure"]), name, _start(model, view))
+                    exposure = float(model["exposure"])
+                    shots = [[(one["file"], float(one["k"])) for one in view["shots"]] for view in views]
+                    look = first_look(exposure, shot_at(shots))
+                    return cls(light, exposure, name, _start(model, view), look)
         except (OSError, ValueError, KeyError, TypeError, RigError):
             pass
         return None

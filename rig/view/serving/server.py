@@ -67,12 +67,14 @@ class Viewer:
     ) -> None:
         _require_address(host)
         self.host, self.first = host, first
+        self.look = Look() if first is None else first.look
         self.access = Access.to(host)
         self.pages: dict[int, Page] = {}
         self._clients: dict[int, viser.ClientHandle] = {}
         self._narrow: set[int] = set()
         self._states: dict[int, State] = {}
         self._make: MakePage | None = None
+        self._before = self.look
         self._told = ""
         self._changing = threading.Lock()
         self._waiting: dict[int, viser.NotificationHandle] = {}
@@ -100,17 +102,19 @@ class Viewer:
         camera.fov = start.fov
         self.server.scene.set_up_direction(start.up)
 
-    def show(self, make: MakePage, start: Start | None = None) -> None:
+    def show(self, make: MakePage, look: Look, start: Start | None = None) -> None:
         """Give every present and future browser a page, in place of the one it has.
 
-        start: place for their cameras; None: they stay.
+        look: initial look of pages; a browser that chose another keeps it. start: place for their cameras;
+        None: they stay.
         """
         with self._changing:
-            self._make = make
+            self._make, self._before, self.look = make, self.look, look
             if start is not None:
                 self.begin_at(start)
             for client in self._clients.values():
                 self._show(client, start)
+            self._before = look
 
     def tell(self, text: str) -> None:
         """Show the state of a training in every page, in Markdown."""
@@ -151,11 +155,11 @@ class Viewer:
         """Make a page for a browser that waits for it, or has another one."""
         assert self._make is not None
         state = self._states.pop(client.client_id, None)
-        look = Look() if state is None else state.look
+        look = self.look if state is None else state.look
         if (waiting := self._waiting.pop(client.client_id, None)) is not None:
             waiting.remove()
         if (before := self.pages.pop(client.client_id, None)) is not None:
-            look = before.look
+            look = self.look if before.look == self._before else before.look
             before.close()
             client.gui.reset()
             before.clear()
@@ -173,7 +177,7 @@ class Viewer:
         if (client.camera.image_width if width is None else width) < NARROW:
             self._narrow.add(client.client_id)
         if said_state.get():
-            self._states[client.client_id] = State.of(said_state.get())
+            self._states[client.client_id] = State.of(said_state.get(), self.look)
 
     def _open(self, client: viser.ClientHandle) -> None:
         with self._changing:
@@ -182,7 +186,7 @@ class Viewer:
                 self._show(client, None)
                 return
             if self.first is not None:
-                shown = Look().shown(self.first.light, self.first.exposure)
+                shown = self.look.shown(self.first.light, self.first.exposure)
                 frame = Frame(self.first.light, client.camera.aspect)
                 client.scene.set_background_image(frame.in_window(shown), format="jpeg", jpeg_quality=90)
             notice = client.add_notification("Opening the scene", "", loading=True, with_close_button=False)

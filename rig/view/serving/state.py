@@ -11,12 +11,11 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, urlencode
 
-from rig.view.pictures.look import TONE_MAPS, Look
+from rig.view.pictures.look import MOST_STOPS, TONE_MAPS, Look
 from rig.view.serving.start import Start
 
 ELEMENT = "rig-state"
 """Element of the page whose title is the state."""
-MOST_STOPS = 16.0
 _FAR = 1e6
 
 said_state: ContextVar[str] = ContextVar("said_state", default="")
@@ -51,18 +50,21 @@ class State:
         return f'<span id="{ELEMENT}" title="{html.escape(self.text)}" hidden></span>'
 
     @classmethod
-    def of(cls, text: str) -> "State":
-        """Parse the text in an address, which may be arbitrary: invalid parts are left out."""
+    def of(cls, text: str, usual: Look) -> "State":
+        """Parse the text in an address, which may be arbitrary: invalid parts are left out.
+
+        usual: exposure and tones where the text names none.
+        """
         parts = dict(parse_qsl(text))
         stops = _numbers(parts.get("stops", ""), 1, MOST_STOPS)
-        tones = next((tones for tones in TONE_MAPS if tones == parts.get("tones")), Look().tones)
+        tones = next((tones for tones in TONE_MAPS if tones == parts.get("tones")), usual.tones)
         points = [_numbers(parts.get(name, ""), 3, _FAR) for name in ("position", "look_at", "up")]
         fov = _numbers(parts.get("fov", ""), 1, math.pi)
         start = None
         if all(points) and fov and fov[0] > 0 and points[0] != points[1] and any(points[2]):
             position, look_at, up = ((x, y, z) for x, y, z in points)
             start = Start(position, look_at, up, fov[0])
-        look = Look(stops[0] if stops else 0.0, tones)
+        look = Look(stops[0] if stops else usual.exposure, tones)
         return cls(look, parts.get("view", ""), parts.get("show", ""), start)
 
 

@@ -136,7 +136,9 @@ def test_a_training_is_shown_as_it_goes_and_the_scene_in_the_end(session: Path, 
             snapshot = read_snapshot(scene).scene
             assert f"iteration **{first}** of {ITERATIONS}" in told(viewer)
             page = shown(window, viewer)
-            window.until(lambda: window.shows(lambda: Look().shown(seen(snapshot, page), snapshot.exposure)))
+            window.until(
+                lambda: window.shows(lambda: Look(tones="AgX").shown(seen(snapshot, page), snapshot.exposure))
+            )
             follower.look()
             assert (scene / WANTED).exists()  # the next is asked for
             process.finish()

@@ -18,13 +18,13 @@ def test_the_page_shows_the_scene_at_any_exposure_and_in_any_tones(window) -> No
     def shown(look: Look) -> Callable[[], np.ndarray]:
         return lambda: look.shown(window.page.frame.light, scale)
 
-    window.until(lambda: window.shows(shown(Look())))
-    assert not window.shows(shown(Look(3.0)))
+    window.until(lambda: window.shows(shown(Look(tones="AgX"))))
+    assert not window.shows(shown(Look(3.0, "AgX")))
     window.tab.locator("input[inputmode=decimal]").fill("3")
     window.tab.keyboard.press("Enter")
-    window.until(lambda: window.shows(shown(Look(3.0))))
-    window.choose("linear", "AgX")
     window.until(lambda: window.shows(shown(Look(3.0, "AgX"))))
+    window.choose("AgX", "linear")
+    window.until(lambda: window.shows(shown(Look(3.0))))
 
 
 def test_a_drag_moves_the_camera_and_a_click_measures_light(window) -> None:
@@ -89,14 +89,14 @@ def reloaded(window, viewer) -> ScenePage:
 def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
     window.tab.locator("input[inputmode=decimal]").fill("1.5")
     window.tab.keyboard.press("Enter")
-    window.choose("linear", "AgX")
+    window.choose("AgX", "filmic")
     name = window.page.painter.scene.views[0].name
     window.choose("free", name)
     window.until(lambda: "depth" in window.page.controls.show.options)
     window.choose("render", "depth")
     window.until(lambda: "show=depth" in window.tab.evaluate("location.hash"))
     page = reloaded(window, viewer)
-    assert page.look == Look(1.5, "AgX")
+    assert page.look == Look(1.5, "filmic")
     window.until(lambda: (page.controls.view.value, page.controls.show.value) == (name, "depth"))
     lens = page.painter.scene.views[0].lens
     window.until(lambda: page.frame.light.shape[:2] == (lens.height, lens.width))
@@ -105,7 +105,7 @@ def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
 def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
     def told() -> np.ndarray | None:
         """Where the camera stands by the address; None while that is not where it stands."""
-        start = State.of(window.tab.evaluate("location.hash.slice(1)")).start
+        start = State.of(window.tab.evaluate("location.hash.slice(1)"), Look()).start
         stands = np.array(window.page.client.camera.position)
         return None if start is None or np.abs(stands - start.position).max() > 1e-3 else stands
 
@@ -121,7 +121,7 @@ def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
     page = reloaded(window, viewer)
     window.until(lambda: np.abs(np.array(page.client.camera.position) - stood).max() < 1e-2)
     window.until(lambda: window.tab.evaluate("location.hash") != "")
-    assert np.abs(np.array(State.of(link[1:]).start.position) - stood).max() < 1e-3
+    assert np.abs(np.array(State.of(link[1:], Look()).start.position) - stood).max() < 1e-3
 
 
 def test_a_tap_measures_and_a_finger_that_moves_turns(open_window, viewer) -> None:

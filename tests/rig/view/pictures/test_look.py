@@ -6,7 +6,18 @@ import pytest
 from imaging.colour import srgb_decode, srgb_encode
 from recon.result import display
 from rig.view.pictures import look, tones
-from rig.view.pictures.look import STOPS, TONE_MAPS, Look, band_legend, bands, coloured, legend, stops
+from rig.view.pictures.look import (
+    STOPS,
+    TONE_MAPS,
+    Look,
+    band_legend,
+    bands,
+    coloured,
+    first_look,
+    legend,
+    shot_at,
+    stops,
+)
 
 
 def flat(*colours: tuple[float, float, float]) -> np.ndarray:
@@ -126,3 +137,14 @@ def test_filmic_is_hables_curve() -> None:
     shown = tones.filmic(np.repeat(light[None, :, None], 3, axis=2).astype(np.float32))[0, :, 0]
     expected = np.minimum(curve(2 * light) / curve(11.2), 1)
     np.testing.assert_allclose(srgb_decode(shown / 255), expected, atol=0.006)
+
+
+def test_what_a_camera_developed_is_shown_at_first_as_it_was_shot_and_all_else_by_agx() -> None:
+    jpeg = [[("raw/0000/a_0.jpg", 0.02)], [("raw/0001/a_0.jpg", 0.01)], [("raw/0002/a_0.jpg", 0.02)]]
+    look = first_look(0.005, shot_at(jpeg))
+    assert look == Look(2.0, "linear")
+    # Light of 50 had the code of white in two of the three photographs.
+    assert look.shown(np.full((1, 1, 3), 49.9, np.float32), 0.005).tolist() == [[[255] * 3]]
+    assert look.shown(np.full((1, 1, 3), 25.0, np.float32), 0.005).tolist() == [[[188] * 3]]
+    for other in ([], [[("a.dng", 0.02)]], [[("a.exr", 1.0)]], [[("a.jpg", 0.02), ("b.jpg", 0.04)]], [[]]):
+        assert first_look(0.005, shot_at(other)) == Look(0.0, "AgX")

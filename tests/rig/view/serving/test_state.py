@@ -25,11 +25,11 @@ STATES = [
 
 @pytest.mark.parametrize("state", STATES)
 def test_a_state_comes_back(state: State) -> None:
-    assert State.of(state.text) == state
+    assert State.of(state.text, Look()) == state
     request = Request(
         "/", Headers({"Host": "127.0.0.1:8080", "Cookie": f"a=b; rig_view_state_8080={quote(state.text)}"})
     )
-    assert State.of(state_of(request)) == state
+    assert State.of(state_of(request), Look()) == state
     assert html.unescape(state.element).count(state.text) == 1
 
 
@@ -52,7 +52,7 @@ def test_a_state_comes_back(state: State) -> None:
     ],
 )
 def test_what_makes_no_sense_is_left_out(text: str) -> None:
-    assert State.of(text) == State()
+    assert State.of(text, Look()) == State()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8081", "localhost", "[::1]", ""])
