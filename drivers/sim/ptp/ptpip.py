@@ -24,6 +24,10 @@ _MOST_AT_FIRST, _PATIENCE = 1 << 10, 10.0
 """Bytes of the first packet of a connection, and seconds that it may take: the client is unidentified until
 then.
 """
+_BUSY = 2
+"""Reason of an Init Fail, as bodies give it to a second client."""
+_GRACE = 1.0
+"""Seconds in which a client that has hung up is noticed."""
 _DATA_TO_CAMERA = 2
 _HEAD = 4
 """Bytes of the transaction in front of data."""
@@ -71,7 +75,10 @@ def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
 
 
 class PtpIpServer:
-    """Serves one camera until it is closed, to one client at a time: a new one takes over."""
+    """Serves one camera until it is closed, to one client at a time.
+
+    Others are refused while it has both connections; of one that has not, a new client takes the place.
+    """
 
     def __init__(self, responder: Responder, listening: socket.socket) -> None:
         """listening: of `listen`; it is closed with the server."""
@@ -82,7 +89,7 @@ class PtpIpServer:
         self._served: set[socket.socket] = set()
         """Connections of the client whose session it is."""
         self._threads: list[threading.Thread] = []
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
         self._session = 0
         self._cancelled = threading.Event()
         """Set when the client gives up the operation that gets no answer."""
@@ -135,11 +142,17 @@ class PtpIpServer:
             with self._lock:
                 self._links.discard(link)
                 self._served.discard(link)
+                self._lock.notify_all()
             _hang_up(link)
 
     def _commands(self, connection: _Connection, link: socket.socket) -> None:
+        with self._lock:
+            free = self._lock.wait_for(lambda: len(self._served) < 2, _GRACE)
+        if not free:
+            connection.send(PacketType.INIT_FAIL, struct.pack("<I", _BUSY))
+            return
         with self._responder.timeline.lock:
-            # A new client takes over: the one before must neither go on in its session nor hear its events.
+            # A client that was half there must neither go on in its session nor hear the events of this one.
             self._session += 1
             session = self._session
             self._responder.reset()

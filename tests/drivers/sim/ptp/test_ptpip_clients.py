@@ -8,15 +8,19 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from drivers.clock import THIS_MACHINE
+from drivers.errors import CameraClaimed
 from drivers.ptp.codes import Operation, ResponseCode, SonyOperation, SonyProperty
+from drivers.ptp.ip.connection import connect
 from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.ptp import ptpip
 from drivers.sim.ptp.profiles import profile
 from drivers.sim.ptp.ptpip import PtpIpServer, listen
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
 
-from .test_ptpip import Client, begin
+from .test_ptpip import INTRODUCTION, Client, begin
 
 
 @pytest.fixture
@@ -39,20 +43,35 @@ def close(*clients: Client) -> None:
         client.link.close()
 
 
-def test_a_second_client_takes_over_and_the_first_is_hung_up_on(timeline: LiveTimeline) -> None:
+def test_a_second_client_is_refused_until_the_first_has_hung_up(
+    timeline: LiveTimeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ptpip, "_GRACE", 0.05)
     with server(timeline) as serving:
         first, first_events = begin(serving)
         assert first.run(Operation.OPEN_SESSION, 0, 1) == ResponseCode.OK
+        with pytest.raises(CameraClaimed, match="is connected to another program or device"):
+            connect(serving.host, serving.port, THIS_MACHINE)
+        assert first.run(Operation.GET_NUM_OBJECTS, 1, 0xFFFFFFFF, 0, 0) == ResponseCode.OK
+        first_events.send(13, b"")
+        assert first_events.receive() == (14, b"")
+        monkeypatch.setattr(ptpip, "_GRACE", 10.0)
+        close(first, first_events)
         second, second_events = begin(serving)
         assert second.run(Operation.OPEN_SESSION, 0, 1) == ResponseCode.OK
+        close(second, second_events)
+
+
+def test_a_client_takes_the_place_of_one_that_was_half_there(timeline: LiveTimeline) -> None:
+    with server(timeline) as serving:
+        first = Client(serving)
+        first.send(1, INTRODUCTION)
+        assert first.receive()[0] == 2
+        second, second_events = begin(serving)
         with pytest.raises((EOFError, ConnectionError)):
             first.run(Operation.GET_NUM_OBJECTS, 1, 0xFFFFFFFF, 0, 0)
-        with pytest.raises((EOFError, ConnectionError)):
-            first_events.receive()
-        assert second.run(Operation.GET_NUM_OBJECTS, 1, 0xFFFFFFFF, 0, 0) == ResponseCode.OK
-        second_events.send(13, b"")
-        assert second_events.receive() == (14, b"")
-        close(first, first_events, second, second_events)
+        assert second.run(Operation.OPEN_SESSION, 0, 1) == ResponseCode.OK
+        close(first, second, second_events)
 
 
 @pytest.mark.parametrize("ends", [False, True])
