@@ -1,11 +1,13 @@
 """Choice between two drivers of a still camera, rig's own PTP and libgphoto2, by what each can do with it."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from usb.backend import IBackend
 
 from drivers import gphoto2, ptp
+from drivers.at_once import all_at_once
 from drivers.camera import Camera
 from drivers.clock import Clock
 from drivers.errors import CameraRefused
@@ -39,15 +41,17 @@ def find_cameras(
     for own in ptp.find_cameras(backend, clock):
         other = known.pop(_port_of(own.where), None)
         yield "PTP", *chosen(own, other)
-    for place in places:
-        (own,) = ptp.cameras_at([place[:2]], clock)
-        (other,) = gphoto2.cameras_at([place[:2]], clock)
-        if place.library:
-            yield "PTP/IP", other, NAMED
-        else:
-            yield "PTP/IP", *chosen(own, other if library else None)
+    for remote, why in all_at_once(partial(_at, place, clock, library) for place in places):
+        yield "PTP/IP", remote, why
     for other in known.values():
         yield "libgphoto2", other, ONLY
+
+
+def _at(place: Place, clock: Clock, library: bool) -> tuple[Camera, str]:
+    """Driver of the camera at a place, and why it is that one."""
+    (own,) = ptp.cameras_at([place[:2]], clock)
+    (other,) = gphoto2.cameras_at([place[:2]], clock)
+    return (other, NAMED) if place.library else chosen(own, other if library else None)
 
 
 def chosen(own: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:

@@ -2,16 +2,21 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from usb.backend import IBackend
 
 from drivers import choice, gentl, gige, plugins, u3v
+from drivers.at_once import Call
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.choice import Place
 from drivers.clock import Clock
 from drivers.gige import Network
 from imaging.errors import CameraError, RigError
 from imaging.progress import Progress, unreported
+
+_REMOTE = ("PTP/IP", "GigE Vision")
+"""Protocols whose cameras are asked side by side."""
 
 
 @dataclass(frozen=True)
@@ -86,18 +91,28 @@ def ask_all(
     """Open each camera on the USB, the network, at these places and of plug-ins, ask what it is, close it."""
     progress("looking for cameras", 0, 0)
     found = list(_by_protocol(backend, clock, network, places))
+    # Those of a network are apart from one another, and each may take its time, or 5 s not to answer.
+    calls = {
+        number: Call(partial(_asked, protocol, camera, chosen))
+        for number, (protocol, camera, chosen) in enumerate(found)
+        if protocol in _REMOTE and not isinstance(camera, CameraError)
+    }
     for done, (protocol, camera, chosen) in enumerate(found):
         if isinstance(camera, CameraError):
             yield ConnectedCamera(protocol, "", error=str(camera))
             continue
         progress(camera.where or protocol, done, len(found))
-        where, identity = camera.where, None
-        try:
-            identity = camera.identify()
-            verified = camera.verified()
-            listed = ConnectedCamera(protocol, where, identity, camera.capabilities(), verified, chosen)
-        except RigError as error:
-            listed = ConnectedCamera(protocol, where, identity, error=str(error))
-        finally:
-            camera.close()
-        yield listed
+        yield calls[done].result() if done in calls else _asked(protocol, camera, chosen)
+
+
+def _asked(protocol: str, camera: Camera, chosen: str) -> ConnectedCamera:
+    """Open a camera, ask what it is, and close it."""
+    where, identity = camera.where, None
+    try:
+        identity = camera.identify()
+        verified = camera.verified()
+        return ConnectedCamera(protocol, where, identity, camera.capabilities(), verified, chosen)
+    except RigError as error:
+        return ConnectedCamera(protocol, where, identity, error=str(error))
+    finally:
+        camera.close()

@@ -1,13 +1,20 @@
 """What `rig cameras` lists, on a bus with everything on it."""
 
+import threading
+
 import pytest
 
-from drivers.camera import Camera
+from drivers import discovery
+from drivers.at_once import all_at_once
+from drivers.camera import Camera, CameraIdentity, Capabilities
+from drivers.clock import SystemClock
 from drivers.discovery import ask_all, find_cameras
+from drivers.errors import CameraNotFound
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.u3v.device import U3vDevice
-from drivers.sim.usb.bus import Holder
+from drivers.sim.usb.bus import Holder, VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 
 
 @pytest.fixture
@@ -48,3 +55,44 @@ def test_drivers_follow_one_protocol(mixed: BusRig) -> None:
     for camera in cameras:
         camera.close()
     assert mixed.backend.open_handles == 0
+
+
+class _Remote:
+    """A camera of a network that says nothing until all the others were asked, too."""
+
+    def __init__(self, number: int, others: threading.Barrier) -> None:
+        self.where, self._number, self._others, self.closed = f"PTP/IP {number}", number, others, False
+
+    def identify(self) -> CameraIdentity:
+        self._others.wait(timeout=5.0)
+        if self._number == 3:
+            raise CameraNotFound("PTP/IP 3 cannot be reached: correct the address.")
+        return CameraIdentity(str(self._number), "Acme", "Z1", "raw")
+
+    def verified(self) -> str:
+        return ""
+
+    def capabilities(self) -> Capabilities:
+        return Capabilities(0, 0, 0, (), (), ())
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_cameras_of_a_network_are_asked_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    others = threading.Barrier(9)
+    cameras = [_Remote(number, others) for number in range(9)]
+    monkeypatch.setattr(
+        discovery, "_by_protocol", lambda *_: iter([("PTP/IP", camera, "") for camera in cameras])
+    )
+    listed = list(ask_all(VirtualBus(VirtualClock()), SystemClock()))
+    assert [one.where for one in listed] == [camera.where for camera in cameras]
+    assert [one.error for one in listed if one.error] == ["PTP/IP 3 cannot be reached: correct the address."]
+    assert [one.identity.serial for one in listed if one.identity] == list("01245678")
+    assert all(camera.closed for camera in cameras)
+
+
+def test_the_first_error_of_calls_side_by_side_is_raised() -> None:
+    assert all_at_once([lambda: 1, lambda: 2]) == [1, 2]
+    with pytest.raises(ZeroDivisionError):
+        all_at_once([lambda: 1, lambda: 1 // 0])
