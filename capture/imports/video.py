@@ -14,7 +14,7 @@ from capture.imports.originals import shown
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.cicp import UNSPECIFIED, refuse_hdr
+from imaging.files.cicp import UNSPECIFIED, name_of, refuse_hdr
 from imaging.files.photo import encode_png
 from imaging.files.silence import quiet
 from imaging.progress import Progress
@@ -26,7 +26,12 @@ MOST = 200
 APART = 0.5
 """Seconds between two of them at least, on average."""
 
-_COLOUR = re.compile(rb"colrncl[cx]..(..)", re.DOTALL)
+_NARROW = (1, UNSPECIFIED, 5, 6, 7)
+"""ColourPrimaries whose colours are those of sRGB, or nearly."""
+_BOX = re.compile(rb"colrncl[cx](..)(..)", re.DOTALL)
+_EBML, _CLUSTER = b"\x1a\x45\xdf\xa3", b"\x1f\x43\xb6\x75"
+_ELEMENT = re.compile(rb"\x55\xb0(.{1,250})", re.DOTALL)
+_PRIMARIES, _TRANSFER = rb"\x55\xbb", rb"\x55\xba"
 _LARGEST = 1 << 26
 """Bytes of a file's tables that are looked through."""
 
@@ -41,8 +46,11 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
 
     InputError where the file is no video, is coded for displays of HDR, or takes more memory than there is.
     """
+    primaries, transfer = _colour(video)
     try:
-        refuse_hdr(_transfer(video), "colour information")
+        refuse_hdr(transfer, "colour information")
+        if primaries not in _NARROW:
+            raise InputError(f"has {name_of(primaries)} as the primaries of its colours")
     except InputError as error:
         raise InputError(
             f"{video} {str(error).partition(':')[0]}: export it as SDR (Rec. 709) first."
@@ -77,20 +85,33 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
     )
 
 
-def _transfer(video: Path) -> int:
-    """TransferCharacteristics in the box `colr` of an MP4 or MOV file (ISO/IEC 14496-12); 2: not said."""
+def _colour(video: Path) -> tuple[int, int]:
+    """ColourPrimaries and TransferCharacteristics (ITU-T H.273) of a file; 2: unspecified, or not found.
+
+    In the box `colr` of MP4 and MOV (ISO/IEC 14496-12), and in the element `Colour` of Matroska and WebM
+    (RFC 9559, 5.1.4.1.28.16).
+    """
     with video.open("rb") as file:
+        if file.read(4) == _EBML:
+            file.seek(0)
+            head = file.read(_LARGEST).partition(_CLUSTER)[0]
+            found = _ELEMENT.search(head)
+            parts = b"" if found is None else found[1]
+            said = (re.search(name + rb"\x81(.)", parts, re.DOTALL) for name in (_PRIMARIES, _TRANSFER))
+            primaries, transfer = (UNSPECIFIED if one is None else one[1][0] for one in said)
+            return primaries, transfer
+        file.seek(0)
         while len(head := file.read(8)) == 8:
             start, length = file.tell() - 8, int.from_bytes(head[:4])
             if head[4:] == b"moov":
-                said = _COLOUR.search(file.read(min(length, _LARGEST)))
-                return UNSPECIFIED if said is None else int.from_bytes(said[1])
+                box = _BOX.search(file.read(min(length, _LARGEST)))
+                return (UNSPECIFIED,) * 2 if box is None else (int.from_bytes(box[1]), int.from_bytes(box[2]))
             if length == 1:
                 length = int.from_bytes(file.read(8))
             if length < 8:
                 break
             file.seek(start + length)
-    return UNSPECIFIED
+    return UNSPECIFIED, UNSPECIFIED
 
 
 def _frames(capture: Any) -> Iterator[npt.NDArray[np.uint8]]:

@@ -45,6 +45,11 @@ def refuse_hdr(transfer: int, where: str) -> None:
         )
 
 
+def name_of(primaries: int) -> str:
+    """Name of ColourPrimaries in sentences."""
+    return _NAMES.get(primaries, f"primaries {primaries}")
+
+
 def space_of(
     body: bytes, bits: int, where: str = "cICP chunk"
 ) -> tuple[str, Array, npt.NDArray[np.float64]] | None:
@@ -72,8 +77,7 @@ def space_of(
             f"says in its {where} primaries {primaries} and curve {transfer}, which rig does not read: "
             "convert it to sRGB"
         )
-    name = _NAMES.get(primaries, f"primaries {primaries}")
-    return f"{name} with curve {transfer} of their {where}", light, rec709_from_rgb(points)
+    return f"{name_of(primaries)} with curve {transfer} of their {where}", light, rec709_from_rgb(points)
 
 
 def _light(transfer: int, codes: Array) -> Array | None:

@@ -50,26 +50,61 @@ def boxed(data: bytes, kinds: list[bytes], box: bytes) -> bytes:
     return out
 
 
-@pytest.mark.parametrize("form", [b"nclx", b"nclc"])
-@pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (1, None), (2, None)])
-def test_a_video_for_displays_of_hdr_is_refused(tmp_path, form, transfer, name):
-    clip = tmp_path / "clip.mp4"
-    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter_fourcc(*"mp4v"), 10, (128, 96))
+REFUSED = [
+    (9, 16, "is HDR coded by PQ, .*"),
+    (9, 18, "is HDR coded by HLG, .*"),
+    (9, 14, "has BT.2020 as the primaries of its colours"),
+    (12, 1, "has Display P3 as the primaries of its colours"),
+    (1, 1, None),
+    (2, 2, None),
+]
+"""ColourPrimaries, TransferCharacteristics, and what is said of them."""
+
+
+def clip_in(path: Path, code: str) -> bytes:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*code), 10, (128, 96))
     for level in (60, 120):
         writer.write(np.full((96, 128, 3), level, np.uint8))
     writer.release()
-    colour = b"colr" + form + struct.pack(">3H", 9, transfer, 9) + (b"\x80" if form == b"nclx" else b"")
+    return path.read_bytes()
+
+
+def judge(clip: Path, session: Path, says: str | None) -> None:
+    if says is None:
+        assert import_photos(clip, session).frames == 1
+        return
+    with pytest.raises(InputError, match=rf"{clip.name} {says}: export it as SDR"):
+        import_photos(clip, session)
+    assert not session.exists()
+
+
+@pytest.mark.parametrize("form", [b"nclx", b"nclc"])
+@pytest.mark.parametrize(("primaries", "transfer", "says"), REFUSED)
+def test_a_video_in_colours_of_other_displays_is_refused(tmp_path, form, primaries, transfer, says):
+    clip = tmp_path / "clip.mp4"
+    plain = clip_in(clip, "mp4v")
+    colour = b"colr" + form + struct.pack(">3H", primaries, transfer, 9) + (b"\x80" * (form == b"nclx"))
     box = struct.pack(">I", len(colour) + 4) + colour
     path = [b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v"]
-    plain = clip.read_bytes()
     assert plain.index(b"mdat") < plain.index(b"moov")  # so that no offset moves
     clip.write_bytes(boxed(plain, path, box))
-    if name is None:
-        assert import_photos(clip, tmp_path / "s").frames == 1
-    else:
-        with pytest.raises(InputError, match=rf"clip\.mp4 is HDR coded by {name}, .*: export it as SDR"):
-            import_photos(clip, tmp_path / "s")
-        assert not (tmp_path / "s").exists()
+    judge(clip, tmp_path / "s", says)
+
+
+@pytest.mark.parametrize(("primaries", "transfer", "says"), REFUSED)
+def test_so_is_one_of_matroska(tmp_path, primaries, transfer, says):
+    import imageio_ffmpeg
+
+    clip = tmp_path / "clip.mkv"
+    write = imageio_ffmpeg.write_frames(
+        str(clip), (64, 48), fps=10, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=1,
+        output_params=["-vf", f"setparams=color_primaries={primaries}:color_trc={transfer}"],
+    )  # fmt: skip
+    write.send(None)
+    for level in (60, 120):
+        write.send(np.full((48, 64, 3), level, np.uint8))
+    write.close()
+    judge(clip, tmp_path / "s", says)
 
 
 def test_what_is_no_video_is_refused_and_leaves_nothing(tmp_path):
