@@ -9,7 +9,7 @@ import struct
 from imaging.files.tiff.directory import Directory, integers
 from imaging.files.tiff.dng_tags import SAMPLE_FORMAT
 
-SUB_TILES, COLORIMETRIC = 50974, 50879
+SUB_TILES, COLORIMETRIC, INTERLACE = 50974, 50879, 34857
 OPCODES = {51008: "OpcodeList1", 51009: "OpcodeList2", 51022: "OpcodeList3"}
 _BENDING = {
     6: "TrimBounds",
@@ -35,6 +35,8 @@ def reason(tags: Directory) -> str:
         )
     if _SIGNED in formats:
         return "holds signed samples (SampleFormat 2), which rig does not read: convert it to unsigned ones"
+    if any(integers(tags, INTERLACE)):
+        return "holds every other row of a picture (Interlace): convert it to one of all its rows"
     if integers(tags, SUB_TILES) not in ((), (1, 1)):
         return (
             "holds its tiles in blocks (SubTileBlockSize), which rig does not read: convert it with Adobe "

@@ -23,6 +23,8 @@ _ROWS = 64
 _SUBSAMPLING, _COEFFICIENTS, _REFERENCE = 530, 529, 532
 _SIGNED, _FLOAT = 2, 3
 _GREY_CURVE = 291
+_INTERLACE = 34857
+"""Number of the field that a picture is, of TIFF/EP; 0: of none."""
 
 
 class UnfitError(Exception):
@@ -84,6 +86,10 @@ def _check_samples(page: Any) -> None:
     if _GREY_CURVE in page.tags and page.photometric in (INVERTED, GREY):
         raise UnfitError(
             "is a TIFF of densities (GrayResponseCurve), which rig does not read: convert it to RGB"
+        )
+    if _INTERLACE in page.tags and np.any(np.asarray(page.tags[_INTERLACE].value) != 0):
+        raise UnfitError(
+            "is a TIFF of every other row of a picture (Interlace): convert it to one of all its rows"
         )
     top = float(2**page.bitspersample - 1)
     if page.photometric == RGB and _REFERENCE in page.tags:

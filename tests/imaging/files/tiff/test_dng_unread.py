@@ -168,3 +168,11 @@ def test_samples_of_another_meaning_are_refused_by_their_tag(
     assert text.startswith(str(path))
     assert text.endswith(".")
     assert "\n" not in text
+
+
+def test_a_field_of_a_picture_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.dng holds every other row of a picture \(Interlace\): convert"):
+        read_raw(put(tmp_path / "a.dng", TRUE, [*BAYER, (34857, 3, 1, 1, True)], 32803))
+    assert np.array_equal(
+        read_raw(put(tmp_path / "b.dng", TRUE, [*BAYER, (34857, 3, 1, 0, True)], 32803)).pixels, TRUE
+    )

@@ -100,8 +100,9 @@ def test_white_is_zero_of_the_grey_and_not_of_its_alpha(tmp_path: Path) -> None:
         ),
         (RGB8, {"extratags": [(532, 5, 6, [16, 1, 235, 1] * 3, True)]}, "ReferenceBlackWhite"),
         (np.stack([RGB8, RGB8]), {"volumetric": True}, "ImageDepth"),
+        (RGB8, {"extratags": [(34857, 3, 1, 2, True)]}, "Interlace"),
     ],
-    ids=["float", "half", "signed", "densities", "video", "volume"],
+    ids=["float", "half", "signed", "densities", "video", "volume", "field"],
 )
 def test_samples_of_another_meaning_are_refused_by_their_tag(
     tmp_path: Path, pixels: np.ndarray, options: dict[str, object], named: str
@@ -115,6 +116,23 @@ def test_samples_of_another_meaning_are_refused_by_their_tag(
 def test_levels_that_are_those_of_the_codes_are_no_reason(tmp_path: Path) -> None:
     data = tiff((RGB8, {"extratags": [(532, 5, 6, [0, 1, 255, 1] * 3, True)]}))
     assert np.array_equal(codes(tmp_path / "a.tif", data), RGB8)
+
+
+@pytest.mark.parametrize(
+    "tag",
+    [
+        (34857, 3, 1, 0, True),  # Interlace: a whole picture
+        (34856, 7, 24, bytes(range(24)), True),  # OECF
+        (34852, 2, 0, "600 nm", True),  # SpectralSensitivity
+        (34858, 8, 1, -5, True),  # TimeZoneOffset
+        (37389, 7, 8, bytes(8), True),  # Noise
+        (37399, 3, 1, 4, True),  # SensingMethod: three sensors
+        (37388, 7, 8, bytes(8), True),  # SpatialFrequencyResponse
+        (37397, 5, 1, (800, 1), True),  # ExposureIndex
+    ],
+)
+def test_tags_of_tiff_ep_that_change_no_sample(tmp_path: Path, tag: tuple[object, ...]) -> None:
+    assert np.array_equal(codes(tmp_path / "a.tif", tiff((RGB8, {"extratags": [tag]}))), RGB8)
 
 
 def test_a_profile_of_a_bigtiff_and_of_a_later_page_counts(tmp_path: Path) -> None:
