@@ -92,21 +92,35 @@ def calibrate(
     keep_doubtful: bool = False,
     on_progress: Progress = unreported,
 ) -> CalibrationRecord:
-    """Calibrate a session and write its `calibration/` folder; returns what was written.
+    """Calibrate a session and write its `calibration/` folder, which is replaced as a whole or not at all.
 
-    only: redo this part and keep the rest of the earlier calibration; all but 'poses' need no poses. board:
-    board in the session's shots, if the session does not describe it. chart: search the views for a colour
-    chart, and measure colours by it. luminance: readings of meters and lamps, which make the light absolute;
-    None: those of the earlier calibration, (): none. survey: a table of surveyed points, in whose coordinates
-    the scene is placed; None: that of the earlier calibration, 'none': no survey. marks: a table of where
-    images show them. markers: OpenCV's dictionary of the markers that stand on them. onto: a calibrated
-    session of the same scene, whose coordinates are taken; None: the one of the earlier calibration, 'none':
-    none. keep_doubtful: keep views that others contradict, with a warning, instead of leaving them out. The
-    folder is replaced as a whole or not at all. Views without a pose are listed in the record.
+    Args:
+        session: Session, or its folder.
+        only: Part to measure anew; the rest of the earlier calibration is kept. All parts but 'poses' need no
+            poses.
+        board: Board in the session's shots, if the session does not describe it.
+        chart: Search the views for a colour chart, and measure colours by it.
+        luminance: Readings of meters and lamps, which make the light absolute; None: those of the earlier
+            calibration, (): none.
+        survey: Table of surveyed points, in whose coordinates the scene is placed; None: that of the earlier
+            calibration, 'none': no survey.
+        marks: Table of the points' positions in images.
+        markers: OpenCV's dictionary of the markers on the points.
+        onto: Calibrated session of the same scene, whose coordinates are taken; None: that of the earlier
+            calibration, 'none': no session.
+        without: Parts of the light that are not estimated from scene points.
+        keep_doubtful: Keep views that others contradict, with a warning, instead of leaving them out.
+        on_progress: Callback for the current step, the steps done, and all of them.
 
-    Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
-    calibration has poses, which then stays; PartialError when the board, the poses or the readings had
-    to be left out of what is written; InputError for a damaged session; StorageError.
+    Returns:
+        The record that was written; views without a pose are listed in it.
+
+    Raises:
+        CalibrationError: No view can be placed and nothing else was measured, or an earlier calibration has
+            poses, which then stays.
+        PartialError: The board, the poses or the readings had to be left out of the record.
+        InputError: The session is damaged, or an option cannot be used.
+        StorageError: The disk refuses.
     """
     measures = _ALL if only is None else _PARTS[only]
     opened = Session.open(session)

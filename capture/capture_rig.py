@@ -40,17 +40,34 @@ def capture_rig(
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
 ) -> CaptureResult:
-    """Shoot with the connected cameras that a rig file names into the session folder `out`.
+    """Shoot with the connected cameras of a rig file into a session folder.
 
-    kind, frames, bracket, auto, resume: as for `capture_simulated`; None: the value of the rig file.
-    operator: moves rig, scene, lens caps and boards; None: nothing moves. positions: their number.
-    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's,
-    and those of the nodes that the file names. ray: HOST:PORT of the cluster that the nodes joined by
-    `rig node`; "auto": the one that this machine is in.
+    Args:
+        rig: Rig file, as `read_rig_file` returns it.
+        out: Session folder: vacant, or a session of the same cameras.
+        kind: The scene, or frames for its calibration; None stands for the rig file's value here and below.
+        frames: Number of frames.
+        bracket: Stops relative to the middle exposure.
+        auto: Goals of a bracket that is metered and planned before the first shot.
+        resume: Take exactly the shots that `out` lacks.
+        compression: Compression of the RAW files.
+        operator: Moves rig, scene, lens caps and boards; None: nothing moves.
+        positions: Number of positions that the operator offers.
+        backend: USB bus of the cameras; None: this machine's.
+        network: Network of the cameras; None: this machine's, and those of the nodes in the file.
+        clock: Clock of the drivers; None: this machine's.
+        ray: HOST:PORT of the cluster that the nodes joined by `rig node`; "auto": this machine's.
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines that a person should read.
 
-    InputError: `out` cannot be used, a camera cannot be triggered as the file says, or there is no such
-    cluster. CaptureError: a camera or a node that it names is missing, or the scene cannot be metered.
-    StorageError: the disk refuses; finished shots stay.
+    Returns:
+        The shots taken, kept and missing.
+
+    Raises:
+        InputError: `out` cannot be used, a camera cannot be triggered as the file says, or there is no such
+            cluster.
+        CaptureError: A camera or a node is missing, or the scene cannot be metered.
+        StorageError: The disk refuses; finished shots stay.
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     if backend is None and rig.tables.nodes:

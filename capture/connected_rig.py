@@ -31,7 +31,7 @@ class Unattended:
 
     def turn_to(self, band: str) -> None:
         """InputError: pictures through another filter would be taken for this one's."""
-        raise InputError(f"nobody turns the filter wheel to {band}: name an operator who does.")
+        raise InputError(f"no operator turns the filter wheel to {band}: name an operator who does.")
 
 
 AGREEMENT = 30.0
@@ -160,7 +160,7 @@ def _identified(
             continue
         if identity.serial in by_serial:
             raise CaptureError(
-                f"two cameras have the serial number {identity.serial!r} and cannot be told apart: "
+                f"two cameras have the serial number {identity.serial!r} and cannot be distinguished: "
                 "unplug one of them."
             )
         by_serial[identity.serial] = (camera, identity)

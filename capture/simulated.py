@@ -41,19 +41,32 @@ def capture_simulated(
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
 ) -> CaptureResult:
-    """Shoot with the simulated rig `name` into the session folder `out`, and write the truth beside it.
+    """Shoot with a simulated rig into a session folder, and write the truth beside it.
 
-    kind: the scene, or frames for its calibration. frames: how many positions of the rig, from the first;
-    all of them when None; of darks, flats and the board, how many of these.
-    bracket: stops relative to the middle exposure of the rig's own bracket, which is used when None.
-    auto: instead of a bracket, what one has to reach that is metered and planned before the first shot.
-    resume: take exactly the shots that `out` lacks; the raw files are then those, byte for byte, of
-    a capture that was never interrupted. frames and bracket may be left out and are then those of
-    the session, and nothing is metered again.
-    mix: what goes wrong on the bus, at random; truth/faults.jsonl lists what did. on_message: see `shoot`.
+    Args:
+        name: Name of the rig.
+        out: Session folder: vacant, or a session of the same rig.
+        seed: Seed of lenses, colours, sensors and noise.
+        kind: The scene, or frames for its calibration.
+        frames: Number of positions of the rig, from the first, or of darks, flats and poses of the board;
+            None: all, or those of the session with `resume`.
+        bracket: Stops relative to the middle exposure of the rig's own bracket; None: that bracket, or the
+            session's with `resume`.
+        auto: Goals of a bracket that is metered and planned before the first shot, in place of `bracket`.
+        resume: Take exactly the shots that `out` lacks; the RAW files are then byte for byte those of an
+            uninterrupted capture, and nothing is metered again.
+        compression: Compression of the RAW files.
+        mix: Random faults of the bus; truth/faults.jsonl lists those that occurred.
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines that a person should read.
 
-    InputError: no such rig, `out` is not empty, or (resume) holds another capture. CaptureError: the
-    scene cannot be metered. StorageError: the disk refuses; what was finished stays.
+    Returns:
+        The shots taken, kept and missing.
+
+    Raises:
+        InputError: There is no such rig, `out` is not empty, or (resume) holds another capture.
+        CaptureError: The scene cannot be metered.
+        StorageError: The disk refuses; finished shots stay.
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     with simulated_source(name, seed, mix) as source:

@@ -50,18 +50,29 @@ LOOKED_AT = (
 def evaluate(
     folder: str | PathLike[str], *, width: int | None = None, on_progress: Progress = unreported
 ) -> Evaluation:
-    """Evaluate SESSION/reconstructions/NAME, or the newest of a session; metrics.json has the same.
+    """Evaluate a reconstruction on its held-out views, and write metrics.json and the compared pictures.
 
-    renders/ and references/ hold the pictures that are compared (`recon.perceptual`). width: of the widest of
-    them, px; None: as the scene was trained. Figures of one width only can be compared, since the wider a
-    picture is, the more detail it asks for (`common_width`). `rig.report.metrics` explains the names. Figures
-    against truth use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single
-    scale for all of them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned
-    radiance) pool their values. Without truth, errors in stops are against the held-out photographs
-    (`recon.observe.recorded_light`). `views` has the same per view and `bands`, of a scene of bands, per
-    band. `measured_on` says whether the views are test views, on which no choice rests, or the validation
-    view that ended the training, if that is the only one; `held_out` and `validation` name both kinds. Below
-    four views nothing is held out: the result states that and has no such figures.
+    renders/ and references/ hold the pictures that are compared (`recon.perceptual`). Figures against truth
+    use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single scale for all of
+    them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned radiance) pool
+    their values. Without truth, errors in stops are against the held-out photographs
+    (`recon.observe.recorded_light`). `rig.report.metrics` explains the names.
+
+    Args:
+        folder: SESSION/reconstructions/NAME, or a session for its newest.
+        width: Width of the widest picture, px; None: that of the training. Only figures of one width can be
+            compared, since a wider picture asks for more detail (`common_width`).
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Figures of the scene, of each view, and of each band of a scene of bands. `measured_on` states whether
+        the views are test views, on which no choice rests, or the validation view that ended the training, if
+        that is the only one. Below four views nothing is held out: the result states that and has no figures.
+
+    Raises:
+        ReconstructionError: The folder has no finished reconstruction.
+        InputError: The session is damaged, or the width cannot be used.
+        StorageError: The disk refuses.
     """
     folder = find_reconstruction(Path(folder))
     if folder.is_file():
@@ -166,7 +177,7 @@ def _reference(opened: Opened) -> list[Float] | None:
 def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Fills the rows; returns what is pooled over the views."""
     peak = max(0.0, *(float(image.max()) for image in truth))
-    # Views of several cameras may differ in size: pooled, they are so many pixels.
+    # Views of several cameras may differ in size: pooled, they are plain pixels.
     everything, true = (
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
     )

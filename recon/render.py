@@ -64,23 +64,40 @@ def render(
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
-    """Render views of a reconstruction, or a path through it, into `out`; return the files, EXR first.
+    """Render views of a reconstruction, or a path through it.
 
-    views: names `frame/camera`; None: every view of the scene. path: cameras to draw instead, as `orbit`,
-    `spline:240` or a file (`recon.rendering.camera_paths`, `camera_files`); files are NAME.####.exr, numbered
-    from first_frame, None: that of the file, else 1001.
+    Each picture is an EXR of linear radiance in the units of the calibration (of a scene of bands a spectral
+    EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`. Where the
+    photographs had alpha, the EXR has it as A with the light premultiplied, the PNG as straight alpha.
 
-    Of each an EXR of linear radiance in the units of the calibration, its primaries those of `space` (of a
-    scene of bands a spectral EXR, a channel each, and PNG in false colours), with `layers` of data
-    (`recon.rendering.data_layers`) in parts of their own, and one PNG for each of `stops`: the radiance times
-    2^(exposure + stops), by `shown`, in sRGB. Where the photographs had alpha, the EXR has it as A with the
-    light premultiplied, the PNG as straight alpha. exposure: None: chosen so that the median of the scene is
-    middle grey; the EXR states that factor as `rig:exposure`. width: of the pictures, px; None: that of the
-    trained views, or of the path. video: an MP4 of the first of `stops` too, of `rate` frames a second. raw:
-    the name of a camera, by whose sensor a bracket of DNG is written of each as well
-    (`recon.rendering.simulated_raw`). on_message: callback for lines on frames that see nothing of the scene.
-    ReconstructionError for a view that the scene does not have, and, after all is written, where no frame
-    sees any of its Gaussians; InputError for a bad path, or an unknown camera.
+    Args:
+        folder: Reconstruction, or a session for its newest.
+        out: Folder of the pictures.
+        views: Names `frame/camera`; None: every view of the scene.
+        path: Cameras to draw instead: `orbit`, `spline:240` or a file (`recon.rendering.camera_paths`,
+            `camera_files`); files are then NAME.####.exr.
+        first_frame: Number of a path's first frame; None: that of the file, else 1001.
+        stops: A PNG is the radiance times 2^(exposure + stops).
+        exposure: Stops; None: chosen so that the median of the scene is middle grey. The EXR states that
+            factor as `rig:exposure`.
+        space: Primaries of the EXR.
+        width: Width of the pictures, px; None: that of the trained views, or of the path.
+        layers: Data in parts of their own (`recon.rendering.data_layers`).
+        shown: Tone map of the PNG.
+        video: Write an MP4 of the first of `stops` too.
+        rate: Frames a second of the video.
+        raw: Name of a camera by whose sensor a bracket of DNG is simulated too
+            (`recon.rendering.simulated_raw`).
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines on frames that see nothing of the scene.
+
+    Returns:
+        The files, EXR first.
+
+    Raises:
+        ReconstructionError: The scene has no such view, or, after all is written, no frame sees any Gaussian.
+        InputError: The path is invalid, or the camera unknown.
+        StorageError: The disk refuses.
     """
     out = Path(out)
     for layer in layers:

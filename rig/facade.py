@@ -22,9 +22,17 @@ def find_cameras(
 ) -> "list[ConnectedCamera]":
     """Find every connected camera, with its identity and capabilities; none is left open.
 
-    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of cameras that no
-    search finds, such as "ptpip:192.168.1.2" or, of GigE Vision, "192.168.1.20". InputError: the rig is
-    unknown, an address is invalid, or USB cannot be used on this machine.
+    Args:
+        simulated: Name of a simulated rig, such as "demo", whose cameras are found instead.
+        addresses: Cameras that no search finds, such as "ptpip:192.168.1.2" or, of GigE Vision,
+            "192.168.1.20".
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        One entry for each camera, also for those that do not answer.
+
+    Raises:
+        InputError: The rig is unknown, an address is invalid, or USB cannot be used on this machine.
     """
     from capture.rigfile.network_address import address_of, ptpip_places
     from drivers.discovery import ask_all
@@ -56,24 +64,40 @@ def reconstruct(
     on_message: Callable[[str], None] = lambda line: None,
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
 ) -> "Scene":
-    """Train a scene on a calibrated session and open it; it is kept in SESSION/reconstructions/NAME.
+    """Train a scene on a calibrated session, keep it in SESSION/reconstructions/NAME, and open it.
 
-    budget: seconds, or text as the command line has it (`5m`, `30MB`, `100k`, `35dB`). settings: what is not
-    to be as the preset has it, by the keys of `rig reconstruct --set`, such as {"iterations": 500}. name:
-    None names method, quality and budget. A scene that is finished is opened as it is, and one that was
-    stopped is gone on with; one of other settings is replaced only by `replace`. on_message: is given lines
-    on what is predicted and left out; on_log: the numbers of train.jsonl as they come.
-    `recon.reconstruct.reconstruct` says more.
+    A finished scene is opened as it is, and a stopped one is continued. Ctrl-C saves the scene trained so
+    far, and raises KeyboardInterrupt. `recon.reconstruct.reconstruct` has the details.
 
-    Errors: ReconstructionError, InputError, StorageError. Ctrl-C saves the scene trained so far, and raises
-    KeyboardInterrupt.
+    Args:
+        session: Session, or its folder.
+        method: Method; "auto": by the kind of the images.
+        quality: Preset.
+        budget: Seconds, or text as on the command line (`5m`, `30MB`, `100k`, `35dB`).
+        seed: Seed of the training; the same settings and seed give the same bytes.
+        settings: Overrides of the preset, by the keys of `rig reconstruct --set`, such as {"iterations":
+            500}.
+        early_stop: End when held-out quality stands still.
+        name: Name of the scene; None: made of method, quality and budget.
+        replace: Replace a scene of other settings.
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines on predictions and skipped steps.
+        on_log: Callback for the numbers of train.jsonl.
+
+    Returns:
+        The scene.
+
+    Raises:
+        ReconstructionError: The session cannot be trained.
+        InputError: A setting is invalid, or the scene exists with other settings.
+        StorageError: The disk refuses.
     """
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene
 
     for value, kinds in ((method, MethodName), (quality, QualityName)):
         if value not in get_args(kinds):
-            raise InputError(f"{value!r} is none of {', '.join(get_args(kinds))}: name one of these.")
+            raise InputError(f"{value!r} is not one of {', '.join(get_args(kinds))}: name one of these.")
     folder = train(
         session,
         method=method,

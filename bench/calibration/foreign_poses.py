@@ -161,7 +161,7 @@ def table(result: dict[str, Any], options: argparse.Namespace) -> str:
         "Left out: views without a pose, which are named. wrong: turned by more than 2 degrees, or shifted",
         "by more than 2 % of the rig, against the views that agree best.",
         "",
-        "| scene | taken as | views | placed without | wrong | placed with | wrong | left out | told |",
+        "| scene | taken as | views | placed without | wrong | placed with | wrong | left out | warned |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:

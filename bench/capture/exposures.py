@@ -236,7 +236,7 @@ def report(result: dict[str, Any]) -> str:
             told = row["estimated"]
             lines.append(
                 f"| {row['label']} | {1 / row['power']:.4g} | "
-                + (f"{1 / told:.4g} | {row['off']:+.3f} ± {row['error']:.3f} |" if told else "not told | |")
+                + (f"{1 / told:.4g} | {row['off']:+.3f} ± {row['error']:.3f} |" if told else "unknown | |")
             )
     return "\n".join(lines) + "\n"
 

@@ -88,7 +88,7 @@ def examine(out: Path, told: list[str], trial: Trial, reference: Reference) -> N
     trial.recorded = 0
     if not (out / "session.json").exists():
         if told:
-            trial.failures.append(f"{len(told)} shots were told and there is no session")
+            trial.failures.append(f"{len(told)} shots were reported and there is no session")
         return
     session = Session.open(out)
     recorded = session.shots()

@@ -119,7 +119,7 @@ def report(result: dict[str, Any]) -> str:
         "",
         f"`python -m bench.decided.degrees --write`, {words(result['machine'])}. Trained with degree "
         "2 for all, then "
-        "without the harmonics of so many Gaussians, those first in which they change least; held-out "
+        "without the harmonics of a share of the Gaussians, those first in which they change least; held-out "
         "pictures / light, dB less than with all. slower: a render with degree 2 for all to one without.",
         "",
         f"| scene | Gaussians | {' | '.join(f'{share:.0%}' for share in SHARES[1:])} | slower |",

@@ -87,7 +87,7 @@ def report(result: dict[str, Any]) -> str:
         "Light of held-out views: error of the darkest fifth, median stops, and dB (mu-law, aligned); glare",
         "left to be, and as decided.",
         "",
-        "| scene | scattered, % | taken | told, % | dark, left | dark, decided | dB, left | dB, decided |",
+        "| scene | scattered, % | taken | found, % | dark, left | dark, decided | dB, left | dB, decided |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:

@@ -66,7 +66,7 @@ def report(result: dict[str, Any]) -> str:
         "# Learning rates by the length of a training",
         "",
         f"`python -m bench.decided.learning_rates --write`, {words(result['machine'])}. Held-out pictures / "
-        "light, dB, at so many times the usual rates, of at most 20,000 Gaussians; taken: the factor of "
+        "light, dB, at multiples of the usual rates, of at most 20,000 Gaussians; taken: the factor of "
         "`recon.train.learning_rates`.",
         "",
         "| iterations | taken | scene | factor: pictures / light, dB |",

@@ -139,7 +139,7 @@ def peer_rows(
         views = list(dataset.held_out)
 
         def drawn(view: View, white: bool = False, splats: PlySplats = splats) -> Array:
-            # Transparent photographs stand before black or white; behind others is its own colour.
+            # Transparent photographs are composited over black or white; the others over its own colour.
             behind = opensplat.BACKGROUND if view.alpha is None else WHITE if white else BLACK
             return splats.drawn(in_world(view, dataset.world), behind)
 
@@ -233,7 +233,7 @@ def report(result: dict[str, Any]) -> str:
         f"{result['peer']}. {words(result['machine'])}.{chosen}",
         "",
         "| set | px | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel "
-        "| SSIM | before white, dB |",
+        "| SSIM | over white, dB |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:

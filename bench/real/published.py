@@ -73,11 +73,11 @@ def report(result: dict[str, Any]) -> str:
         "",
         "`python -m bench.real.published --write`: `rig reconstruct --quality`, nothing set by hand; seconds "
         "and processor seconds from the first file to the written scene; dB of the views that the scene is "
-        "tested on, before white and black. 3DGS: as published, 800 px and 30,000 iterations. "
+        "tested on, over white and black. 3DGS: as published, 800 px and 30,000 iterations. "
         f"{words(result['machine'])}. Some defaults were chosen on views of lego, tested ones among them.",
         "",
-        "| scene | preset | px | views | tested | iterations | Gaussians | s | processor s | before white "
-        "| before black | SSIM | 3DGS |",
+        "| scene | preset | px | views | tested | iterations | Gaussians | s | processor s | over white "
+        "| over black | SSIM | 3DGS |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:

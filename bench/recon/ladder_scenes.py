@@ -142,7 +142,7 @@ KINDS = (
     ),
     Kind("wrong exposures", stops=(0.0,), altered=mislabelled, required={"refine exposures": True}, seeds=3),
     Kind(
-        "falloff not told", settings={"vignetting": 1.0}, stops=(0.0,), altered=unshaded,
+        "falloff unknown", settings={"vignetting": 1.0}, stops=(0.0,), altered=unshaded,
         required={"refine vignetting": True}, seeds=3,
     ),
 )  # fmt: skip

@@ -122,7 +122,7 @@ def report(result: Row) -> str:
         "",
         f"`python -m bench.recon.learning_curves --write`, {words(result['machine'])}. Held-out dB "
         "after whole "
-        "schedules of so many iterations at the preset best, and the curve end - rise / (1 + (n / "
+        "schedules of given lengths at the preset best, and the curve end - rise / (1 + (n / "
         "half)^power) through them; left: what it leaves, RMS.",
         "",
         f"| scene | {' | '.join(str(n) for n in LENGTHS)} | rise, dB | half | power | left, dB |",

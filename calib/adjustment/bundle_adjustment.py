@@ -84,7 +84,7 @@ def adjust(
         config.set_constant_sensor_from_rig_pose(sensor)
     # Nothing fixes where the world begins, or its scale: the solver's damping keeps them where they are. Two
     # cameras held in place, as is usual, are too near to each other where a view was taken twice.
-    # The class, and not `bundle_adjustment`, which prints whatever it is told.
+    # The class, and not `bundle_adjustment`, which prints whatever its options say.
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     priors = {number: one for number, one in free.focal.items() if number not in free.fixed}
     added: list[Any] = []

@@ -38,7 +38,7 @@ def climb(
     scale: float,
     threads: int,
     progress: Progress,
-    told: str = "a board told the lenses",
+    told: str = "a board gave the lenses",
     uncut: Any | None = None,
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.

@@ -25,7 +25,7 @@ def chart() -> Array:
 
     Published under D50, and adapted by Bradford's matrix.
     """
-    import colour  # takes a second, which nobody without a chart should wait for
+    import colour  # takes a second, needed with a chart only
 
     edition = colour.CCS_COLOURCHECKERS[EDITION]
     xyz = np.array([colour.xyY_to_XYZ(patch) for patch in edition.data.values()])

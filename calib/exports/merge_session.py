@@ -38,8 +38,11 @@ STOPS_MOST = 60.0
 class Merged:
     """Result of merging a session's brackets.
 
-    exposure_factor: values in the files are light times this. calibration: that they were merged by; None:
-    the session has none, so labels were taken as they are, and photographs as sRGB.
+    Attributes:
+        folder: Folder of the files.
+        views: One entry for each bracket.
+        exposure_factor: Factor of the values in the files on the light.
+        calibration: Calibration that was used; None: labels were taken as they are, and photographs as sRGB.
     """
 
     folder: Path
@@ -59,14 +62,29 @@ def merge(
     exposure: float | None = None,
     on_progress: Progress = unreported,
 ) -> Merged:
-    """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
+    """Merge the brackets of the scene into EXR files under `out`.
 
-    Exposures, responses, gains and colour are those of the session's calibration, if it has one. space: the
-    primaries of what is written. exposure: stops that values are above the light; None: as many as show the
-    median of the session as middle grey, to the nearest stop. Existing files with the same inputs are kept.
-    InputError for an unknown bracket, a file is missing or damaged, exposures of a bracket are not known, the
-    calibration is damaged or older than the shots, or the colour of a camera is not known and a space other
-    than Rec.709 is asked for.
+    Exposures, responses, gains and colour are those of the session's calibration, if it has one. Existing
+    files with the same inputs are kept.
+
+    Args:
+        session: Session, or its folder.
+        out: Folder of the files.
+        frame: Frame to merge; None: all.
+        camera: Camera to merge; None: all.
+        space: Primaries of the files.
+        exposure: Stops of the values above the light; None: as many as show the median of the session as
+            middle grey, to the nearest stop.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The merged views, and the factor of their values.
+
+    Raises:
+        InputError: There is no such bracket, a file is missing or damaged, exposures are unknown, the
+            calibration is damaged or older than the shots, or the colour of a camera is unknown in a space
+            other than Rec.709.
+        StorageError: The disk refuses.
     """
     if exposure is not None and not abs(exposure) <= STOPS_MOST:
         raise InputError(f"light cannot be written {exposure} stops brighter: give -60 to 60.")

@@ -165,7 +165,7 @@ def estimate(
         rungs[index] = rung.model_copy(update={"taken": taken, "reason": reason})
     exposure, white = rungs[0].taken, rungs[1].taken
     logs = parts[0] + parts[1]
-    # Green carries the exposure where colours are told apart, the mean of the channels where they are not.
+    # Green carries the exposure where colours are separate, the mean of the channels where they are not.
     scale = logs[:, 1] - (0.0 if exposure else common[:, 0]) if white else common[:, 0]
     told = [index for index in range(count) if known[index]]
     return Development(

@@ -117,5 +117,5 @@ def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], 
     pycolmap.apply_rig_config(configs, database, reconstruction)
     reason = "the session says that the cameras are mounted to each other, and several frames show them so"
     if known.cam_from_rig:
-        reason = "a board told where the cameras are mounted"
+        reason = "a board gave the places of the cameras"
     return Rung(name="rig_constraint", taken=True, reason=reason)

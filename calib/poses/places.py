@@ -50,7 +50,7 @@ def align_to_places(
         return {}, _refused(f"fewer than {FEWEST} photographs tell different places")
     wide = np.linalg.svd(there - there.mean(0), compute_uv=False)[1] / np.sqrt(len(there))
     if wide < WIDE * float(np.median(spread[:, :2])):
-        return {}, _refused("the places lie too near to each other, or to a line, for how well they are told")
+        return {}, _refused("the places lie too near to each other, or to a line, for their accuracy")
     here = np.array([reconstruction.image(index).projection_center() for index in found])
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = AGREE * float(np.median(np.linalg.norm(spread, axis=1))), 0
@@ -65,7 +65,7 @@ def align_to_places(
     reconstruction.transform(transform)
     kept = {index: place for (index, place), good in zip(found.items(), near, strict=True) if good}
     turned, words = _with_turns(reconstruction, kept)
-    reason = f"places of {len(kept)} photographs count in the adjustment by how well they are told{words}"
+    reason = f"places of {len(kept)} photographs count in the adjustment by their accuracy{words}"
     return turned, Rung(name=NAME, taken=True, reason=reason)
 
 

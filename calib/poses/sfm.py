@@ -241,7 +241,7 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         if places:
             adjust(reconstruction, free, typical, threads)
     typical = misses(reconstruction).typical
-    told = "the files told the lenses" if first.held else "a board told the lenses"
+    told = "the files gave the lenses" if first.held else "a board gave the lenses"
     free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, tied.uncut)
     adjust(reconstruction, free, typical, threads)
     every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]

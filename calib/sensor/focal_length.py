@@ -56,7 +56,7 @@ def focal_length(metadata: FrameMetadata, width: int, height: int) -> FocalLengt
 
     Returns:
         By the 35 mm equivalent and by millimetres on a sensor of known size, as well as each is known, with a
-        wider spread where they contradict each other; None where neither is told.
+        wider spread where they contradict each other; None where neither is known.
     """
     plain = _by_millimetres(metadata, width, height)
     found = _by_equivalent(metadata, width, height) or plain

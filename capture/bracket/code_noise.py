@@ -54,7 +54,7 @@ class CodeNoise:
         wanted = stops[tight] * math.log(2)
         weight = 1 / math.sqrt(max(len(wanted), 1))
         bend = SMOOTH * np.diff(np.eye(NODES), 2, axis=0)
-        # Where no pair reaches, the curve goes on as straight as it was, and as sRGB if there is none.
+        # Where no pair reaches, the curve goes on as straight as it was, and as sRGB without any.
         level = 1e-3 * np.diff(np.eye(NODES), axis=0)
         system = np.concatenate([weight * rows, bend, level, np.eye(NODES)[-1:]])
         target = np.concatenate([weight * wanted, np.zeros(NODES - 2), 1e-3 * np.diff(nodes), [0.0]])

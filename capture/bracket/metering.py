@@ -92,7 +92,7 @@ def meter(
         probe(exposures[high])
     if not looks:
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
-    metered = [name for name in cameras if name in looks]  # in the rig's order, whoever answered first
+    metered = [name for name in cameras if name in looks]  # in the rig's order, not in that of the answers
     targets = [target for name in metered for target in looks[name].targets(name)]
     _must_be_seen(targets, looks, exposures[low], exposures[high])
     for name in looks:

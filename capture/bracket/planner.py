@@ -203,7 +203,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
 
 
 def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[tuple[int, float, float]]:
-    """Useful range of each exposure; CaptureError if there is none: even next to white the SNR is too low."""
+    """Useful range of each exposure; CaptureError without any: even next to white the SNR is too low."""
     noise, trusted = target.noise, 2.0**SLACK
     ends = [
         (index, noise.darkest(snr, exposure) * trusted, noise.brightest(exposure) / trusted)

@@ -36,13 +36,20 @@ _MENDS = {"captured": "take it again with rig capture --resume", "imported": "im
 
 @checked
 def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -> CheckReport:
-    """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
+    """Compare every file of a session with its record, the plans and the rest of its bracket.
 
-    Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:
-    a calibration names the index that it was made from, and estimates exposures for itself.
+    Nothing is changed, not even the record of a shot whose exposure is found to be another than its label: a
+    calibration names the index that it was made from, and estimates exposures for itself.
 
-    on_progress: called with the file being read, files read, files to read. InputError if the folder
-    is no session; whatever is wrong inside of it is a problem of the report.
+    Args:
+        session: Session, or its folder.
+        on_progress: Callback for the file being read, files read, and files to read.
+
+    Returns:
+        Problems of files and records, and warnings about pictures.
+
+    Raises:
+        InputError: The folder is no session.
     """
     session = Path(session)
     opened = Session.open(session)

@@ -37,10 +37,20 @@ class RepairReport(FindingModel):
 
 @checked
 def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) -> RepairReport:
-    """Drop the records whose file is not there, add the whole files that have no record.
+    """Drop the records of missing files, and add the whole files that have no record.
 
-    No file is deleted or changed but shots.jsonl, whose old state is kept beside it. InputError if
-    the folder is no session or another rig writes to it; StorageError when the disk refuses.
+    No file is deleted or changed but shots.jsonl, whose old state is kept beside it.
+
+    Args:
+        session: Session, or its folder.
+        on_progress: Callback for the file being read, files read, and files to read.
+
+    Returns:
+        The dropped and the added files.
+
+    Raises:
+        InputError: The folder is no session, or another rig writes to it.
+        StorageError: The disk refuses.
     """
     opened = Session.open(session)
     session = opened.folder
@@ -136,7 +146,7 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
     mask = _companion(session, mask_file(shot_id, ""))
     if mask is not None:
         read_mask(store.inside(session.folder, mask), picture.height, picture.width)
-    # A unit that only the layout told is lost, and scene points tell it again.
+    # A unit that only the layout stated is lost, and scene points determine it again.
     depth, unit = _companion(session, depth_file(shot_id, "")), None
     if depth is not None:
         unit = unit_of(GivenDepth(store.inside(session.folder, depth)), picture.height, picture.width)

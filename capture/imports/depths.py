@@ -20,7 +20,7 @@ def depths_asked(photos: list[Path], folder: Path, depths: Path) -> Depths:
 def told_depths(depths: Depths, photos: int) -> str:
     """Return how many photographs have a depth map, and what its numbers are taken for."""
     units = {depth.unit for depth in depths.values()} - {None}
-    whole = f"{units.pop():g} units of the poses, as told" if len(units) == 1 else "millimetres"
+    whole = f"{units.pop():g} units of the poses, as stated" if len(units) == 1 else "millimetres"
     return (
         f"{len(depths)} of {photos} photos have a depth map, whole numbers in {whole}, others in units of "
         "the poses; scene points tell rig reconstruct the scale."

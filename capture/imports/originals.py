@@ -171,8 +171,8 @@ def _transparent(originals: list[Original]) -> list[str]:
         return []
     count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
     return [
-        f"{count} transparent in part: the scene gets nothing there, and they stand before black; --masks "
-        "FOLDER, with copies of them, ignores what is transparent instead."
+        f"{count} transparent in part: the scene gets nothing there, and they are composited over black; "
+        "--masks FOLDER, with copies of them, ignores what is transparent instead."
     ]
 
 

@@ -36,9 +36,17 @@ from imaging.session.records import PlanRecord
 
 @dataclass(frozen=True)
 class ImportResult:
-    """Result of an import. guesses: a sentence each; missing: a sentence for each file left out.
+    """Result of an import.
 
-    views: those that came with a pose.
+    Attributes:
+        session: Session folder.
+        layout: Layout of the imported folder.
+        cameras: Number of cameras.
+        frames: Number of frames.
+        shots: Number of shots.
+        views: Views that came with a pose.
+        guesses: A sentence for each guess.
+        missing: A sentence for each file left out.
     """
 
     session: Path
@@ -75,22 +83,35 @@ def import_photos(
     pixel_shift: bool = False,
     on_progress: Progress = unreported,
 ) -> ImportResult:
-    """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
+    """Make a session of photographs; these stay untouched.
 
-    A `folder` that is a video gives its sharpest frames, each a frame of one camera.
+    An import that was killed is completed by the same call. A file that cannot be read is listed in the
+    result.
 
-    layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
-    layout become the session's calibration. cameras: how cameras are distinguished. bracket: so many
-    consecutive photographs of a camera are one bracket. together: how brackets of several cameras are joined
-    into one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
-    them, named as the photographs; those that a layout names when None. depths: the same of depth maps
-    (`imaging.files.depth`). bands: a list of the filters before mono cameras (`imports.bands`), whose names
-    are folders or in the names of files. pixel_shift: every four photographs of a camera are one, between
-    which its sensor moved (`imports.pixel_shift`). An import that was killed is completed by the same call.
+    Args:
+        folder: Folder of the photographs, with its subfolders; or a video, whose sharpest frames are taken.
+        out: Session folder.
+        layout: Program that left the folder; None: by its files. Lenses, poses and scene points of a layout
+            become the session's calibration.
+        cameras: How cameras are distinguished; this and the next three: guessed when None.
+        bracket: Number of consecutive photographs of a camera in a bracket.
+        together: How brackets of several cameras are joined into one frame.
+        exposures: List of exposures (`exposure_list`).
+        masks: Folder of masks, named as the photographs; None: those of the layout.
+        depths: Folder of depth maps (`imaging.files.depth`); None: those of the layout.
+        bands: List of the filters before mono cameras (`imports.bands`), whose names are folders or in the
+            names of files.
+        pixel_shift: Combine every four photographs of a camera, between which its sensor moved
+            (`imports.pixel_shift`).
+        on_progress: Callback for the current step, the steps done, and all of them.
 
-    Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
-    inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
-    read are listed in the result.
+    Returns:
+        The session, its guesses, and the files left out.
+
+    Raises:
+        InputError: `folder` holds nothing usable, its layout is damaged, or `out` is not empty or in
+            `folder`.
+        StorageError: The disk refuses. Both leave nothing behind.
     """
     folder, out = Path(folder), Path(out)
     if is_video(folder):
@@ -220,7 +241,7 @@ def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
     if out.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{out} lies inside {folder}: name a folder outside of the photographs.")
     if bracket is not None and bracket < 1:
-        raise InputError(f"a bracket of {bracket} photos is none: give 1 or more.")
+        raise InputError(f"a bracket of {bracket} photos is empty: give 1 or more.")
 
 
 def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[str]) -> InputError:

@@ -58,7 +58,7 @@ def joined(address: str) -> Iterator[Any]:
     if has_token():
         ask_for_token(os.environ)
     ray = require_ray()
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anyone
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent
     try:
         require_answer(address)
     except OSError as error:

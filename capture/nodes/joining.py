@@ -123,8 +123,8 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
         node.wait_for_start()
         if door is not None and door.is_open():
             raise InputError(
-                f"The Ray cluster at {address} lets in whoever reaches it, to run programs on its hosts: "
-                f"begin it by {HEAD}, or set {MODE}=disabled where all that network is your own."
+                f"The Ray cluster at {address} lets any program on its network in, to run programs on its "
+                f"hosts: begin it by {HEAD}, or set {MODE}=disabled where all that network is your own."
             )
         yield node
     finally:

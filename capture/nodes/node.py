@@ -236,7 +236,7 @@ class Node:
                 if identity.serial in cameras:
                     raise CaptureError(
                         f"node {place.name} has two cameras with the serial number {identity.serial!r}, "
-                        "which cannot be told apart: unplug one of them."
+                        "which cannot be distinguished: unplug one of them."
                     )
                 served[identity.serial] = self._taken(camera, identity)
                 cameras[identity.serial] = camera

@@ -26,9 +26,14 @@ LISTED = 6
 class CaptureResult:
     """Result of a capture.
 
-    session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs. missing: a
-    sentence for each missing shot. unknown: facts that no driver could learn of the others. problems: for
-    each shot that deviates from its request.
+    Attributes:
+        session: Session folder.
+        planned: Shots of the plan.
+        taken: Shots of this run.
+        kept: Shots of earlier runs.
+        missing: A sentence for each missing shot.
+        problems: A sentence for each shot that deviates from its request.
+        unknown: Facts that no driver could learn, a sentence each.
     """
 
     session: Path
@@ -226,7 +231,7 @@ class CaptureRun:
             requested = _exposure_of(self._plan.bracket[step])
             # The exposure before may be followed by a dark frame as long as itself.
             patience = PATIENCE + 2 * before
-            # The leader exposes alone where it alone is missing: nobody else is armed then.
+            # The leader exposes alone where it alone is missing: no other camera is armed then.
             leader = self._leader if names != [self._leader] else None
             steps.append(
                 ExposureStep(
@@ -306,7 +311,7 @@ class CaptureRun:
             most = f", at most {1000 * max(bounds):.3g} ms" if bounds else ""
             yield (
                 f"the skew of {', '.join(sorted(self._untimed))} is unknown{most}: a camera that stamps no "
-                "frames opens its shutter some time after it is told; keep the scene still"
+                "frames opens its shutter some time after its order; keep the scene still"
             )
 
     def _skews(self) -> Iterator[str]:

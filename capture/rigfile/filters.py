@@ -53,5 +53,5 @@ def fault_of_bands(bands: Sequence[Band | None]) -> tuple[int, str] | None:
         elif seen.setdefault(band.name.casefold(), band) != band:
             return index, f"another filter has the name {band.name!r} already; give every filter its own."
         elif len(seen) > MOST_BANDS:
-            return index, f"there are more than {MOST_BANDS} bands; a scene has at most so many."
+            return index, f"there are more than {MOST_BANDS} bands; that is the most a scene may have."
     return None

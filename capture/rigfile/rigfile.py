@@ -37,7 +37,17 @@ class RigFile:
 
 @checked
 def read_rig_file(path: str | Path) -> RigFile:
-    """Read and validate a rig file; InputError of one sentence with the line that is at fault."""
+    """Read and validate a rig file.
+
+    Args:
+        path: TOML file.
+
+    Returns:
+        Cameras, triggering, brackets and bands of the rig.
+
+    Raises:
+        InputError: The file cannot be used; the sentence names the line at fault.
+    """
     path = Path(path)
     text = _text(path)
     try:

@@ -72,7 +72,7 @@ def _page(url: str, where: str, address: str) -> bytes:
             data: bytes = page.read(LARGEST_XML + 1)
     except (OSError, HTTPException, ValueError) as error:
         if isinstance(error, urllib.error.HTTPError):
-            error.close()  # it is a page as well, of which nobody wants to read
+            error.close()  # it is a page as well, which has no place in a message
         raise CameraRefused(
             f"{where} has its description at {url}, where it cannot be read ({error}): restart it, or "
             "use it by its maker's GenTL producer."

@@ -82,7 +82,7 @@ class Producer:
             self.library.call("TLClose", self._system)
             self.library.call("GCCloseLib")
         except CameraError:
-            pass  # the process ends: nobody is left to be told
+            pass  # the process ends: no caller is left
 
 
 def installed() -> list[Path]:

@@ -56,7 +56,7 @@ class _Building:
 class Assembler:
     """Assembler of packets to frames; times are those of any clock, s.
 
-    payload: bytes of a frame at most; packet_size: as the device was told.
+    payload: bytes of a frame at most; packet_size: as set on the device.
     """
 
     def __init__(self, payload: int, packet_size: int) -> None:
@@ -77,7 +77,7 @@ class Assembler:
         building = self._building.get(header.block)
         if building is None:
             if header.status & 0x8000:
-                return None  # about a frame that nobody waits for
+                return None  # about a frame that no caller waits for
             if len(self._building) == _MOST_AT_ONCE:
                 del self._building[next(iter(self._building))]  # its turn has long been over
             empty = bytearray(self._payload)

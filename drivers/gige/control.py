@@ -190,7 +190,7 @@ class ControlChannel:
                 f"{self.where} does not answer: check its cable, its power and its address."
             ) from None
         except OSError as error:
-            self._stopping.wait(_PAUSE)  # nobody listens there at the moment
+            self._stopping.wait(_PAUSE)  # no program listens there at the moment
             raise CameraTimeout(
                 f"{self.where} cannot be reached ({error.strerror}): check its cable and its power."
             ) from error

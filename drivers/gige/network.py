@@ -78,7 +78,7 @@ class Network:
 def _ask(link: socket.socket, targets: Sequence[str], request_id: int) -> None:
     for target in targets:
         command = Command(Code.DISCOVERY, request_id, flags=ACKNOWLEDGE | BROADCAST_ANSWER)
-        with suppress(OSError):  # there is no way there: nobody is
+        with suppress(OSError):  # the network is unreachable: no camera is there
             link.sendto(command.pack(), (target, gvcp.PORT))
 
 

@@ -1,6 +1,6 @@
 """A libgphoto2 camera in a separate process, driven over pipes.
 
-libgphoto2 2.5.34 closes file 0 whenever it lets go of a camera on the network, whoever's that is by then, and
+libgphoto2 2.5.34 closes file 0 whenever it lets go of a camera on the network, whatever that is by then, and
 the package gphoto2 stops all threads for some questions: neither may happen where frames are written.
 """
 

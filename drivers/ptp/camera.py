@@ -125,7 +125,7 @@ class PtpCamera:
         try:
             try:
                 body.release(_PROMPT)
-            except CameraBusy:  # a picture that nobody fetched keeps it so
+            except CameraBusy:  # a picture that was not fetched keeps it so
                 body.recount()
                 body.wait_ready()
                 body.release()

@@ -85,7 +85,7 @@ class _Process:
 
 def serve() -> None:
     """Answer calls, in a process of the pool, until the other end of the pipe closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that asks is told, and ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller gets the error, and ends this
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what is printed is no answer
     with suppress(EOFError, BrokenPipeError):

@@ -17,7 +17,7 @@ from imaging.errors import InputError
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
 if threading.current_thread() is threading.main_thread():
-    # glog answers SIGTERM with a stack trace; whoever ends us wants the handler that was there before.
+    # glog answers SIGTERM with a stack trace; the earlier handler has to stay.
     _handler = signal.getsignal(signal.SIGTERM)
     signal.signal(signal.SIGTERM, signal.SIG_DFL if _handler is None else _handler)
 

@@ -1,8 +1,7 @@
 """OpenEXR files: linear light in float, with what is needed to know which light."""
 
 import errno
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from imaging.arguments import checked
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.files import exr_layers, store
+from imaging.files import exr_layers, exr_library, store
 from imaging.files.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 from imaging.files.silence import quiet
 
@@ -44,7 +43,6 @@ _MOST_BEYOND = 1 << 12
 LIGHT = "light"
 """The part of a file of several that is no data."""
 _AS_LINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-_MAGIC = b"\x76\x2f\x31\x01"
 
 
 @dataclass(frozen=True)
@@ -119,15 +117,25 @@ def write_exr(
     attributes: Mapping[str, str | float] | None = None,
     data: Mapping[str, Planes] | None = None,
 ) -> None:
-    """Write linear light, ZIP compressed, whole or not at all; StorageError when the disk refuses.
+    """Write linear light, ZIP compressed, whole or not at all.
 
-    `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or as float16
-    with `half`. NaN and infinities are kept; a finite value too large for the type is an InputError.
-    `primaries` of R, G, B are an entry of `imaging.files.exr_colour.IDS`, or None if unknown, which the file
-    states. `attributes` are written under their names (`rig:...` for our own, or OpenEXR's, as
-    `whiteLuminance`); numbers become float32, as do those of `exposure`. data: channels other than light, by
-    the name of the part that holds them, each of the size of the light; the light is then in a part `light`
-    before them. ValueError for other shapes or names.
+    NaN and infinities are kept.
+
+    Args:
+        path: File.
+        channels: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name.
+        half: Store float16 in place of float32.
+        primaries: Entry of `imaging.files.exr_colour.IDS` for R, G, B; None: unknown, which the file states.
+        exposure: Exposure to write as `expTime`, `aperture` and `isoSpeed`.
+        attributes: Values by name (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become
+            float32.
+        data: Channels other than light, of the same size, by the name of the part that holds them; the light
+            is then in a part `light` before them.
+
+    Raises:
+        StorageError: The disk refuses.
+        InputError: A finite value is too large for the type.
+        ValueError: The shapes or names are invalid.
     """
     path = Path(path)
     light = _planes(channels)
@@ -171,15 +179,21 @@ def white_luminance(value: float, error: float) -> dict[str, float]:
 
 @checked
 def read_exr(path: str | Path) -> ExrImage:
-    """Read an EXR file; InputError if it is damaged, deep, subsampled or no EXR.
+    """Read an EXR file. The pixels are those of the display window; outside the data window they are 0.
 
-    The pixels are those of the display window; what the data window leaves out of it is 0. Of several parts
-    the attributes are those of the one that holds the light, else of the first, and the channels those of
-    all: one whose name that part, or an earlier one, has too is called PART.NAME.
+    Args:
+        path: File of one or several parts.
+
+    Returns:
+        Channels float32 [H, W] of all parts, where a name that occurs twice becomes PART.NAME, and the
+        attributes of the part that holds the light, else of the first.
+
+    Raises:
+        InputError: The file is damaged, deep, subsampled or no EXR.
     """
     path = Path(path)
     _check_size(path)
-    parts = _parts(path)
+    parts = exr_library.parts(path)
     parts.insert(0, parts.pop(_light_part([header for header, _ in parts])))
     channels: dict[str, npt.NDArray[np.float32]] = {}
     for header, pixels in parts:
@@ -193,11 +207,11 @@ def _channels(path: Path, header: Mapping[str, Any], pixels: Planes) -> dict[str
     data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))
     shape = tuple((data[1] - data[0] + 1).tolist())
     if not pixels or any(plane.dtype == object or plane.shape != shape for plane in pixels.values()):
-        raise _deep(path)
+        raise exr_library.deep(path)
     try:
         return {name: _on_display(plane, data, display) for name, plane in pixels.items()}
     except (ValueError, MemoryError) as error:  # a damaged window that no image fits
-        raise _damaged(path) from error
+        raise exr_library.damaged(path) from error
 
 
 def _check_size(path: Path) -> None:
@@ -205,10 +219,10 @@ def _check_size(path: Path) -> None:
 
     The library reads every part.
     """
-    headers = _headers(path)
+    headers = exr_library.headers(path)
     for header in headers:
         if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
-            raise _deep(path)
+            raise exr_library.deep(path)
     samples = 0
     for header, name in (*((header, "dataWindow") for header in headers), (headers[0], "displayWindow")):
         window, channels = _window(header, name), len(header["channels"])
@@ -218,7 +232,7 @@ def _check_size(path: Path) -> None:
         tile = header.get("tiles")
         if tile is not None:  # each is decoded whole, however much of it lies beyond the window
             if tile.xSize > width + _MOST_BEYOND or tile.ySize > height + _MOST_BEYOND:
-                raise _damaged(path)
+                raise exr_library.damaged(path)
             samples += tile.xSize * tile.ySize * channels
     memory.check(f"{path} has {samples} samples in all", memory.PER_SAMPLE * samples)
 
@@ -246,7 +260,7 @@ def _on_display(
 
 def read_exr_header(path: Path) -> ExrImage:
     """The attributes alone, without channels; InputError if it is no EXR file."""
-    headers = _headers(path)
+    headers = exr_library.headers(path)
     return ExrImage({}, _attributes(headers[_light_part(headers)]))
 
 
@@ -260,46 +274,6 @@ def _light_part(headers: Sequence[Mapping[str, Any]]) -> int:
     ]
     named = [number for number in holding if exr_layers.is_picture(str(headers[number].get("name", "")))]
     return next(iter([*named, *holding]), 0)
-
-
-def _headers(path: Path) -> list[dict[str, Any]]:
-    """The header of every part."""
-    with _opened(path, header_only=True) as exr:
-        return [dict(part.header) for part in exr.parts]
-
-
-def _parts(path: Path) -> list[tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]]:
-    """Header and pixels of every part, copied out before the library empties them."""
-    with _opened(path, header_only=False) as exr:
-        return [
-            (dict(part.header), {name: np.array(channel.pixels) for name, channel in part.channels.items()})
-            for part in exr.parts
-        ]
-
-
-@contextmanager
-def _opened(path: Path, header_only: bool) -> Iterator[Any]:
-    """The library's file, of one part or more; InputError for whatever it complains of in the block."""
-    if not path.is_file():
-        raise InputError(f"{path} is not a file: name an EXR file.")
-    try:
-        with path.open("rb") as file:
-            if file.read(4) != _MAGIC:
-                raise InputError(f"{path} is not an EXR file: name one.")
-        with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
-            if not exr.parts:  # the library only prints why
-                raise _damaged(path)
-            yield exr
-    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
-        raise _damaged(path) from error
-
-
-def _deep(path: Path) -> InputError:
-    return InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
-
-
-def _damaged(path: Path) -> InputError:
-    return InputError(f"{path} is damaged or cut off: write or copy it again.")
 
 
 def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:

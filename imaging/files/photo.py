@@ -89,12 +89,21 @@ def is_photo(path: Path) -> bool:
 
 @checked
 def read_photo(path: str | Path) -> Photo:
-    """Read the first image of a JPEG, PNG or TIFF file, recognised by its content.
+    """Read the first image of a JPEG, PNG, TIFF, WebP or HEIF file, recognised by its content.
 
-    Grey becomes three equal channels. A photograph in another colour space (`imaging.files.icc`) becomes what
-    it is in sRGB. What alpha makes transparent is mixed with black, in linear light as the PNG specification
-    (12.16) has it; the sRGB curve decodes it, whatever the camera's. InputError if the file is none of these,
-    is damaged, has other than 8 or 16 bits or takes more memory than there is.
+    Grey becomes three equal channels. A photograph in another colour space (`imaging.files.icc`) is converted
+    to sRGB. Transparent pixels are composited over black, in linear light as the PNG specification (12.16)
+    has it; the sRGB curve decodes them, whatever the camera's.
+
+    Args:
+        path: File.
+
+    Returns:
+        Code values 0..1, float32 [H, W, 3], with alpha, bit depth, profile and metadata.
+
+    Raises:
+        InputError: The file is of another kind, damaged, of other than 8 or 16 bits, or larger than the
+            memory.
     """
     path = Path(path)
     try:

@@ -43,11 +43,20 @@ def is_raw(path: Path) -> bool:
 
 @checked
 def read_raw(path: str | Path) -> RawMosaic:
-    """Read the mosaic of a RAW file, cut to its active area; InputError if it is damaged or no RAW.
+    """Read the mosaic of a RAW file, cut to its active area.
 
-    Orientation is not applied. Black, white, colour and noise are those that the file states: real
-    clipping may lie below its white level. A DNG whose tags make its samples something else is refused by the
-    name of the tag (`dng_unread`), which also says what is not applied.
+    Orientation is not applied. Black, white, colour and noise are those that the file states: real clipping
+    may lie below its white level.
+
+    Args:
+        path: File of a camera, or DNG.
+
+    Returns:
+        The mosaic in DN, uint16 [H, W], with levels, colour, noise and metadata.
+
+    Raises:
+        InputError: The file is damaged or no RAW, or a DNG with tags that change its samples (`dng_unread`);
+            the sentence names the tag.
     """
     path = Path(path)
     tags, metadata = _read_tags(path)

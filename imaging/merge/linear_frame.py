@@ -63,7 +63,7 @@ class CodeSignalNoise:
         codes = np.linspace(0.0, 1.0, 256)
         light = decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64).T
         variance = np.maximum(CODE_NOISE * np.gradient(light, codes, axis=1), 1e-9) ** 2
-        # Looked up by the square root of the light, in which every curve is told evenly enough.
+        # Looked up by the square root of the light, in which every curve is sampled evenly enough.
         self._top = np.sqrt(np.maximum(light[:, -1], 1e-30)).astype(np.float32)
         places = np.linspace(0.0, 1.0, _TABLE)
         self._table = np.stack(

@@ -272,7 +272,17 @@ def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
 
 @checked
 def read_calibration(session: str | PathLike[str]) -> CalibrationRecord:
-    """Read the calibration of a session folder; InputError if it is missing or damaged."""
+    """Read the calibration of a session.
+
+    Args:
+        session: Session, or its folder.
+
+    Returns:
+        The record in calibration.json.
+
+    Raises:
+        InputError: The calibration is missing or damaged.
+    """
     session = Path(session)
     path = session / "calibration" / "calibration.json"
     if not path.is_file():

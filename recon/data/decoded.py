@@ -1,7 +1,7 @@
 """Decoded shots on the disk, for data sets that exceed the memory: each access reads them anew.
 
 A file of `SESSION/decoded/` has one shot as a training of some width sees it, bit for bit: 8 or 16 bits a
-sample where a table of so many numbers gives every one of them, as it does for the codes of cameras, else
+sample where a table of that many numbers holds every one of them, as it does for the codes of cameras, else
 float32; masks have a bit a sample. Its name is a hash of all that its pixels depend on, so what is there is
 right or not found. Damaged or missing files are decoded anew, also in the midst of a training. The folder
 may be deleted at any time.

@@ -61,9 +61,9 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
         return hdr_gs.NAME, (_rung("tone curve", True, reason),)
     reason = (
         f"exposures span {apart:.1f} stops, no view has a bracket and the response was not measured: curve "
-        "and light cannot be told apart"
+        "and light cannot be separated"
         if not several
-        else f"exposures span only {apart:.1f} stops: curve and light cannot be told apart"
+        else f"exposures span only {apart:.1f} stops: curve and light cannot be separated"
     )
     return vanilla.NAME, (_rung("tone curve", False, reason),)
 

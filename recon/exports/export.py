@@ -89,12 +89,24 @@ def export(
     exposure: float | None = None,
     on_progress: Progress = unreported,
 ) -> Exported:
-    """Write a scene, open or by its folder, as a file of another program.
+    """Write a scene as a file of another program.
 
-    format: None selects it by the extension of `out`. linear: whether light stays linear; None: the format's
-    default. exposure: stops, light is multiplied by 2^exposure; None: chosen so that the median of the scene
-    is middle grey. InputError for options that the format lacks, ReconstructionError for data that the scene
-    lacks.
+    Args:
+        scene: Scene, or its folder.
+        out: File.
+        format: Format; None: by the extension of `out`.
+        linear: Whether light stays linear; None: the format's default.
+        exposure: Stops, light is multiplied by 2^exposure; None: chosen so that the median of the scene is
+            middle grey.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The files, and the loss of light in them.
+
+    Raises:
+        InputError: The format lacks an option.
+        ReconstructionError: The scene lacks data that the format needs.
+        StorageError: The disk refuses.
     """
     out = Path(out)
     name = format or format_of(out)

@@ -53,10 +53,21 @@ def hand_over(
     exposure: float | None = None,
     on_progress: Progress = unreported,
 ) -> HandOver:
-    """Write the folder: USD, EXR of the views, cameras, an OpenColorIO configuration, a page.
+    """Write a folder for compositing: USD, EXR of the views, cameras, an OpenColorIO configuration, a page.
 
-    exposure: stops, all light is multiplied by 2^exposure; None: chosen so that the median is middle grey.
-    InputError if the folder has foreign files.
+    Args:
+        scene: Scene, or its folder.
+        folder: Folder to write.
+        exposure: Stops, all light is multiplied by 2^exposure; None: chosen so that the median is middle
+            grey.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The files, and the loss of light in the USD file.
+
+    Raises:
+        InputError: The folder has foreign files.
+        StorageError: The disk refuses.
     """
     folder = Path(folder)
     if around := scene_around(folder):

@@ -30,7 +30,7 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
     """The whole page, which loads nothing."""
     record, factor = scene.record, job.factor
     sky = next((path.name for path in files if path.suffix == ".exr" and path.parent == job.out.parent), None)
-    absolute = "not known: nobody measured it"
+    absolute = "not known: it was not measured"
     if record.luminance is not None:
         value, error = (part / factor for part in record.luminance)
         absolute = f"1.0 is {value:.4g} &plusmn; {error:.2g} cd/m&sup2;"

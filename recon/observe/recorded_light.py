@@ -44,7 +44,7 @@ def recorded_light(observation: Observation, image: torch.Tensor, view: View) ->
         noisy = merged.valid & (recorded < least)
         recorded, at_most = np.where(noisy, least, recorded), at_most | noisy
     if response is not None:
-        # The lowest codes say that the light is below the next, not that it is none.
+        # The lowest codes say that the light is below the next, not that it is 0.
         darkest = decode(np.full((1, 3), DARK_CODE), response)[0] / max(shot.k for shot in view.shots)
         recorded = np.where(merged.dark, np.maximum(recorded, darkest), recorded)
     told = np.flatnonzero(~np.isnan(recorded))

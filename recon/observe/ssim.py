@@ -183,7 +183,7 @@ def _down_parts(parts, local, first, height, width, taps, stride, out):
         s0 = s1 = s2 = s3 = (z, z, z)
         for i in range(GROUP + 2 * SSIM_RADIUS):
             row = first - SSIM_RADIUS + i
-            # The last group of a strip may reach beyond it, for rows that nobody reads.
+            # The last group of a strip may reach beyond it, for rows that are not read.
             if 0 <= row < height and (local + i) * 3 * stride < len(parts):
                 at = (local + i) * 3 * stride + WIDTH + c
                 a, b, d = load(parts, at), load(parts, at + stride), load(parts, at + 2 * stride)

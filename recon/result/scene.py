@@ -136,9 +136,8 @@ class Scene:
     def at(self, exposure: float = 0.0, camera: SplatCamera | SceneView | str | None = None) -> Image.Image:
         """Render a view as a display shows it: 8 bits of sRGB, clipped, in false colours of bands.
 
-        exposure: stops; at 0 the median of the scene is middle grey. camera: None: the first view. A picture
-        of Pillow: `numpy.asarray(picture)` is uint8 [H, W, 3], `picture.save("one.png")` writes it. Where the
-        photographs had alpha it is RGBA. ReconstructionError for a non-finite exposure.
+        exposure: stops; at 0 the median of the scene is middle grey. camera: None: the first view. Returns an
+        image of Pillow, RGBA where the photographs had alpha. ReconstructionError for a non-finite exposure.
         """
         if not math.isfinite(exposure):
             raise ReconstructionError(
@@ -257,10 +256,18 @@ class Opened:
 
 @checked
 def open_scene(folder: str | PathLike[str]) -> Scene:
-    """Open a finished reconstruction, wherever its folder is, or the newest of a session.
+    """Open a finished reconstruction, the newest of a session, or splats of another program.
 
-    Or splats of somebody else, by their file: PLY, SPZ or USD (`recon.result.foreign`). A scene that is open
-    is returned as it is. ReconstructionError if a folder is neither; InputError if it is not there.
+    Args:
+        folder: Folder of the reconstruction or session, a PLY, SPZ or USD file (`recon.result.foreign`), or
+            an open scene, which is returned as it is.
+
+    Returns:
+        The scene.
+
+    Raises:
+        ReconstructionError: The folder is neither a reconstruction nor a session with one.
+        InputError: The path is missing.
     """
     if isinstance(folder, Scene):
         return folder

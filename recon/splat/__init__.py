@@ -36,16 +36,30 @@ def rasterize(
 ) -> Render:
     """Render Gaussians; differentiable in every tensor.
 
-    means: [N, 3] world units. quats: [N, 4] wxyz, normalised inside. scales: [N, 3] standard
-    deviations, world units, positive. opacities: [N] in 0..1. colours: [N, C] linear, of 1 to 16 channels.
-    background: [C] or None for black. All on one device and of one dtype: float32 (fast, on the CPU or a
-    CUDA GPU) or float64 (the dense reference on the CPU: small scenes).
-    Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity, colours
-    beyond 1e30) are not drawn, get zero gradients and are counted in `Render.culled`.
+    All tensors are on one device and of one dtype: float32 (fast, on the CPU or a CUDA GPU) or float64 (the
+    dense reference on the CPU: small scenes). Bad Gaussians (values not finite, scales not positive, zero
+    quaternions, negative opacity, colours beyond 1e30) are not drawn, get zero gradients and are counted in
+    `Render.culled`.
 
-    camera_delta: [14], float32 or float64, for pose and lens refinement: how far the camera is moved, in
-    the units and the order of `recon.splat.moved.moved`; zeros are the camera as it is. The gradient is
-    that of the projection; the cut-offs that depend on the lens follow it without one.
+    Args:
+        means: [N, 3] world units.
+        quats: [N, 4] wxyz, normalised inside.
+        scales: [N, 3] standard deviations, world units, positive.
+        opacities: [N] in 0..1.
+        colours: [N, C] linear, of 1 to 16 channels.
+        camera: View to draw.
+        background: [C]; None: black.
+        limits: Cut-offs of near Gaussians, footprints and opacities.
+        stats: Counts for density control, which the render adds to; None: not counted.
+        camera_delta: [14], float32 or float64, for pose and lens refinement: the movement of the camera, in
+            the units and the order of `recon.splat.moved.moved`; zeros are the camera as it is. The gradient
+            is that of the projection; the cut-offs that depend on the lens follow it without one.
+
+    Returns:
+        Image [H, W, C], alpha [H, W] and the depth that was requested.
+
+    Raises:
+        ValueError: Shapes, dtypes or devices do not agree.
     """
     _check(means, quats, scales, opacities, colours, camera, background, stats)
     view = None

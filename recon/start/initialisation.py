@@ -87,7 +87,7 @@ def start_points(
         )
         xyz = np.concatenate([sparse, sample(maps, count - len(sparse), rng)])
     rgb, visible = colours_at(dataset, images, xyz)
-    # A swept point that is dark to most views that look there stands in empty space before black.
+    # A swept point that is dark to most views that look there stands in empty space against black.
     visible[len(sparse) :] &= rgb[len(sparse) :].max(-1) > dimmest
     if visible.sum() < FEWEST_POINTS:
         raise ReconstructionError(

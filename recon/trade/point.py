@@ -65,7 +65,7 @@ def train_point(
     key = key_of(choice, trade)
     name = f"point-{key}"
     folder = session / FOLDER / name
-    if folder.exists():  # what a killed sweep left, whose processor time nobody knows
+    if folder.exists():  # what a killed sweep left, whose processor time is unknown
         shutil.rmtree(folder)
     dataset = measuring(session, trade.width)
     warm_up(watched, training_device())

@@ -37,17 +37,30 @@ def trade_sweep(
     on_message: Callable[[str], None] = lambda line: None,
     until: float | None = None,
 ) -> Trade:
-    """Train the most informative of a session's trade-offs within `budget` seconds; writes
-    trade/trade.json.
+    """Train the most informative of a session's trade-offs, and write trade/trade.json.
 
-    The first training is begun however short the budget is. until: reading of `time.monotonic` at which the
-    one under way is given up and no other is begun. Each is kept when it is done, so that a sweep that was
-    stopped, or ran out of time, goes on when it is called again; a change of the calibration or of the code
-    begins anew.
-    workers: trainings at once, in processes of this machine, or where they run. Several on a machine have
-    their own cores, and begin when the memory that they are forecast to take is free; as they share the rest,
-    their processor seconds are more comparable than their seconds. The scenes are the same, to the byte on
-    machines of one kind. Errors: InputError, ReconstructionError, StorageError.
+    Each training is kept when it is done, so that a sweep that was stopped, or ran out of time, resumes when
+    it is called again; a change of the calibration or of the code begins anew. The scenes are the same, to
+    the byte on machines of one kind.
+
+    Args:
+        session: Session, or its folder.
+        budget: Seconds; the first training is begun however short they are.
+        workers: Trainings at once, in processes of this machine, or where they run. Several on a machine have
+            their own cores, and begin when the memory of their forecast is free; as they share the rest,
+            their processor seconds are more comparable than their seconds.
+        seed: Seed of the trainings.
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines that a person should read.
+        until: Reading of `time.monotonic` at which the training under way is given up and no other is begun.
+
+    Returns:
+        All points of the trade-off, and the trainings that failed.
+
+    Raises:
+        InputError: The session cannot be used.
+        ReconstructionError: Nothing could be trained.
+        StorageError: The disk refuses.
     """
     session = Path(session)
     store.require_writable(session / FOLDER)

@@ -70,7 +70,7 @@ class RayWorkers:
     """Processes on the nodes of a Ray cluster, which see the sessions at the same paths.
 
     cores: of a node, that a task takes; its memory is that of its forecast, and it takes one GPU if it
-    wants one and the cluster has any. InputError: no node has so many cores.
+    wants one and the cluster has any. InputError: no node has that many cores.
     """
 
     address: str

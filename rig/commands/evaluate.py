@@ -42,7 +42,7 @@ def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
 
     scenes: dict[Path | None, list[Path]] = {}
     for path in paths:
-        with suppress(RigError):  # whoever measures it says what is wrong
+        with suppress(RigError):  # its evaluation reports the fault
             folder = find_reconstruction(path)
             common_width([folder])
             scenes.setdefault(session_of(folder), []).append(folder)

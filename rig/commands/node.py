@@ -91,10 +91,10 @@ def node(
             for refused in report.refused:
                 status.say(f"{refused}.")
             if not ask_for_token({**os.environ}):
-                status.say(f"{MODE} is off: whoever reaches this network can run programs on this host.")
+                status.say(f"{MODE} is off: any program on this network can run programs on this host.")
             elif (made := make_token()) is not None:
                 status.say(
-                    f"A token was made, without which nobody can connect: copy {made} to the same place on "
+                    f"A token was made, without which no host can connect: copy {made} to the same place on "
                     "every other host, and begin the cluster there, with RAY_AUTH_MODE=token."
                 )
             status("joining", 0, 0)

@@ -134,10 +134,10 @@ METRICS = (
     ),
     Metric(
         "ldr_psnr_white",
-        "PSNR before white",
+        "PSNR over white",
         "dB",
         "That of photographs with alpha before a white background, as NeRF-synthetic is published.",
-        in_line="PSNR before white",
+        in_line="PSNR over white",
     ),
     Metric(
         "ssim",

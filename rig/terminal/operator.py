@@ -67,7 +67,7 @@ class TerminalOperator:
             self._wait(what)
         else:
             raise InputError(
-                f"nobody can be asked to turn the filter wheel to {band}: capture in a terminal, or give "
+                f"no operator is there to turn the filter wheel to {band}: capture in a terminal, or give "
                 "RIG.toml a pause in seconds, in which it is turned."
             )
 

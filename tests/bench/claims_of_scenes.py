@@ -121,9 +121,7 @@ CLAIMS = (
         lambda: beside_peer("castle", "PSNR, dB"),
     ),
     Claim(r"castle; ([\d.]+) and ([\d.]+) on 23", lambda: beside_peer("monstree", "PSNR, dB")),
-    Claim(
-        r"published, ([\d.]+) and ([\d.]+) on 100 of NeRF", lambda: beside_peer("lego", "before white, dB")
-    ),
+    Claim(r"published, ([\d.]+) and ([\d.]+) on 100 of NeRF", lambda: beside_peer("lego", "over white, dB")),
     Claim(
         r"house, ([\d.]+) px wide, in ([\d.]+) seconds, `rig` has ([\d.]+) dB after ([\d.]+) iterations and "
         r"OpenSplat ([\d.]+) after ([\d.]+);",
@@ -135,12 +133,12 @@ CLAIMS = (
         lambda: unseen("lund"),
     ),
     Claim(
-        r"has ([\d.]+) dB before white on lego at (\d+) px; 3DGS is published with ([\d.]+) at",
-        lambda: [cell("published", name, "lego", "best") for name in ("before white", "px", "3DGS")],
+        r"has ([\d.]+) dB over white on lego at (\d+) px; 3DGS is published with ([\d.]+) at",
+        lambda: [cell("published", name, "lego", "best") for name in ("over white", "px", "3DGS")],
     ),
     Claim(
         r"A draft of its hundred views has ([\d.]+) dB, at (\d+) px, after (\d+) s",
-        lambda: [cell("published", name, "lego", "draft") for name in ("before white", "px", "s")],
+        lambda: [cell("published", name, "lego", "draft") for name in ("over white", "px", "s")],
     ),
     Claim(
         r"OpenSplat makes (\d+) to (\d+) of its",

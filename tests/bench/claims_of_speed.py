@@ -21,13 +21,13 @@ def below(quality: str) -> list[float]:
 
 CLAIMS = (
     Claim(
-        r"of lego below it takes (\d+) s on two cores, to ([\d.]+) dB before white",
-        lambda: [cell("published", name, "lego", "draft") for name in ("s", "before white")],
+        r"of lego below it takes (\d+) s on two cores, to ([\d.]+) dB over white",
+        lambda: [cell("published", name, "lego", "draft") for name in ("s", "over white")],
     ),
     Claim(
         r"of lego it has ([\d.]+) dB after (\d+) minutes",
         lambda: [
-            cell("published", "before white", "lego", "best"),
+            cell("published", "over white", "lego", "best"),
             cell("published", "s", "lego", "best") / 60,
         ],
     ),
@@ -144,14 +144,14 @@ CLAIMS = (
     ),
     Front(
         r"close views of an object reach (\d+) dB",
-        lambda: [math.floor(beside_peer("lego", "before white, dB")[0])],
+        lambda: [math.floor(beside_peer("lego", "over white, dB")[0])],
     ),
     Front(r"castle ([\d.]+) dB for ([\d.]+),", lambda: beside_peer("castle", "PSNR, dB")),
     Front(r"tree ([\d.]+) for ([\d.]+),", lambda: beside_peer("monstree", "PSNR, dB")),
-    Front(r"lego ([\d.]+) for ([\d.]+):", lambda: beside_peer("lego", "before white, dB")),
+    Front(r"lego ([\d.]+) for ([\d.]+):", lambda: beside_peer("lego", "over white, dB")),
     Front(
         r"\| ([\d.]+) dB at (\d+) px; 3DGS is published with ([\d.]+) at",
-        lambda: [cell("published", name, "lego", "best") for name in ("before white", "px", "3DGS")],
+        lambda: [cell("published", name, "lego", "best") for name in ("over white", "px", "3DGS")],
     ),
     Front(
         r"held-out views ([\d.]+) stops off, ([\d.]+) in the darkest tenth",

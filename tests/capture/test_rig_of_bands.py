@@ -175,7 +175,7 @@ def test_every_band_is_metered_by_itself(tmp_path: Path) -> None:
 def test_a_wheel_that_nobody_turns_is_refused(tmp_path: Path) -> None:
     wheels(tmp_path / "RIG.toml")
     bus_rig = BusRig(simulate("toy-wheel", samples=1))
-    with pytest.raises(InputError, match="nobody turns the filter wheel to 650nm"):
+    with pytest.raises(InputError, match="no operator turns the filter wheel to 650nm"):
         capture_rig(
             read_rig_file(tmp_path / "RIG.toml"),
             tmp_path / "S",

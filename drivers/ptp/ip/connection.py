@@ -40,7 +40,7 @@ def own_guid() -> bytes:
         machine = _MACHINE_ID.read_text().strip()
     except OSError:
         machine = ""
-    # Hashed, as machine-id(5) asks for: cameras show it to whoever listens.
+    # Hashed, as machine-id(5) asks for: cameras show it on the network.
     return hashlib.sha256(f"hdr-rig PTP/IP {machine or uuid.getnode()}".encode()).digest()[:16]
 
 

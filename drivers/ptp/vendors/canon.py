@@ -149,7 +149,7 @@ class CanonBody(StandardBody):
         """Wait until its events announce all files of a shot, or until no more come for a moment."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
-        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
+        clock.sleep(exposure)  # a query meanwhile returns nothing
         files, news = [], clock.now()
         while clock.now() < end:
             self._listen()

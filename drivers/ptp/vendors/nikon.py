@@ -155,7 +155,7 @@ class NikonBody(StandardBody):
             return super().wait(exposure)
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
-        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
+        clock.sleep(exposure)  # a query meanwhile returns nothing
         self._until_ready(deadline(exposure))
         ask_at = clock.now() + _ASK_AFTER
         files, news = list[Download](), clock.now()
@@ -285,7 +285,7 @@ class NikonBody(StandardBody):
         """
         try:
             file = Download(handle, self.session.object_info(handle), bytearray())
-            if any(one.handle == handle and not _in_memory(one) for one in files):  # told twice
+            if any(one.handle == handle and not _in_memory(one) for one in files):  # announced twice
                 return False
             if self._files > 1 and _in_memory(file):
                 file.data[:] = self.fetch(file)
@@ -302,7 +302,7 @@ class NikonBody(StandardBody):
         return True
 
     def _forget(self, handle: int) -> None:
-        with suppress(CameraRefused):  # there is none
+        with suppress(CameraRefused):  # without one
             self.session.run(Operation.DELETE_OBJECT, handle, 0, repeatable=True)
 
     def _until_ready(self, patience: float) -> None:

@@ -178,7 +178,7 @@ class SonyBody(StandardBody):
         """Wait until a picture lies in its memory; of two, the first is read to see the second."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
-        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
+        clock.sleep(exposure)  # a query meanwhile returns nothing
         files, news = list[Download](), clock.now()
         while clock.now() < end:
             try:

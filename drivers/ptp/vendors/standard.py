@@ -18,7 +18,7 @@ from drivers.ptp.session import PATIENCE, Download, PtpSession
 from drivers.ptp.shutter import Coding
 from drivers.ptp.waiting import drain, wait_for_objects
 
-NO_BRACKET = "this body shoots no brackets that it can be told of: set and trigger each exposure."
+NO_BRACKET = "this body has no brackets that can be set remotely: set and trigger each exposure."
 
 _RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2, FormatCode.CANON_CR3}
 

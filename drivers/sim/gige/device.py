@@ -121,7 +121,7 @@ class GigeDevice:
             with self._timeline.lock:
                 self._listen_for_heart()
                 for link in ready:
-                    with suppress(OSError, CameraProtocol):  # what is no command is nobody's
+                    with suppress(OSError, CameraProtocol):  # anything but a command is dropped
                         data, host = link.recvfrom(2048)
                         command = Command.parse(data)
                         if link is self._beside:

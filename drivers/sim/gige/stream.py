@@ -114,5 +114,5 @@ class Sender:
         if self.chance.random() < self.loss:
             self.lost += 1
             return
-        with suppress(OSError):  # nobody is there, or the packet is too large for the way
+        with suppress(OSError):  # no receiver, or the packet is too large for the way
             self.socket.sendto(packet, destination)

@@ -137,7 +137,7 @@ class PtpIpServer:
             elif kind == PacketType.INIT_EVENT_REQUEST:
                 self._events(connection, link, payload)
         except (_Refused, OSError):
-            pass  # The client went away or speaks something else: there is nobody to tell.
+            pass  # The client went away or speaks something else: there is no recipient.
         finally:
             with self._lock:
                 self._links.discard(link)

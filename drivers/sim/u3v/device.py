@@ -225,7 +225,7 @@ class U3vDevice:
                 self._memory.write(address, data)
                 self._refresh()
                 if not self._memory.stream(Sirm.CONTROL) & 1:
-                    # Frames that nobody has read are of the stream that ends.
+                    # Unread frames are of the stream that ends.
                     self._live().queue(STREAM_IN).clear()
                 if address == Abrm.LATCH:
                     self._memory.latch(self.oscillator.nanoseconds(self._timeline.now()))

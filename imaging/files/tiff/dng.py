@@ -50,7 +50,18 @@ _SMALLEST_SIDE = 22
 
 @checked
 def write_dng(path: str | Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
-    """Write a mosaic, whole or not at all; StorageError when the disk refuses, ValueError as `encode_dng`."""
+    """Write a mosaic as DNG, whole or not at all.
+
+    Args:
+        path: File.
+        raw: Mosaic, uint16 [H, W].
+        compression: 'ljpeg' halves the size and takes longer.
+
+    Raises:
+        StorageError: The disk refuses.
+        ValueError: The mosaic cannot be written: not uint16 [H, W], a side below 22 px, white not in
+            1..65535, a black level negative or not below white, or a non-finite number.
+    """
     path = Path(path)
     store.write_bytes(path, encode_dng(raw, compression))
 

@@ -31,7 +31,9 @@ def write(job: Job) -> Written:
     splats = job.splats()
     store.write_bytes(job.out, packed_splats(splats, job.place))
     notes = (
-        () if job.place.metres else ("the unit of length, which glTF takes for metres and nobody measured",)
+        ()
+        if job.place.metres
+        else ("the unit of length, which glTF takes for metres, without a measurement",)
     )
     return Written([job.out], splats.in_single(), splats if splats.linear else None, notes)
 

@@ -61,7 +61,7 @@ def write(job: Job) -> Written:
         job.progress("fusing depths", done, len(pictures))
         volume.add(picture)
     job.progress("finding the surface", 0, 0)
-    # Behind a surface nothing is seen, and its end there is none: all neighbours have to be seen.
+    # Behind a surface nothing is seen, and its end there is no surface: all neighbours have to be seen.
     seen = binary_erosion(volume.weight >= _LEAST_VIEWS, np.ones((3, 3, 3)))
     distance = volume.distance
     if not (seen & (distance < 0)).any():

@@ -113,7 +113,7 @@ def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str
     if errors:
         yield (
             "Response: how sure",
-            "Half the width of that band. It is none where the curves are tied to a common scale.",
+            "Half the width of that band. It is missing where the curves are tied to a common scale.",
             chart(
                 "Uncertainty of the response",
                 errors,

@@ -26,7 +26,7 @@ def _figures(record: CalibrationRecord) -> Iterable[Figure]:
                 f"{camera.name}: the chart at frame {camera.chart.frame}",
                 "Each patch as the calibrated camera measures it, and in its middle as it was published; the "
                 "number is how far apart they are (delta E 2000) under a fit without this patch. Below 1 "
-                "nobody sees a difference; an empty patch was clipped, uneven or too dark.",
+                "no difference is visible; an empty patch was clipped, uneven or too dark.",
                 swatches(camera.chart),
             )
 

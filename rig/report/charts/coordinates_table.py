@@ -27,7 +27,7 @@ def coordinate_tables(record: CalibrationRecord) -> Iterable[Table]:
         ("#Scale, %", "#Turn, °", f"#Place, {unit}", f"#Misses, rms {unit}", "#Used", "#Left out"),
         (
             (
-                "told before" if known.scale_error is None else f"± {number(100 * known.scale_error, 2)}",
+                "known before" if known.scale_error is None else f"± {number(100 * known.scale_error, 2)}",
                 f"± {number(known.rotation_error, 2)}",
                 f"± {number(known.position_error, 2)}",
                 number(known.rms, 3),

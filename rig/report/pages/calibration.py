@@ -38,7 +38,19 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
 
 @checked
 def calibration_report(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Path:
-    """Write SESSION/calibration/report.html; the session is at `folder`."""
+    """Write SESSION/calibration/report.html.
+
+    Args:
+        folder: Session, or its folder.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The page.
+
+    Raises:
+        InputError: The session has no calibration.
+        StorageError: The disk refuses.
+    """
     folder = Path(folder)
     session, record = Session.open(folder), read_calibration(folder)
     section = calibrated(session, record, is_stale(session.folder, record))

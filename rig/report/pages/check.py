@@ -211,7 +211,7 @@ def _sheets(report: CheckReport) -> Iterable[ContactSheet]:
     for index, kind in enumerate(sorted(by_kind, key=list(KINDS).index)):
         looks = by_kind[kind]
         everywhere = {place for places in by_kind.values() for place in places}
-        # A shot without a picture is shown among those of the first kind: nobody knows more of it.
+        # A shot without a picture is shown among those of the first kind: no more is known of it.
         lost = set(problems) - everywhere if index == 0 else set()
         places = sorted(set(looks) | lost)
         cells = {place: _cell(place, looks.get(place), problems.get(place, []), report) for place in places}

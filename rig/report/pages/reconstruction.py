@@ -23,9 +23,19 @@ from rig.report.sections.quality import quality, tiles
 def reconstruction_report(
     folder: str | PathLike[str], *, until: float = math.inf, on_progress: Progress = unreported
 ) -> Path:
-    """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality.
+    """Write report.html into an evaluated reconstruction: all, from the capture to the quality.
 
-    until: reading of `time.monotonic` after which no more photographs are read for the contact sheet.
+    Args:
+        folder: Reconstruction, or a session for its newest.
+        until: Reading of `time.monotonic` after which no more photographs are read for the contact sheet.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The page.
+
+    Raises:
+        ReconstructionError: The reconstruction is missing or was not evaluated.
+        StorageError: The disk refuses.
     """
     folder = Path(folder)
     metrics = store.read_json(folder / "metrics.json")

@@ -49,7 +49,18 @@ class TradeSection:
 
 @checked
 def trade_report(session: str | PathLike[str]) -> Path:
-    """Write the page of a session's trade-off; return its path. InputError without a trade-off."""
+    """Write the page of a session's trade-off.
+
+    Args:
+        session: Session, or its folder.
+
+    Returns:
+        The page.
+
+    Raises:
+        InputError: The session has no trade-off.
+        StorageError: The disk refuses.
+    """
     session = Path(session)
     opened, trade = Session.open(session), read_trade(session)
     page = Page(

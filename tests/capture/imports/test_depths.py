@@ -60,7 +60,7 @@ def test_depth_path_and_unit_of_instant_ngp(photos, tmp_path):
     own = shots(tmp_path / "S")
     assert own["0.png"].depth_unit == 4e-4
     assert own["1.png"].depth_unit == 1.0
-    assert any("whole numbers in 0.0004 units of the poses, as told" in guess for guess in result.guesses)
+    assert any("whole numbers in 0.0004 units of the poses, as stated" in guess for guess in result.guesses)
 
 
 def test_a_folder_of_depths_beside_the_photos(photos, tmp_path):

@@ -39,7 +39,7 @@ def test_transparent_photographs_are_told_and_mask_themselves_if_asked_to(tmp_pa
     result = import_photos(tmp_path / "photos", tmp_path / "S")
     told = [guess for guess in result.guesses if "transparent" in guess]
     assert [guess.split(";")[0] for guess in told] == [
-        "1 photo is transparent in part: the scene gets nothing there, and they stand before black"
+        "1 photo is transparent in part: the scene gets nothing there, and they are composited over black"
     ]
     assert read_picture(tmp_path / "photos" / "0.png").black == 0.5
     import_photos(tmp_path / "photos", tmp_path / "T", masks=tmp_path / "cut")

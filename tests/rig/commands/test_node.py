@@ -42,7 +42,7 @@ def test_a_cluster_that_is_not_there_is_told(rig, tmp_path: Path, rig_file: Path
     assert (code, out) == (2, "")
     lines = err.splitlines()
     assert lines[:2] == ["SIM-RAW-001  hdr-rig Simulated PTP", "SIM-RAW-002  hdr-rig Simulated PTP"]
-    assert lines[2].startswith("A token was made, without which nobody can connect: copy ")
+    assert lines[2].startswith("A token was made, without which no host can connect: copy ")
     assert f" {tmp_path}/auth_token to the same place" in lines[2]
     assert (tmp_path / "auth_token").stat().st_mode & 0o777 == 0o600
     assert f"No Ray cluster answers at {NOBODY} (connection refused): begin one" in lines[-1]
