@@ -1,4 +1,4 @@
-"""What docs/methods.md says of constants, files and papers is what the code has."""
+"""Constants, files and papers in docs/methods.md and docs/methods-calibration.md agree with the code."""
 
 import re
 from collections.abc import Callable
@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from calib.light import exposures
+from calib.adjustment import focal_evidence, lens_ladder, place_priors, uncertainty
+from calib.light import exposures, response_band
+from calib.sensor import linearity
 from imaging.merge import bracket, ratios
 from imaging.noise import SensorNoise
 from recon.observe import calibrated_curves, linear, photographs, tone_grid
@@ -23,7 +25,9 @@ from recon.train.densification import DensityRules
 from recon.train.learning_rates import rate_factor
 
 ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
+TEXT = "".join(
+    (ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("methods", "methods-calibration")
+)
 FLOWING = " ".join(TEXT.split())
 RULES, LIMITS, COLOURS = DensityRules(1), Limits(), LuminanceChromaticity()
 LEARNED = {name: field.default for name, field in ToneCurve.__dataclass_fields__.items()}
@@ -60,6 +64,12 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"from (\d+) % to (\d+) % of it", lambda: (100 * RULES.begin, 100 * RULES.end)),
     (r"s' = s / ([\d.]+)", lambda: (RULES.shrink,)),
     (r"o = ([\d.]+) \\min\(1", lambda: (RULES.opacity,)),
+    (r"share missing at white is above ([\d.]+) %", lambda: (100 * linearity.DEVIATES,)),
+    (r"exceeds one standard error and ([\d.]+) an observation", lambda: (lens_ladder.MATERIAL,)),
+    (r"have to move by \$(\d) \\cdot 10\^\{-5\}", lambda: (focal_evidence.TOLD * 1e5,)),
+    (r"in common, \$(\d) \\cdot 10\^\{-6\}", lambda: (place_priors.COMMON * 1e6,)),
+    (r"are those of (\d+) resamplings", lambda: (response_band.REPLICAS,)),
+    (r"one of (\d+) x 20 cells", lambda: (uncertainty.CELLS,)),
     (r"between (\d+) and (\d+) % of white", lambda: (100 * ratios.LOWEST, 100 * ratios.HIGHEST)),
     (r"\\mathrm\{label\}_i\)\^2\}\{([\d.]+)\^2\}", lambda: (ratios.LABEL_SIGMA,)),
 )

@@ -60,9 +60,10 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
         assert not outside, sheet
 
 
-def test_every_equation_is_drawn(site: Path) -> None:
-    html = (site / "methods.html").read_text(encoding="utf-8")
-    source = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["methods", "methods-calibration"])
+def test_every_equation_is_drawn(site: Path, name: str) -> None:
+    html = (site / f"{name}.html").read_text(encoding="utf-8")
+    source = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     assert (
         html.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">')
         == source.count("$$") / 2
