@@ -1,7 +1,7 @@
 """Cameras that stop answering or say what is new, as libgphoto2's users told: no shot is lost, or it is told.
 
-An EOS R5 Mark II sends the data of some operations and no response; an EOS 5DS R freezes over a capture until
-somebody takes its cables off.
+An EOS R5 Mark II sends the data of some operations and no response (issue 1028 of libgphoto2); an EOS 5DS R
+freezes over a capture for a while (688), or until somebody takes its cables off (456).
 """
 
 from dataclasses import replace
