@@ -44,6 +44,10 @@ FEW = 0.8
 """Share of the images that show something; learned features are tried where SIFT's place fewer."""
 
 
+LEAST_SIDE = 16
+"""px; nothing can be found in narrower pictures, and what reduces them is made for no such strips."""
+
+
 def with_poses(
     evidence: Evidence, board_refused: str, keep_doubtful: bool, progress: Progress
 ) -> CalibrationRecord:
@@ -54,6 +58,7 @@ def with_poses(
     poses; PartialError when only the rest could be written.
     """
     session = evidence.session
+    _check_sizes(evidence)
     kept = Unfinished(session.folder, _question(evidence))
     summaries = all_views.summaries(evidence, kept, progress)
     try:
@@ -124,6 +129,17 @@ def with_poses(
     write_calibration(session, record, shown, model, progress)
     kept.finish()
     return record
+
+
+def _check_sizes(evidence: Evidence) -> None:
+    """Raise CalibrationError for the first photograph that is smaller than any that could be placed."""
+    for shot in (shot for view in evidence.views for shot in view.shots):
+        if min(shot.width, shot.height) < LEAST_SIDE:
+            raise CalibrationError(
+                f"{evidence.session.folder}: {shot.file} has {shot.width}x{shot.height} pixels, and views "
+                f"need {LEAST_SIDE} on a side at least: import the session again without its camera "
+                f"{shot.camera}."
+            )
 
 
 def with_luminance(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:

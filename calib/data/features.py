@@ -97,7 +97,7 @@ def extract(picture: Float, most: int = MOST_FEATURES, enough: int = ENOUGH_FEAT
     options.use_gpu = False
     options.sift.peak_threshold = PEAK_THRESHOLD
     places_at_most = options.sift.max_num_features = min(most, max(picture.size // PIXELS_EACH, 500))
-    scale = enlargement(picture.shape[1])
+    scale = enlargement(picture.shape[1], picture.shape[0])
     if scale > 1:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     picture = np.ascontiguousarray(np.clip(picture, 0.0, 1.0), np.float32)

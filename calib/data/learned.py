@@ -21,6 +21,8 @@ SIDE = 640
 have no more matches that fit."""
 MOST = 1024
 """Features of one picture; matching takes time by their square."""
+LEAST = 17
+"""Rows and columns of a picture that the network needs, px."""
 LAYERS = 9
 
 Float = npt.NDArray[np.float32]
@@ -38,11 +40,14 @@ def extract(picture: Float) -> tuple[npt.NDArray[np.float64], Float]:
         picture: Grey, float32 [h, w] in 0..1.
 
     Returns:
-        Places, float64 [K, 2], px with pixel centres at +0.5, and descriptors, float32 [K, 128].
+        Places, float64 [K, 2], px with pixel centres at +0.5, and descriptors, float32 [K, 128]; none of a
+        picture that is too small or too narrow.
     """
     import torch
 
     scale = min(SIDE / max(picture.shape), 1.0)
+    if round(scale * min(picture.shape)) < LEAST:
+        return np.empty((0, 2)), np.empty((0, 128), np.float32)
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     grey = torch.from_numpy(np.ascontiguousarray(np.clip(small, 0.0, 1.0), np.float32))
     with torch.inference_mode():

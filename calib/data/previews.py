@@ -15,6 +15,8 @@ Float = npt.NDArray[np.float32]
 
 LONGEST_SIDE = 1600
 """px; larger images are reduced to it for features, upright ones as much as those that lie."""
+LONGEST_ENLARGED = 4096
+"""Rows of a picture that is enlarged, at most."""
 MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
@@ -87,9 +89,14 @@ def is_faint(merged: Merged) -> bool:
     return light < FAINT * noise
 
 
-def enlargement(width: int) -> int:
-    """Whole factor by which the feature extractor sees a picture of this width enlarged."""
-    return max(1, round(MIN_WIDTH / width)) if width < MIN_WIDTH else 1
+def enlargement(width: int, height: int) -> int:
+    """Whole factor by which the feature extractor sees a picture of this size enlarged.
+
+    Of a narrow strip no more than its length allows: it would not end, or take the memory.
+    """
+    if width >= MIN_WIDTH:
+        return 1
+    return max(1, min(round(MIN_WIDTH / width), LONGEST_ENLARGED // height))
 
 
 def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

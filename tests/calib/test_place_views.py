@@ -159,3 +159,11 @@ def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
     assert asked == (["more"] if count == 6000 and by_sift != 10 else [])
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["more"]]
     assert bool(said) == (expected == by_more and asked == ["more"])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (15, 900), (40_000, 4)])
+def test_photographs_that_are_too_narrow_are_told(tmp_path, size):
+    shot = SimpleNamespace(file="raw/0000/cam_0.png", camera="cam", width=size[0], height=size[1])
+    told = SimpleNamespace(session=SimpleNamespace(folder=tmp_path), views=[SimpleNamespace(shots=(shot,))])
+    with pytest.raises(CalibrationError, match=rf"cam_0\.png has {size[0]}x{size[1]} pixels, and views need"):
+        place_views.with_poses(told, "", False, unreported)

@@ -41,3 +41,13 @@ def test_matches_follow_a_known_motion_of_the_picture():
     assert abs(np.median(moved - there.points[pairs[:, 1]], axis=0)).max() < 0.3
     nothing = Features(np.empty((0, 2)), np.empty((0, 128), np.float32), "learned")
     assert _matched(here, nothing, (Camera, Camera)).shape == (0, 2)
+
+
+@pytest.mark.skipif(not learned.available(), reason=f"learned features: {learned.INSTALL}")
+@pytest.mark.parametrize("shape", [(1, 1), (16, 16), (2, 900), (17, 17), (17, 640), (40, 1300)])
+def test_small_and_narrow_pictures_have_few_features_or_none(shape):
+    places, descriptors = learned.extract(np.random.default_rng(0).random(shape, np.float32))
+    assert len(places) == len(descriptors)
+    assert descriptors.shape[1] == 128
+    assert (places >= 0).all()
+    assert (places <= shape[::-1]).all()

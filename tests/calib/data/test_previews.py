@@ -3,7 +3,8 @@
 import numpy as np
 from scipy import ndimage
 
-from calib.data.previews import blurred, preview
+from calib.data.features import extract
+from calib.data.previews import blurred, enlargement, preview
 from imaging.merge.bracket import Merged
 
 
@@ -42,3 +43,11 @@ def test_a_wide_blur_of_a_reduced_picture_is_the_blur() -> None:
     for radius in (8.0, 25.0, 40.0):
         exact = ndimage.gaussian_filter(picture, radius)
         assert np.abs(blurred(picture, radius) - exact).std() < 5e-3 * picture.std()
+
+
+def test_a_strip_is_enlarged_no_more_than_its_length_allows() -> None:
+    assert [enlargement(width, 480) for width in (640, 639, 320, 160)] == [1, 1, 2, 4]
+    assert enlargement(120, 480) == 5  # as upright as pictures are
+    assert enlargement(2, 900) == 4
+    assert enlargement(1, 40_000) == 1
+    assert len(extract(np.zeros((900, 2), np.float32)).points) == 0
