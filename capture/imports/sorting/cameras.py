@@ -211,10 +211,11 @@ def _guesses(keys: Sequence[_Key], series: Sequence[PhotoSeries], by: Identity |
         photos = "1 photo is" if count == 1 else f"{count} photos are"
         if len(mine) == 1:
             key, one = mine[0]
-            lens = f", the lens at {key.setting}" if key.setting.known else ""
+            reason = _reason(key.body, by)
+            if key.setting.known:
+                reason = f"{reason.removesuffix(',')}, the lens at {key.setting}"
             sentences.append(
-                f"{photos} of the camera {one.camera.name}, by {_reason(key.body, by)}{lens} and the size "
-                f"{_size(key)}; {how}."
+                f"{photos} of the camera {one.camera.name}, by {reason} and the size {_size(key)}; {how}."
             )
             continue
         named = [f"{one.camera.name} ({len(one.originals)})" for _, one in mine[:MOST_NAMED]]

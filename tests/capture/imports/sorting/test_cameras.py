@@ -75,6 +75,12 @@ def test_one_setting_is_one_lens_however_files_round_it_and_whether_all_tell_it(
     assert len(set(lens_settings(three))) == 3
 
 
+def test_a_camera_that_tells_its_lens_and_no_serial_number_is_one_sentence(tmp_path):
+    put(tmp_path / "in", {f"{n}.jpg": shot(n, lens="A 50mm", focal_length_mm=50.0) for n in range(2)})
+    said = import_photos(tmp_path / "in", tmp_path / "s").guesses[0]
+    assert "no serial number, the lens at A 50mm, 50 mm and the size 32x24" in said
+
+
 @pytest.mark.parametrize("make", ["Acme", ""])
 def test_portrait_and_landscape_are_one_camera_whose_pictures_lie_alike(tmp_path, make):
     sizes = [(24, 32), (32, 24), (24, 32), (32, 24), (24, 32)]
