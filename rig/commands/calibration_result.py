@@ -147,7 +147,10 @@ def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
 
     names = Session.open(session).photograph_names()
     alone = [names.get(view, str(view)) for view in record.unregistered if view not in record.contradicted]
-    if alone:
+    given = any(rung.name == "poses" and rung.reason.startswith("given by ") for rung in record.rungs)
+    if alone and given:  # nothing was looked for in the pictures
+        yield f"{', '.join(alone)} came without: rig calibrate without --only looks for the poses of all"
+    elif alone:
         yield (
             f"too little of {', '.join(alone)} was recognised in the others: leave out what is blurred, or "
             "take more pictures between these and their neighbours"

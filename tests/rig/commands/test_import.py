@@ -77,6 +77,21 @@ def test_poses_come_along_and_the_response_is_added_to_them(rig, scene: Path, tm
     assert [rung for rung in after.rungs if rung.name == "poses"] == list(before.rungs)
 
 
+def test_photographs_that_came_without_a_pose_are_not_said_to_show_too_little(
+    rig, scene: Path, tmp_path: Path
+) -> None:
+    whole = store.read_json(scene / "transforms.json")
+    for frame in whole["frames"]:
+        frame["camera_model"] = "EQUIRECTANGULAR" if "cam1" in frame["file_path"] else "OPENCV"
+    (scene / "transforms.json").write_text(json.dumps(whole))
+    assert rig("import", str(scene), str(tmp_path / "S"))[0] == 0
+    code, _, err = rig("calibrate", str(tmp_path / "S"), "--only", "response")
+    assert code == 3
+    assert "10 images of 12 got no pose: cam1_0_0.jpg" in err
+    assert "came without: rig calibrate without --only looks for the poses of all" in err
+    assert "too little" not in err
+
+
 def test_a_photo_that_is_named_and_absent_is_one_line_of_an_import_that_succeeds(
     rig, scene: Path, tmp_path: Path
 ) -> None:
