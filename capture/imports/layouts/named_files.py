@@ -7,7 +7,7 @@ from pathlib import Path
 
 from imaging.files import store
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr", ".dng")
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr", ".dng", ".webp", ".heic", ".heif")
 """Tried in order, in small letters and in large ones, for a name without one, as Blender scenes have it."""
 
 

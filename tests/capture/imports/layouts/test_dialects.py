@@ -70,6 +70,12 @@ def test_names_that_differ_in_letters_alone_mean_their_files(scene, change):
     assert [photo.path.name for photo in given.photos] == [file.rpartition("/")[2] for file in FILES]
 
 
+@pytest.mark.parametrize("suffix", [".png", ".JPG", ".exr", ".webp", ".HEIC"])
+def test_a_name_without_suffix_means_a_picture_of_any_kind(tmp_path, suffix):
+    (tmp_path / f"frame.0001{suffix}").touch()
+    assert file_named(tmp_path, "frame.0001").name == f"frame.0001{suffix}"
+
+
 def test_an_accent_may_be_a_character_of_its_own_and_two_likely_files_are_none(tmp_path):
     (tmp_path / "caf\u00e9").mkdir()
     (tmp_path / "caf\u00e9" / "1.png").touch()
