@@ -234,16 +234,16 @@ def _solved(
             rigs.setdefault(camera.rig, []).append(camera.name)
     guesses = {name: evidence.sensors[name].lens.resized(*size) for name, size in sizes.items()}
     focal = {
-        name: told.resized(sizes[name][0] / evidence.sensors[name].lens.width)
+        name: prior.resized(sizes[name][0] / evidence.sensors[name].lens.width)
         for name in sizes
-        if (told := evidence.sensors[name].focal) is not None
+        if (prior := evidence.sensors[name].focal) is not None
     }
     places = {camera.name: camera.position for camera in cameras if camera.position is not None}
     known = KnownRig(places=places)
     if board is not None:
         lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
         guesses |= lenses
-        focal = {name: told for name, told in focal.items() if name not in lenses}
+        focal = {name: prior for name, prior in focal.items() if name not in lenses}
         sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
         # A board measures the distances of cameras better than a ruler.
         places |= {name: board.place(name) for name in board.cam_from_rig}

@@ -144,18 +144,18 @@ def frames(subject: Subject) -> str:
     applied = subject.camera.set_exposure(subject.exposure(times[len(times) // 2]))
     _, frame = subject.shoot()
     if isinstance(frame, CameraFile):
-        size, told = (frame.width, frame.height), frame.metadata.exposure
+        size, stated = (frame.width, frame.height), frame.metadata.exposure
     else:
-        size, told = frame.pixels.shape[1::-1], frame.metadata.exposure
+        size, stated = frame.pixels.shape[1::-1], frame.metadata.exposure
     able = subject.able
     if able.width and size != (able.width, able.height):
         raise Failure(f"it says {able.width}x{able.height}, and its frame has {size[0]}x{size[1]}")
     kind = subject.camera.identify().kind
     if (kind == "raw") != (isinstance(frame, RawMosaic) or frame.suffix in raw.SUFFIXES):
         raise Failure(f"it says that its frames are {kind!r}, and delivers another kind")
-    if told is not None and abs(np.log2(told.time / applied.time)) > 0.25:
-        raise Failure(f"it was set to {applied}, and its frame says {told}")
-    says = "which its frame says too" if told is not None else "of which its frame says nothing"
+    if stated is not None and abs(np.log2(stated.time / applied.time)) > 0.25:
+        raise Failure(f"it was set to {applied}, and its frame says {stated}")
+    says = "which its frame says too" if stated is not None else "of which its frame says nothing"
     return f"{size[0]}x{size[1]}, {applied}, {says}"
 
 
@@ -220,13 +220,13 @@ def bracket(subject: Subject) -> str:
     exposures = [subject.exposure(time) for time in wanted]
     began = subject.clock.now()
     try:
-        told = [frame.metadata.exposure for frame in camera.bracket(exposures)]
+        stated = [frame.metadata.exposure for frame in camera.bracket(exposures)]
     except CameraRefused as error:  # rig needs none
         return f"none of its own: {error}"
     seconds = subject.clock.now() - began
     for exposure in exposures:
-        if not any(one is not None and abs(np.log2(one.time / exposure.time)) < 0.25 for one in told):
-            said = ", ".join(str(one) for one in told) or "nothing"
+        if not any(one is not None and abs(np.log2(one.time / exposure.time)) < 0.25 for one in stated):
+            said = ", ".join(str(one) for one in stated) or "nothing"
             raise Failure(f"asked for {exposure}, the frames of its bracket say {said}")
     began = subject.clock.now()
     for exposure in exposures:

@@ -116,7 +116,7 @@ def reconstruct(
             )
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
-                on_message(needed.told())
+                on_message(needed.in_words())
             if ranks.first and begins:
                 begins.clear()
                 line = how_long(

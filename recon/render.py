@@ -183,7 +183,7 @@ def render_probe(
     centre = _place(scene, place)
     probe = light_probe(scene, centre, max(1, width // 2))
     left, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
-    told: dict[str, str | float] = {
+    header: dict[str, str | float] = {
         "rig:known": probe.known,
         "rig:place": " ".join(f"{part:.9g}" for part in centre),
         "rig:layout": LAYOUT,
@@ -194,7 +194,7 @@ def render_probe(
     factor = scene.exposure if exposure is None else 2.0**exposure
     store.make_folder(out)
     files = [out / "probe.exr", out / "probe.png"]
-    write_light(files[0], probe.light, scene.record, "probe", space, probe.alpha, attributes=told)
+    write_light(files[0], probe.light, scene.record, "probe", space, probe.alpha, attributes=header)
     seen = picture(in_colour(probe.light, scene.record.bands), probe.alpha, factor, shown)
     store.write_bytes(files[1], encode_png(seen))
     return files

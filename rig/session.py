@@ -36,4 +36,4 @@ class Session(session.Session):
             pictures.append((f"{view}, {exposure}" if exposure else str(view), thumbnail))
             if time.monotonic() - began > SHEET_SECONDS:
                 break
-        return gallery(self.told(), pictures)
+        return gallery(self.summary(), pictures)

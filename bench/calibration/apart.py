@@ -90,8 +90,8 @@ def trial(seed: int, motion: str) -> dict[str, Any]:
             features[ViewId(frame, name)] = seen(scene, own, rng)
     model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
     (rung,) = (rung for rung in model.rungs if rung.name == MOTION)
-    told = {"motion": motion, "tied": rung.taken, "reason": rung.reason}
-    return told | (errors(model, truth) if rung.taken else {})
+    row = {"motion": motion, "tied": rung.taken, "reason": rung.reason}
+    return row | (errors(model, truth) if rung.taken else {})
 
 
 def errors(model: SceneModel, truth: dict[ViewId, Array]) -> dict[str, Any]:

@@ -78,12 +78,18 @@ def matrices(seeds: int) -> list[dict[str, Any]]:
                 )
                 peer = np.concatenate([least_squares(patches, truth) for patches in trials])
                 rows.append(
-                    {"camera": camera, "light": light, "stops": stops, "mine": told(mine), "peer": told(peer)}
+                    {
+                        "camera": camera,
+                        "light": light,
+                        "stops": stops,
+                        "mine": statistics(mine),
+                        "peer": statistics(peer),
+                    }
                 )
     return rows
 
 
-def told(errors: Array) -> dict[str, float]:
+def statistics(errors: Array) -> dict[str, float]:
     return {"mean": errors.mean(), "p95": float(np.percentile(errors, 95)), "max": errors.max()}
 
 

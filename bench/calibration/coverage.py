@@ -44,13 +44,13 @@ def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[fl
     rng = np.random.default_rng((5, seed))
     truth = tracks.truth(kind, seed, radial)
     model = tracks.noisy(truth, seed)
-    told = FocalLength(tracks.FOCAL * math.exp(rng.normal(0, SPREAD)), SPREAD, "the files' focal length")
-    model.cameras[1].params = [told.px, tracks.WIDTH / 2, tracks.HEIGHT / 2, 0.0]
-    free, scale = Free(focal=focal_priors({1: told})), 1.0
+    prior = FocalLength(tracks.FOCAL * math.exp(rng.normal(0, SPREAD)), SPREAD, "the files' focal length")
+    model.cameras[1].params = [prior.px, tracks.WIDTH / 2, tracks.HEIGHT / 2, 0.0]
+    free, scale = Free(focal=focal_priors({1: prior})), 1.0
     for _ in range(4):
         adjust(model, free, scale, 1)
         scale = drop_outliers(model, least=0.6)
-    free, _ = settle_focal(model, free, scale, 1, {1: "made"}, {"made": told})
+    free, _ = settle_focal(model, free, scale, 1, {1: "made"}, {"made": prior})
     scale = misses(model).typical
     free, _ = climb(model, free, scale, 1, unreported)
     adjust(model, free, scale, 1)

@@ -138,7 +138,7 @@ TOLD = {
 }
 
 
-def told(row: dict[str, Any]) -> str:
+def warned(row: dict[str, Any]) -> str:
     """Return the warnings about poses that are not to be trusted."""
     if row["refused"]:
         return "refused"
@@ -168,7 +168,7 @@ def table(result: dict[str, Any], options: argparse.Namespace) -> str:
         before, after = row["before"], row["after"]
         lines.append(
             f"| {row['scene']} | {row['kind']} | {row['views']} | {before['placed']} | {before['wrong']} "
-            f"| {after['placed']} | {after['wrong']} | {row['views'] - after['placed']} | {told(row)} |"
+            f"| {after['placed']} | {after['wrong']} | {row['views'] - after['placed']} | {warned(row)} |"
         )
     before, after = (
         {what: sum(row[when][what] for row in rows) for what in ("placed", "wrong")}

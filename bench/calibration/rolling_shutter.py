@@ -81,17 +81,17 @@ def trial(seed: int, motion: str, readout: float) -> dict[str, Any]:
         places = pixels[inside] + rng.normal(0, NOISE, (len(inside), 2))
         features[ViewId(number, "cam")] = Features(places, noisy.astype(np.uint8))
         truth[ViewId(number, "cam")] = pose
-    told = {"motion": motion, "readout": readout}
+    row = {"motion": motion, "readout": readout}
     try:
         model = solve(features, {"cam": GUESS}, [], 1, unreported)
     except CalibrationError as error:
-        return told | {"views": 0, "reason": str(error)}
+        return row | {"views": 0, "reason": str(error)}
     found = {view: pose.matrix() for view, pose in model.poses.items()}
     errors = pairs(found, truth)
     views, turns, shifts, _ = aligned(found, truth)
     stated = [] if model.errors is None else [model.errors.rotation[view] for view in views]
     placed = errors[np.isfinite(errors[:, 0])]
-    return told | {
+    return row | {
         "views": len(found),
         "turn": float(np.median(placed[:, 0])),
         "place": 1000 * float(np.median(np.linalg.norm(shifts, axis=1))),
@@ -123,9 +123,9 @@ def table(rows: list[dict[str, Any]]) -> str:
             for name in COLUMNS
         }
         inside = covered([ratio for row in placed for ratio in row["ratios"]])
-        told = " | ".join(f"{middle[name]:.{digits}f}" for name, digits in COLUMNS.items())
+        line = " | ".join(f"{middle[name]:.{digits}f}" for name, digits in COLUMNS.items())
         lines.append(
-            f"| {motion} | {readout} | {sum(row['views'] for row in own)} of {VIEWS * len(own)} | {told} | "
+            f"| {motion} | {readout} | {sum(row['views'] for row in own)} of {VIEWS * len(own)} | {line} | "
             f"{'-' if inside is None else f'{100 * inside:.0f} %'} |"
         )
     return "\n".join(lines) + "\n"

@@ -77,9 +77,9 @@ def _timed(model: Any, lag: float, times: tuple[float, ...]) -> dict[str, Any]:
     alone, began = clock.now() - began, clock.now()
     seconds: float | None = None
     with suppress(CameraRefused):
-        told = [frame.metadata.exposure for frame in camera.bracket(exposures)]
+        stated = [frame.metadata.exposure for frame in camera.bracket(exposures)]
         seconds = clock.now() - began
-    brought = 0 if seconds is None else sum(exposure in told for exposure in exposures)
+    brought = 0 if seconds is None else sum(exposure in stated for exposure in exposures)
     camera.close()
     return {"alone": alone, "bracket_seconds": seconds, "brought": brought}
 

@@ -106,8 +106,8 @@ def brackets(
             for frame in range(frames):
                 device.place(frame)
                 own.append(shots(device, labels))
-            told = _raw(own, labels) if device.body.kind == "raw" else _developed(own, labels)
-            for frame, estimated in enumerate(told):
+            estimates = _raw(own, labels) if device.body.kind == "raw" else _developed(own, labels)
+            for frame, estimated in enumerate(estimates):
                 truth = [applied(device.body, frame, label)[0].scale for label in labels]
                 found.append(_bracket(estimated, truth, labels))
     return found
@@ -233,10 +233,10 @@ def report(result: dict[str, Any]) -> str:
             "|---|---|---|---|",
         ]
         for row in rows:
-            told = row["estimated"]
+            power = row["estimated"]
             lines.append(
                 f"| {row['label']} | {1 / row['power']:.4g} | "
-                + (f"{1 / told:.4g} | {row['off']:+.3f} ± {row['error']:.3f} |" if told else "unknown | |")
+                + (f"{1 / power:.4g} | {row['off']:+.3f} ± {row['error']:.3f} |" if power else "unknown | |")
             )
     return "\n".join(lines) + "\n"
 

@@ -81,14 +81,14 @@ def state_of(out: Path) -> str:
     return "at the end" if (out / "truth" / "truth.json").exists() else "in the truth"
 
 
-def examine(out: Path, told: list[str], trial: Trial, reference: Reference) -> None:
+def examine(out: Path, reported: list[str], trial: Trial, reference: Reference) -> None:
     """Check that every reported shot is recorded, every record has the right file, and `rig check` finds a
     wrong one.
     """
     trial.recorded = 0
     if not (out / "session.json").exists():
-        if told:
-            trial.failures.append(f"{len(told)} shots were reported and there is no session")
+        if reported:
+            trial.failures.append(f"{len(reported)} shots were reported and there is no session")
         return
     session = Session.open(out)
     recorded = session.shots()
@@ -99,7 +99,7 @@ def examine(out: Path, told: list[str], trial: Trial, reference: Reference) -> N
             trial.failures.append(f"{shot.file} is recorded and not whole")
         elif path.read_bytes() != reference.files[shot.file]:
             trial.failures.append(f"{shot.file} is recorded and another picture")
-    lost = sorted(set(told) - {shot.file for shot in recorded})
+    lost = sorted(set(reported) - {shot.file for shot in recorded})
     if lost:
         trial.failures.append(f"finished and lost: {', '.join(lost)}")
 
@@ -167,7 +167,7 @@ def run_trial(seed: int, folder: Path, reference: Reference) -> Trial:
     out.parent.mkdir()
     with ExitStack() as stack:
         own = trial.kind in KINDS[1::2] and turn % 2 == 0 and stack.enter_context(disk(out.parent))
-        told: list[str] = []
+        reported: list[str] = []
         for strike in range(1 + turn % 2 if trial.kind == "killed" else 1):
             if trial.kind == "killed":
                 left = max(1 - trial.recorded / SHOTS, 0.2)  # the truth is a fifth of the work
@@ -179,7 +179,7 @@ def run_trial(seed: int, folder: Path, reference: Reference) -> Trial:
             else:
                 number = errno.ENOSPC if "full" in trial.kind else errno.EROFS
                 moment, capture = refused(out, number, rng, reference)
-            _judge(out, trial, moment, capture, told, reference)
+            _judge(out, trial, moment, capture, reported, reference)
         if own:
             unlock(out.parent)
         examine_check(out, trial, rng)
@@ -188,15 +188,15 @@ def run_trial(seed: int, folder: Path, reference: Reference) -> Trial:
 
 
 def _judge(
-    out: Path, trial: Trial, moment: str, capture: Capture, told: list[str], reference: Reference
+    out: Path, trial: Trial, moment: str, capture: Capture, reported: list[str], reference: Reference
 ) -> None:
     code, printed, err = capture.finish()
-    told += capture.told
+    reported += capture.reported
     trial.moments.append(moment)
     trial.codes.append(code)
-    trial.reported = len(told)
+    trial.reported = len(reported)
     trial.states.append(state_of(out))
-    examine(out, told, trial, reference)
+    examine(out, reported, trial, reference)
     if code != -signal.SIGKILL:
         examine_exit(code, printed, err, trial)
 
@@ -210,6 +210,6 @@ def make_reference(folder: Path) -> Reference:
         capture = Capture(Trouble(out))
         code, _, err = capture.finish()
         seconds = time.perf_counter() - began
-        if code != 0 or len(capture.told) != SHOTS:
+        if code != 0 or len(capture.reported) != SHOTS:
             raise SystemExit(f"a capture without trouble ended with {code}: {err}")
     return Reference(files_of(out), *capture.counts, seconds)

@@ -37,7 +37,7 @@ class Reference:
 
 
 class Capture:
-    """`rig capture` in a separate process: told holds the shots that it reported as finished."""
+    """`rig capture` in a separate process: `reported` holds the shots that it reported as finished."""
 
     def __init__(self, trouble: Trouble) -> None:
         out = trouble.folder
@@ -48,7 +48,7 @@ class Capture:
         self._process = _FORKS.Process(target=run, args=(trouble, command, writing, *self._streams))
         self._process.start()
         writing.close()
-        self.told: list[str] = []
+        self.reported: list[str] = []
         self.counts = (0, 0)
 
     def read(self, count: int = -1) -> None:
@@ -59,7 +59,7 @@ class Capture:
                 if isinstance(heard, tuple):
                     self.counts = heard
                     return
-                self.told.append(heard)
+                self.reported.append(heard)
                 count -= 1
 
     def running(self, seconds: float) -> bool:

@@ -76,18 +76,18 @@ def decade(low: float, high: float, scales: Sequence[float], seed: int) -> dict[
     best = bound(light, scales)
     merged = merge_bracket(frames)
     blind = merge_bracket([expose(light, k, rng, noise=None) for k in scales])
-    told = merged.valid & np.isfinite(best)
-    if not told.any() or merged.sigma is None:
+    known = merged.valid & np.isfinite(best)
+    if not known.any() or merged.sigma is None:
         return {"from": low, "measured": 0.0, "clipped": float(merged.clipped.mean())}
-    away = (merged.radiance - light)[told]
-    whitened = away / merged.sigma[told]
+    away = (merged.radiance - light)[known]
+    whitened = away / merged.sigma[known]
 
     def noise(image: npt.NDArray[np.floating]) -> float:
-        return float(np.sqrt(np.mean(((image - light) / best)[told] ** 2)))
+        return float(np.sqrt(np.mean(((image - light) / best)[known] ** 2)))
 
     return {
         "from": low,
-        "measured": float(told.mean()),
+        "measured": float(known.mean()),
         "clipped": float(merged.clipped.mean()),
         "noise": noise(merged.radiance),
         "bias": float(np.mean(whitened)),

@@ -53,17 +53,17 @@ def seconds(act: Callable[[], object]) -> float:
 
 
 def rate(name: str, megapixels: int, repetitions: int) -> dict[str, Any]:
-    told, height = BY_NAME[name], 1024 * megapixels // 4
+    packed, height = BY_NAME[name], 1024 * megapixels // 4
     count = 4096 * height
-    data = np.random.default_rng(0).integers(0, 256, told.row_bytes(count)).astype(np.uint8)
-    kernel: Callable[[Bytes, Pixels], None] = pixels._KERNELS[told.bits, told.packing]
+    data = np.random.default_rng(0).integers(0, 256, packed.row_bytes(count)).astype(np.uint8)
+    kernel: Callable[[Bytes, Pixels], None] = pixels._KERNELS[packed.bits, packed.packing]
     out = np.empty(count, np.uint16)
     acts: dict[str, Callable[[], object]] = {
         "kernel": lambda: kernel(data, out),
-        "frame": lambda: unpack(data, told, 4096, height),
+        "frame": lambda: unpack(data, packed, 4096, height),
         "numpy": lambda: with_numpy(data, name),
     }
-    assert np.array_equal(unpack(data, told, 4096, height).reshape(-1), with_numpy(data, name))
+    assert np.array_equal(unpack(data, packed, 4096, height).reshape(-1), with_numpy(data, name))
     kernel(data, out)
     times: dict[str, list[float]] = {what: [] for what in acts}
     for _ in range(repetitions):

@@ -166,12 +166,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    told = result["options"]
+    options = result["options"]
     lines = [
         "# HDR-GS, one choice changed at a time",
         "",
-        f"`python -m bench.decided.ablation_hdr_gs --write`: HDR-NeRF's protocol, {told['pixels']} px, "
-        f"{told['seeds']} seeds, {GAUSSIANS} Gaussians, {told['iterations']} iterations, means. "
+        f"`python -m bench.decided.ablation_hdr_gs --write`: HDR-NeRF's protocol, {options['pixels']} px, "
+        f"{options['seeds']} seeds, {GAUSSIANS} Gaussians, {options['iterations']} iterations, means. "
         f"{words(result['machine'])}.",
         "",
         "| changed | " + " | ".join(COLUMNS) + " |",

@@ -70,9 +70,9 @@ def train(work: Path, rig: str, seed: int, views: int, iterations: int, noise: f
         replace=True,
     )  # fmt: skip
     metrics, model = evaluate(made).known(), open_model(made)
-    told = next((rung.reason for rung in model.record.rungs if rung.name == "depth start"), "")
+    reason = next((rung.reason for rung in model.record.rungs if rung.name == "depth start"), "")
     shutil.rmtree(made)
-    return {"db": metrics["hdr_psnr_mu_aligned"], "stops": metrics["stops_median"], "told": told}
+    return {"db": metrics["hdr_psnr_mu_aligned"], "stops": metrics["stops_median"], "told": reason}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -115,8 +115,8 @@ def report(result: dict[str, Any]) -> str:
             name: np.mean([row["variants"][name]["db"] - row["variants"]["none"]["db"] for row in rows])
             for name in list(VARIANTS)[1:]
         }
-        told = ", ".join(f"{name} {mean:+.2f}" for name, mean in means.items())
-        lines += ["", f"Mean of {len(rows)} with {views} views and 1 % of noise: {told} dB."]
+        differences = ", ".join(f"{name} {mean:+.2f}" for name, mean in means.items())
+        lines += ["", f"Mean of {len(rows)} with {views} views and 1 % of noise: {differences} dB."]
     return "\n".join(lines) + "\n"
 
 

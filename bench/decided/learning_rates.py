@@ -76,9 +76,9 @@ def report(result: dict[str, Any]) -> str:
     for iterations in sorted({row["iterations"] for row in rows}):
         for name in dict.fromkeys(row["scene"] for row in rows):
             own = [row for row in rows if (row["iterations"], row["scene"]) == (iterations, name)]
-            told = [f"{row['factor']:g}: {row['db']:.2f} / {row['truth_db']:.2f}" for row in own]
-            if told:
-                lines.append(f"| {iterations} | {rate_factor(iterations):.2f} | {name} | {', '.join(told)} |")
+            each = [f"{row['factor']:g}: {row['db']:.2f} / {row['truth_db']:.2f}" for row in own]
+            if each:
+                lines.append(f"| {iterations} | {rate_factor(iterations):.2f} | {name} | {', '.join(each)} |")
     return "\n".join(lines) + "\n"
 
 

@@ -114,8 +114,8 @@ def one_case(case: Case, folder: Path, quality: str, quick: bool) -> dict[str, A
         row |= judge.light_figures(
             scene_folder, light, {name: scene.where(*parts) for name, parts in PARTS.items()}
         )
-        told = store.read_json(scene_folder / "metrics.json")
-        row |= {"psnr_told": told["hdr_psnr_mu_aligned"], "gaussians": told["gaussians"]}
+        metrics = store.read_json(scene_folder / "metrics.json")
+        row |= {"psnr_told": metrics["hdr_psnr_mu_aligned"], "gaussians": metrics["gaussians"]}
     row["seconds"] = round(time.perf_counter() - began, 1)
     row["failed"] = [one for one in said if one]
     return row

@@ -142,14 +142,14 @@ def report(result: dict[str, Any]) -> str:
             best, enough = needed(row)
             lines.append(f"| {int(iterations):,} | " + " | ".join(cells) + f" | {best:,} | {enough:,} |")
         power = round(exponent(table), 2) + 0.0  # which has no negative zero
-        told = f"What is as good grows with the iterations to the power {power:.2f}."
+        sentence = f"What is as good grows with the iterations to the power {power:.2f}."
         if one["turning"] is not None:
             last = table[list(table)[-1]][str(one["best"])]
-            told += (
+            sentence += (
                 f" Harmonics of degree 2 with {one['best']:,}: "
                 f"{one['turning']['gained'] - last['gained']:+.2f} dB, {one['turning']['seconds']:.0f} s."
             )
-        lines += ["", told]
+        lines += ["", sentence]
     return "\n".join(lines) + "\n"
 
 

@@ -71,8 +71,8 @@ def stated_focal(name: str) -> float | None:
     """Return what the first photograph of a set says of its focal length, px; None where it says nothing."""
     first = photographs(name)[0]
     with PIL.Image.open(first) as picture:
-        told = focal_length(read_metadata(first), *picture.size)
-    return None if told is None else told.px
+        focal = focal_length(read_metadata(first), *picture.size)
+    return None if focal is None else focal.px
 
 
 def published_centres(name: str) -> dict[str, Array] | None:

@@ -83,8 +83,8 @@ def trained(options: argparse.Namespace, name: str, method: MethodName | None, s
     record = read_calibration(session)
     shots = {shot.view: shot for shot in Session.open(session).shots("scene")}
     number = {view.id: int(Path(shots[view.id].source or "").stem) for view in record.views}
-    told = np.array([view.exposure * np.array(view.white_balance) for view in record.views])
-    off = np.log(told / factors[[number[view.id] for view in record.views]])
+    estimated = np.array([view.exposure * np.array(view.white_balance) for view in record.views])
+    off = np.log(estimated / factors[[number[view.id] for view in record.views]])
     row: dict[str, Any] = {"placed": len(record.views), "factors_off": float(np.std(off - off.mean(axis=0)))}
     if method is None:
         session = base / "labels"
@@ -157,9 +157,9 @@ def report(result: dict[str, Any]) -> str:
         off, stops, high = (
             np.mean([one[key] for one in row["trainings"]]) for key in ("factors_off", "stops", "stops_p90")
         )
-        told = f"{100 * off:.1f}" if row["known"] == "own" else ""
+        error = f"{100 * off:.1f}" if row["known"] == "own" else ""
         lines.append(
-            f"| {row['photographs']} | {row['known']} | {row['trainings'][0]['method']} | {told} "
+            f"| {row['photographs']} | {row['known']} | {row['trainings'][0]['method']} | {error} "
             f"| {stops:.3f} | {high:.3f} |"
         )
     return "\n".join(lines) + "\n"

@@ -87,8 +87,8 @@ def kept(options: argparse.Namespace, scene: Scene, text: str) -> dict[str, Any]
 
 def report_budgets(result: dict[str, Any]) -> str:
     rows = result["rows"]
-    told = [row for row in rows if "db" in row]
-    inside = sum(row["low"] <= row["reached"] <= row["high"] for row in told)
+    judged = [row for row in rows if "db" in row]
+    inside = sum(row["low"] <= row["reached"] <= row["high"] for row in judged)
     on_time = sum(row["took"] <= row["asked"] for row in rows)
     lines = [
         "# How well a budget of time is kept, and what is predicted of it",
@@ -96,7 +96,7 @@ def report_budgets(result: dict[str, Any]) -> str:
         "`python -m bench.recon.budget --budgets ... --write`, `rig reconstruct --budget` from Enter "
         "to the end, "
         f"preset best without an end. {words(result['machine'])}. Done in time: {on_time} of "
-        f"{len(rows)}; within the interval: {inside} of {len(told)}, whose curves are of these scenes too: "
+        f"{len(rows)}; within the interval: {inside} of {len(judged)}, whose curves are of these scenes too: "
         "bench/results/learning_curves.md has scenes of other kinds.",
         "",
         "| scene | asked, s | took, s | share | iterations | turns | left out | predicted | interval | dB |",

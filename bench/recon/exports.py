@@ -41,8 +41,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def one(scene: Scene, format: FormatName, linear: bool) -> dict[str, Any]:
     """A file, and what it lost."""
     with tempfile.TemporaryDirectory() as folder:
-        told = export(scene, Path(folder) / f"scene.{ENDS.get(format, format)}", format, linear=linear)
-        return told.data()
+        exported = export(scene, Path(folder) / f"scene.{ENDS.get(format, format)}", format, linear=linear)
+        return exported.data()
 
 
 def report(result: dict[str, Any]) -> str:

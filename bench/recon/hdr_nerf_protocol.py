@@ -161,7 +161,7 @@ def row(options: argparse.Namespace, protocol: str, method: MethodName, seed: in
         session = with_measured_response(session, base / f"{protocol}-measured")
     name = f"{method}-{options.quality}"
     folder = reconstruct(
-        session, method=method, quality=options.quality, seed=seed, name=name, on_progress=_told
+        session, method=method, quality=options.quality, seed=seed, name=name, on_progress=_report
     )
     found = evaluate(folder).known()
     if method == "vanilla":
@@ -169,7 +169,7 @@ def row(options: argparse.Namespace, protocol: str, method: MethodName, seed: in
     return {key: found[key] for key in KEEP if key in found}
 
 
-def _told(message: str, done: int, total: int) -> None:
+def _report(message: str, done: int, total: int) -> None:
     if done % 500 == 0:
         print(f"  {message} {done}/{total}", file=sys.stderr)
 
@@ -233,8 +233,8 @@ def main() -> None:
     if options.quick:
         options.size, options.quality, options.seeds = Size(64, 4, 3), "draft", 1
         options.protocols, options.methods = ["exp-3"], ["vanilla", "hdr-gs"]
-    told = f"{options.size.pixels}px-{options.size.views}"
-    options.name = options.scene.resolve().name if options.scene else told
+    size_name = f"{options.size.pixels}px-{options.size.views}"
+    options.name = options.scene.resolve().name if options.scene else size_name
     result = measure(options)
     deliver(options, "hdr_nerf_protocol", result, report(result))
 

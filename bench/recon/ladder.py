@@ -108,7 +108,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for scene in options.scenes:
         if cache.has(scene.name) or time.monotonic() < until:
             rows.append(cache.get(scene.name, partial(row, scene, options.work)))
-    kinds = [told for kind in KINDS if (told := of_kind(kind, rows))]
+    kinds = [summary for kind in KINDS if (summary := of_kind(kind, rows))]
     return {
         "machine": machine(),
         "preset": vars(QUALITIES["standard"]),

@@ -129,9 +129,9 @@ def report(result: Row) -> str:
         "|---|" + "---|" * (len(LENGTHS) + 4),
     ]
     for row in result["rows"]:
-        told = {n: f"{db:.1f}" for n, db in row["curve"]}
+        by_length = {n: f"{db:.1f}" for n, db in row["curve"]}
         rise, half, power = np.exp(row["fit"])
-        cells = [told.get(n, "") for n in LENGTHS]
+        cells = [by_length.get(n, "") for n in LENGTHS]
         cells += [f"{rise:.1f}", f"{half:.0f}", f"{power:.2f}", f"{row['rms']:.2f}"]
         lines.append(f"| {row['scene']} | {' | '.join(cells)} |")
     lines += [

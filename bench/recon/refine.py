@@ -111,8 +111,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             name = f"{rig} {seed} {px}"
             folder = made_wrong(rig, seed, px, options)
             one = cache.get(name, partial(trained, folder, seed, options))
-            told = cache.get(f"{name} trial", partial(trial, folder, seed, options))
-            rows.append({"rig": rig, "seed": seed, "px": px, **one, **told})
+            trial_row = cache.get(f"{name} trial", partial(trial, folder, seed, options))
+            rows.append({"rig": rig, "seed": seed, "px": px, **one, **trial_row})
     return {"machine": machine(), "rows": rows}
 
 

@@ -136,8 +136,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             row = {"size": f"{width}x{height}", "model": name, "ms": 1e3 * middle, "fps": 1 / middle}
             quarters = np.quantile(ratios, [0.25, 0.75]).tolist()
             rows.append(row | {"ratio": float(np.median(ratios)), "ratio_quarters": quarters})
-    told = {"gaussians": len(training.gaussians), "repeats": options.repeats}
-    return {"machine": machine(), **told, "rows": rows}
+    sizes = {"gaussians": len(training.gaussians), "repeats": options.repeats}
+    return {"machine": machine(), **sizes, "rows": rows}
 
 
 def report(result: dict[str, Any]) -> str:

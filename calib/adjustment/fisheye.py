@@ -30,10 +30,10 @@ def nearest_terms(k1: float, k2: float, radius: float) -> tuple[float, float, fl
     bent = tangent * (1 + tangent**2 * (k1 + tangent**2 * k2))
     falls = np.flatnonzero(np.diff(bent, prepend=0.0) <= 0)
     last = int(_BEFORE_FOLD * falls[0]) if len(falls) else len(angles)
-    told = (np.arange(len(angles)) < last) & (bent <= radius)
-    if told.sum() < 2:
+    usable = (np.arange(len(angles)) < last) & (bent <= radius)
+    if usable.sum() < 2:
         return 0.0, 0.0, 0.0, 0.0
-    angles, bent = angles[told], bent[told]
+    angles, bent = angles[usable], bent[usable]
     powers = np.stack([angles**3, angles**5], axis=1)
     first, second = np.linalg.lstsq(powers, bent - angles, rcond=None)[0].tolist()
     return first, second, 0.0, 0.0

@@ -38,17 +38,17 @@ def climb(
     scale: float,
     threads: int,
     progress: Progress,
-    told: str = "a board gave the lenses",
+    why_fixed: str = "a board gave the lenses",
     uncut: Any | None = None,
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.
 
-    told: reason without trials where every lens is fixed. uncut: the model before anything was dropped from
-    it, where the lenses may be fisheyes: only corners that radial terms drop distinguish those; other
+    why_fixed: reason without trials where every lens is fixed. uncut: the model before anything was dropped
+    from it, where the lenses may be fisheyes: only corners that radial terms drop distinguish those; other
     outliers are in it, too.
     """
     if free.fixed.issuperset(reconstruction.cameras):
-        return free, (Rung(name="lens_terms", taken=False, reason=told),)
+        return free, (Rung(name="lens_terms", taken=False, reason=why_fixed),)
     if reconstruction.num_reg_images() < FEWEST_VIEWS:
         reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)

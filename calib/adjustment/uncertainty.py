@@ -133,11 +133,11 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
     drawings = (DRAWS, groups + len(columns) + stated.shape[1])
     signs = np.random.default_rng(0).choice([-1.0, 1.0], drawings)
-    own, built, told = np.split(signs, [groups, groups + len(columns)], axis=1)
+    own, built, stated_signs = np.split(signs, [groups, groups + len(columns)], axis=1)
     # Pulls less their mean, and never as a table: groups times parameters grow by the square of the views.
     drawn = more * ((pulls.T @ own.T).T - own.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel())
     drawn[:, columns] += built * (precision * errors)
-    drawn += told * np.sqrt(weights) @ stated.T
+    drawn += stated_signs * np.sqrt(weights) @ stated.T
     return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
 
 

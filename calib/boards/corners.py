@@ -84,15 +84,15 @@ def find_all(
 
 
 def _nothing(board: Board, some: Sequence[Picture]) -> str:
-    told = f"{board.columns} x {board.rows} squares with markers of {board.dictionary}"
+    name = f"{board.columns} x {board.rows} squares with markers of {board.dictionary}"
     turned = board.model_copy(update={"columns": board.rows, "rows": board.columns})
     if any(len(find(turned, picture, one).ids) >= FEWEST for picture in some for one in PRINTS):
         return (
-            f"No picture shows a board of {told}, but of {turned.columns} x {turned.rows}: "
+            f"No picture shows a board of {name}, but of {turned.columns} x {turned.rows}: "
             "swap columns and rows in its description."
         )
     return (
-        f"No picture shows a board of {told}: correct its description, or show it larger, flat and in focus."
+        f"No picture shows a board of {name}: correct its description, or show it larger, flat and in focus."
     )
 
 

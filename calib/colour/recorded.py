@@ -104,13 +104,13 @@ def with_charts(record: CalibrationRecord, charts: Charts) -> CalibrationRecord:
     cameras = tuple(
         camera.model_copy(update={"chart": charts.evidence.get(camera.name)}) for camera in record.cameras
     )
-    told = Rung(
+    colour_rung = Rung(
         name=COLOUR,
         taken=True,
         reason=f"{len(charts.matrices)} of {len(record.cameras)} cameras by a colour chart that "
         f"{', '.join(sorted(charts.evidence))} saw",
     )
-    rungs = tuple(told if rung.name == COLOUR else rung for rung in record.rungs)
+    rungs = tuple(colour_rung if rung.name == COLOUR else rung for rung in record.rungs)
     return record.model_copy(update={"cameras": cameras, "rungs": (*rungs, *charts.rungs)})
 
 

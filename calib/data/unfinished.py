@@ -37,11 +37,11 @@ class Unfinished:
         if self._folder is None:
             return
         asked = hashlib.sha256(json.dumps(question, sort_keys=True, default=str).encode()).hexdigest()
-        told = self._folder / "question"
-        if not told.is_file() or told.read_bytes() != asked.encode():
+        question_file = self._folder / "question"
+        if not question_file.is_file() or question_file.read_bytes() != asked.encode():
             store.discard(self._folder)
             store.make_folder(self._folder)
-            store.write_bytes(told, asked.encode())
+            store.write_bytes(question_file, asked.encode())
         for file in sorted(self._folder.glob("few-*.npz")):
             self._known |= _read(file) or {}
 

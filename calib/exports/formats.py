@@ -46,11 +46,11 @@ def write_exports(
     """
     known = [camera for camera in record.cameras if camera.lens is not None]
     if record.views:
-        told = _transforms(record, pictures)
+        transforms = _transforms(record, pictures)
         if model is not None and model.points3D:
             (folder / _POINTS).write_bytes(_ply(model, record.coordinate_note))
-            told = {"ply_file_path": _POINTS, **told}
-        text = json.dumps(told, indent=1, allow_nan=False)
+            transforms = {"ply_file_path": _POINTS, **transforms}
+        text = json.dumps(transforms, indent=1, allow_nan=False)
         (folder / "transforms.json").write_text(f"{text}\n", encoding="utf-8")
     if known:
         (folder / "opencv").mkdir()

@@ -90,9 +90,9 @@ def merge_view(
     k = exposure_scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     key = _key(session, shots, k, response, camera, [space, factor, absolute, white_balance])
-    told = _kept(path, key)
-    if told is not None:
-        clipped, dark, ghost, hidden, shift, said = told
+    reused = _kept(path, key)
+    if reused is not None:
+        clipped, dark, ghost, hidden, shift, said = reused
         return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
     sensors = () if camera is None else camera.sensors
     frames = [

@@ -167,10 +167,10 @@ def estimate(
     logs = parts[0] + parts[1]
     # Green carries the exposure where colours are separate, the mean of the channels where they are not.
     scale = logs[:, 1] - (0.0 if exposure else common[:, 0]) if white else common[:, 0]
-    told = [index for index in range(count) if known[index]]
+    determined = [index for index in range(count) if known[index]]
     return Development(
-        {views[i]: float(np.exp(scale[i])) for i in told} if exposure or white else {},
-        {views[i]: _relative(logs[i]) for i in told} if white else {},
+        {views[i]: float(np.exp(scale[i])) for i in determined} if exposure or white else {},
+        {views[i]: _relative(logs[i]) for i in determined} if white else {},
         tuple(rungs),
     )
 
@@ -238,8 +238,8 @@ class _Trial:
         if left is None:
             few = f"{reason}; too few points of each region are in two photographs to tell it from sheen"
             return rung.model_copy(update={"taken": False, "reason": few})
-        told = f"{reason}, which leaves {100 * left:.0f} % of what regions differ by between {where}"
-        return rung.model_copy(update={"taken": rung.taken and left <= LEFT_OVER, "reason": told})
+        explained = f"{reason}, which leaves {100 * left:.0f} % of what regions differ by between {where}"
+        return rung.model_copy(update={"taken": rung.taken and left <= LEFT_OVER, "reason": explained})
 
     def _left_over(self, simple: _Reading, freer: _Reading) -> tuple[float | None, str]:
         """Return what is left of the differences of held-out regions between photographs, and between which.

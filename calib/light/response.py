@@ -119,7 +119,7 @@ def estimate(samples: Samples | None) -> Estimate:
         [
             held_out(channels, noise, shape, labels_hold=samples.rough)
             for shape in variants
-            if _told(channels, shape)
+            if _determined(channels, shape)
         ]
         # A free curve would follow what gloss and edges do to rough samples.
         for variants in (LADDER[:-1] if samples.rough else LADDER)
@@ -158,11 +158,11 @@ def estimate(samples: Samples | None) -> Estimate:
     sigma = standard_errors(channels, fitted, noise, NODES, labels_hold=not freed)
     # What the preference for a simple curve may hide: how far the keenest of its kind is from it.
     others = fit(channels, rival.shape, noise, labels_hold=not freed)
-    told = tuple(
+    sigmas = tuple(
         tuple(np.hypot(own, model.curve(NODES) - other.curve(NODES)).round(6).tolist())
         for own, model, other in zip(sigma, fitted, others, strict=True)
     )
-    return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
+    return Estimate(response.model_copy(update={"sigma": sigmas}), tuple(rungs), shift)
 
 
 def _clearly_worse(simple: Judged, freer: Judged, hardly: float) -> bool:
@@ -233,7 +233,7 @@ def _contradiction(labels: Array, shift: Array) -> str:
     return "; " + ", ".join(named)
 
 
-def _told(channels: Sequence[Channel], shape: Shape) -> bool:
+def _determined(channels: Sequence[Channel], shape: Shape) -> bool:
     """Two exposures are one step apart and say nothing about ripples: only stiff splines are tried then."""
     return not isinstance(shape, Spline) or len(channels[0].steps) > 2 or shape.smoothness >= 1e5
 

@@ -23,10 +23,12 @@ class Stated:
 
     def of_all(self, part: Literal["exposure", "white_balance"], views: Sequence[ViewId]) -> str:
         """Return what the files of all these views say; empty where those of a camera say nothing."""
-        told = self.exposure if part == "exposure" else self.white_balance
+        known = self.exposure if part == "exposure" else self.white_balance
         cameras = dict.fromkeys(view.camera for view in views)
         return (
-            "; ".join(dict.fromkeys(told[name] for name in cameras)) if cameras.keys() <= told.keys() else ""
+            "; ".join(dict.fromkeys(known[name] for name in cameras))
+            if cameras.keys() <= known.keys()
+            else ""
         )
 
 

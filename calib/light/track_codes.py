@@ -76,16 +76,16 @@ def sample_tracks(
     if not tracks:
         return None
     longest = max(len(track) for track in tracks)
-    told = np.full((len(tracks), longest, 3), np.nan)
+    track_codes = np.full((len(tracks), longest, 3), np.nan)
     log_k = np.full((len(tracks), longest), min(logs.values()))
     group = np.zeros(len(tracks), np.int64)
     every = list(logs.values())
     for index, track in enumerate(tracks):
         for place, (view, feature) in enumerate(track):
-            told[index, place] = codes[view][feature]
+            track_codes[index, place] = codes[view][feature]
             log_k[index, place] = every[view]
         group[index] = cells[track[0][0]][track[0][1]]
-    return Samples(told, log_k, np.unique(group, return_inverse=True)[1], rough=True)
+    return Samples(track_codes, log_k, np.unique(group, return_inverse=True)[1], rough=True)
 
 
 def _reduced(pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

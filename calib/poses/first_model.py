@@ -136,10 +136,10 @@ class _Placing:
             names -= apart
             pairs, views = self._of(names)
         matched = {view for pair in pairs for view in pair}
-        told = frozenset(scene.focal_known)
+        known = frozenset(scene.focal_known)
         rungs: tuple[Rung, ...] = ()
-        if placed(reconstruction) < PLACED * len(matched) and told.issuperset(names):
-            held = told & names
+        if placed(reconstruction) < PLACED * len(matched) and known.issuperset(names):
+            held = known & names
             another = mapped()
             if placed(another) > max(placed(reconstruction), PLACED * len(matched)):
                 reason = _AHEAD.format(placed(reconstruction), len(matched))

@@ -13,9 +13,9 @@ from imaging.session.calibration import FOCAL_UNTOLD
 from imaging.session.records import Rung
 
 
-def focal_priors(told: Mapping[int, FocalLength]) -> dict[int, FocalPrior]:
+def focal_priors(stated: Mapping[int, FocalLength]) -> dict[int, FocalPrior]:
     """Return the files' focal lengths as a term of the adjustment, by COLMAP's number of a camera."""
-    return {number: FocalPrior(one.px, one.spread * one.px) for number, one in told.items()}
+    return {number: FocalPrior(one.px, one.spread * one.px) for number, one in stated.items()}
 
 
 def settle_focal(
@@ -24,7 +24,7 @@ def settle_focal(
     scale: float,
     threads: int,
     names: Mapping[int, str],
-    told: Mapping[str, FocalLength],
+    stated: Mapping[str, FocalLength],
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Hold the focal lengths that the scene does not determine, and adjust the rest of the model to them.
 
@@ -34,7 +34,7 @@ def settle_focal(
         scale: of the Cauchy loss, px.
         threads: of the solver.
         names: of the cameras, by COLMAP's number.
-        told: what files tell of the focal lengths, by name.
+        stated: what files tell of the focal lengths, by name.
 
     Returns:
         `free` with what is held, and a rung for each camera whose lens is adjusted.
@@ -50,7 +50,7 @@ def settle_focal(
             reason = f"the photographs {of}tell the focal length: {size}"
             rungs.append(Rung(name=FOCAL_UNTOLD, taken=False, reason=reason))
             continue
-        own = told.get(names[number])
+        own = stated.get(names[number])
         focal = float(camera.mean_focal_length())
         if own is not None:
             priors[number] = replace(priors[number], held=True)

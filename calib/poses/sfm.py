@@ -215,7 +215,7 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         fixed=camera_numbers(models, {*known.lenses, *first.held}),
         placed=camera_numbers(models, known.cam_from_rig),
         focal=focal_priors(
-            {models[name].camera_id: told for name, told in scene.focal.items() if name in models}
+            {models[name].camera_id: why_fixed for name, why_fixed in scene.focal.items() if name in models}
         ),
     )
     tied = tied_model(scene, database, joined, free, max_error, metric)
@@ -241,8 +241,8 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         if places:
             adjust(reconstruction, free, typical, threads)
     typical = misses(reconstruction).typical
-    told = "the files gave the lenses" if first.held else "a board gave the lenses"
-    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, tied.uncut)
+    why_fixed = "the files gave the lenses" if first.held else "a board gave the lenses"
+    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, why_fixed, tied.uncut)
     adjust(reconstruction, free, typical, threads)
     every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]
     return _Adjusted(

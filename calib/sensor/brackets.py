@@ -99,7 +99,7 @@ def compare(
     values = np.array([start, *np.zeros(len(black))])
     inverse: npt.NDArray[np.floating] = np.eye(len(values))
     variance: Array = np.ones(len(mean_x))
-    kept = clear = told = np.ones(len(mean_x), bool)
+    kept = clear = counted = np.ones(len(mean_x), bool)
     for _ in range(3):
         residual = x - values[0] * y - values[1 + np.arange(size) // len(EDGES)][groups]
         variance, kept = _scatter(residual, groups, size)
@@ -110,8 +110,8 @@ def compare(
             return None
         # A response that bends at the top would pull black along.
         low = clear & (mean_x < LOW * span)
-        told = low if low.sum() >= 6 else clear
-        weight = told / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
+        counted = low if low.sum() >= 6 else clear
+        weight = counted / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
         design = (
             np.concatenate([mean_y[:, None], site[:, None] == np.arange(len(black))], axis=1)
             * weight[:, None]
@@ -121,7 +121,7 @@ def compare(
     ratio = float(values[0])
     if not 1.2 < ratio < 400:
         return None
-    fitted = np.isin(np.arange(len(black)), site[told])
+    fitted = np.isin(np.arange(len(black)), site[counted])
     site = site[clear]
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
     spread = np.sqrt(np.maximum(np.diag(inverse)[1:], 0.0))  # a site that is not fitted has 0, or just below

@@ -195,13 +195,13 @@ def _electrons(
     coarse = bool(frames.darks) and is_coarse(frames.darks)
     if coarse and frames.few:
         few = min(zip(frames.darks, frames.few, strict=True), key=lambda own: own[0].time)[1]
-        told = [one for one in _coarse(few, usable, frames.darks[0].tile) if one is not None]
-        if told:
+        coarse_sites = [one for one in _coarse(few, usable, frames.darks[0].tile) if one is not None]
+        if coarse_sites:
             # A site whose black lies between two codes may tell a scatter that is all pattern.
-            usual = float(np.median([one.scatter for one in told]))
-            told = [one for one in told if abs(one.scatter - usual) < 0.3 * usual]
-            weight = np.array([1.0 / one.scatter_error**2 for one in told])
-            scatter = float((weight * [one.scatter for one in told]).sum() / weight.sum())
+            usual = float(np.median([one.scatter for one in coarse_sites]))
+            coarse_sites = [one for one in coarse_sites if abs(one.scatter - usual) < 0.3 * usual]
+            weight = np.array([1.0 / one.scatter_error**2 for one in coarse_sites])
+            scatter = float((weight * [one.scatter for one in coarse_sites]).sum() / weight.sum())
             own = scatter / gain
             own_error = float(np.hypot(1 / np.sqrt(weight.sum()), own * error) / gain)
             share = read_error**2 / (read_error**2 + own_error**2)

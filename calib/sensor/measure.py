@@ -75,7 +75,7 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
         if not (own[0] and own[1]):
             blind = _blind(session, views, iso, nominal)
         if own[0] or own[1]:
-            gain = _told(brackets.gain(blind.transfer)) if blind and blind.transfer else None
+            gain = _measured(brackets.gain(blind.transfer)) if blind and blind.transfer else None
             frames = _frames(session, own[0], own[1], nominal)
             measured, falloff = emva.measure_emva(frames, nominal, iso, gain)
             if falloff is not None and fall is None:
@@ -176,31 +176,31 @@ def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: 
     return brackets.pooled(pairs, nominal.white - float(nominal.black.mean())) if pairs else None
 
 
-def _told(value: tuple[float, float]) -> Measured:
+def _measured(value: tuple[float, float]) -> Measured:
     return Measured(value=value[0], sigma=value[1], source="brackets")
 
 
 def _filled(measured: SensorCalibration, blind: Blind, nominal: Nominal) -> SensorCalibration:
     """Complete the measurements of darks and flats with those of the brackets."""
-    told: dict[str, object] = {}
+    additions: dict[str, object] = {}
     error = blind.black_error
     # A black that is not known to a tenth of a DN is left to the file.
     if measured.black is None and np.all(np.isfinite(error)) and float(error.max()) < 0.1:
-        told["black"] = emva.black_record(nominal.black + blind.black, error, nominal.tile, "brackets")
+        additions["black"] = emva.black_record(nominal.black + blind.black, error, nominal.tile, "brackets")
     if measured.ceiling is None and blind.plateau is not None:
-        told["ceiling"] = _told((blind.plateau.level, blind.plateau.scatter))
+        additions["ceiling"] = _measured((blind.plateau.level, blind.plateau.scatter))
     if blind.transfer is not None:
         if measured.gain is None or measured.gain.source == "brackets":
-            told["gain"] = _told(brackets.gain(blind.transfer))
+            additions["gain"] = _measured(brackets.gain(blind.transfer))
         read = brackets.read_noise(blind.transfer)
         if measured.read_noise is None and read is not None:
-            told["read_noise"] = _told(read)
+            additions["read_noise"] = _measured(read)
     if measured.linear is None:
         known = float(error[np.isfinite(error)].mean()) if np.isfinite(error).any() else emva.FILE_BLACK
         line = straightness(blind.levels, known / (nominal.white - float(nominal.black.mean())))
         if line is not None:
-            told |= {"nonlinearity": _told((line.share, line.error)), "linear": line.linear}
-    return measured.model_copy(update=told)
+            additions |= {"nonlinearity": _measured((line.share, line.error)), "linear": line.linear}
+    return measured.model_copy(update=additions)
 
 
 def _lacking(

@@ -165,13 +165,13 @@ def _defects(at: list[SensorCalibration]) -> Rung:
     if not lists:
         return _not("sensor_defects", "defect photosites were not looked for: that takes darks or flats")
     kinds = [defect.kind for own in lists for defect in own]
-    told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy"))
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy"))
     return Rung(
         name="sensor_defects",
         taken=bool(kinds),
         gain=float(len(kinds)),
         unit="photosites of all cameras",
-        reason=f"{told}; they are left out of the merge and of training",
+        reason=f"{counts}; they are left out of the merge and of training",
     )
 
 

@@ -62,13 +62,13 @@ def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPos
 def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFit | str:
     """Fit the model to its positions, or return the reason why they do not determine it."""
     views = [view for view in sorted(positions) if view in model.poses]
-    told = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
-    different = len(np.unique(told, axis=0)) if len(views) else 0
+    places = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
+    different = len(np.unique(places, axis=0)) if len(views) else 0
     if different < FEWEST:
         return f"photographs with a pose tell {different} positions with height, and {FEWEST} are needed"
-    latitude, longitude, height = np.median(told, axis=0).tolist()
+    latitude, longitude, height = np.median(places, axis=0).tolist()
     origin = round(latitude, 5), round(longitude, 5), float(round(height))
-    there = east_north_up(told, origin)
+    there = east_north_up(places, origin)
     here = centres([model.poses[view] for view in views])
     stated = [positions[view].error for view in views]
     noise = np.full(len(views), _LEAST)

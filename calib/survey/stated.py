@@ -29,29 +29,29 @@ near motors are.
 
 def stated_places(session: Session, views: Sequence[View]) -> dict[ViewId, StatedPlace]:
     """Read where views were taken, east, north and up of their median; {}: fewer than FEWEST say it."""
-    told: dict[ViewId, FrameMetadata] = {}
+    metadata_of: dict[ViewId, FrameMetadata] = {}
     for view in views:
         try:
             metadata = read_metadata(session.file(view.shots[0]))
         except InputError:
             continue
         if metadata.position is not None and metadata.position.altitude is not None:
-            told[view.id] = metadata
-    return places_of(told) if len(told) >= FEWEST else {}
+            metadata_of[view.id] = metadata
+    return places_of(metadata_of) if len(metadata_of) >= FEWEST else {}
 
 
-def places_of(told: Mapping[ViewId, FrameMetadata]) -> dict[ViewId, StatedPlace]:
+def places_of(metadata_of: Mapping[ViewId, FrameMetadata]) -> dict[ViewId, StatedPlace]:
     """The same of metadata that all have a position with its height."""
-    positions = [one.position for one in told.values() if one.position is not None]
+    positions = [one.position for one in metadata_of.values() if one.position is not None]
     geodetic = np.array([(one.latitude, one.longitude, one.altitude) for one in positions], np.float64)
-    heights = np.array([np.nan if one.height is None else one.height for one in told.values()])
+    heights = np.array([np.nan if one.height is None else one.height for one in metadata_of.values()])
     pressed = bool(np.isfinite(heights).all())
     if pressed:
         geodetic[:, 2] = heights + np.median(geodetic[:, 2] - heights)
     latitude, longitude, height = np.median(geodetic, axis=0).tolist()
     centres = east_north_up(geodetic, (latitude, longitude, height))
     places = {}
-    for (view, metadata), position, centre in zip(told.items(), positions, centres, strict=True):
+    for (view, metadata), position, centre in zip(metadata_of.items(), positions, centres, strict=True):
         up = position.altitude_error or (BAROMETER if pressed else max(UP, 2 * (position.error or 0.0)))
         flat = position.error or FLAT
         turn = None if metadata.gimbal is None or metadata.orientation != 1 else gimbal_turn(*metadata.gimbal)

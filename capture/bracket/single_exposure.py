@@ -18,13 +18,13 @@ T = TypeVar("T")
 class CapturedFrame:
     """Frame from a camera.
 
-    set_to: the setting that the camera read back. told: time of the order to expose, monotonic, seconds.
+    set_to: the setting that the camera read back. ordered: time of the order to expose, monotonic, seconds.
     began: time at which sending the order began; over: time by which the exposure had ended. None if unknown.
     """
 
     frame: RawMosaic | CameraFile
     set_to: Exposure
-    told: float
+    ordered: float
     retries: int
     began: float | None = None
     over: float | None = None
@@ -87,9 +87,9 @@ def _expose_once(
     errors: dict[str, CameraError] = {}
 
     ready = _each(cameras, cameras, lambda camera: made_ready(camera, requested), errors)
-    told = _each(cameras, ready, lambda camera: camera.trigger(), errors)
-    frames = _each(cameras, told, lambda camera: camera.collect(), errors)
-    return {name: CapturedFrame(frames[name], ready[name], told[name], attempt) for name in frames}, errors
+    ordered = _each(cameras, ready, lambda camera: camera.trigger(), errors)
+    frames = _each(cameras, ordered, lambda camera: camera.collect(), errors)
+    return {name: CapturedFrame(frames[name], ready[name], ordered[name], attempt) for name in frames}, errors
 
 
 def _each(

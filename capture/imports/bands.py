@@ -59,14 +59,14 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
     found = {}
     for path in paths:
         relative = shown(path.relative_to(folder))
-        told = [name for name, word in words.items() if word.search(relative)]
-        if len(told) != 1:
-            of = f"of {' and '.join(told)}" if told else "of no band"
+        named = [name for name, word in words.items() if word.search(relative)]
+        if len(named) != 1:
+            of = f"of {' and '.join(named)}" if named else "of no band"
             raise InputError(
                 f"{path} is {of} by its name: put the photographs into a folder for each band, or a band's "
                 "name into that of each photograph."
             )
-        found[path] = told[0]
+        found[path] = named[0]
     return found
 
 
@@ -85,9 +85,9 @@ def split_by_band(
             parts[band.name] = split_into_brackets(PhotoSeries(series.camera, mine), count)
     sizes = {name: len(brackets) for name, (brackets, _) in parts.items()}
     if len(set(sizes.values())) > 1:
-        told = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+        each = ", ".join(f"{size} of {name}" for name, size in sizes.items())
         raise InputError(
-            f"camera {series.camera.name} has unequal numbers of frames, {told}: add what is missing, or say "
+            f"camera {series.camera.name} has unequal numbers of frames, {each}: add what is missing, or say "
             "with --bracket how many photographs a band has in each frame."
         )
     rows = zip(*(found for found, _ in parts.values()), strict=True)

@@ -36,7 +36,7 @@ class _Order(NamedTuple):
     """
 
     began: float
-    told: float
+    ordered: float
 
 
 class _StoredShot(NamedTuple):
@@ -239,7 +239,7 @@ class CameraWorker:
         captured = CapturedFrame(
             frame=download.frame,
             set_to=set_to,
-            told=order.told,
+            ordered=order.ordered,
             retries=step.failures(self.name),
             began=order.began,
             over=self._clock.now() if over is None else over,
@@ -273,7 +273,7 @@ class CameraWorker:
         opened = captured.frame.metadata.opened
         with self._clock.lock:
             if self.name in step.cameras:
-                step.told[self.name] = captured.told
+                step.ordered[self.name] = captured.ordered
                 if captured.began is not None:
                     step.began[self.name] = captured.began
                 if opened is not None:

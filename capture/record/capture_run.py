@@ -61,12 +61,12 @@ def _listed(missing: Sequence[str]) -> str:
     for sentence in missing:
         shot, _, cause = sentence.partition(": ")
         causes.setdefault(cause, []).append(shot)
-    told = [
+    sentences = [
         f"{shots[0]}" + (f" and {len(shots) - 1} more" if len(shots) > 1 else "") + f": {cause}"
         for cause, shots in causes.items()
     ]
     rest = sum(len(shots) for shots in [*causes.values()][LISTED:])
-    return "; ".join([*told[:LISTED], *([f"and {rest} more"] if rest else [])])
+    return "; ".join([*sentences[:LISTED], *([f"and {rest} more"] if rest else [])])
 
 
 def planned_shots(plan: PlanRecord) -> list[ShotId]:
@@ -101,7 +101,7 @@ class _First:
     earliest: before which no shutter opened, None if unknown.
     """
 
-    told: float
+    ordered: float
     opened: float | None
     earliest: float | None
 
@@ -110,12 +110,14 @@ class _First:
         """Compute from the times of all; a single camera that reports its opening has none to be compared
         with.
         """
-        alone = len(step.opened) == 1 and len(step.told) > 1
+        alone = len(step.opened) == 1 and len(step.ordered) > 1
         opened = None if alone or not step.opened else min(step.opened.values())
         # A shutter on a wire may open before its own camera is asked for the frame, not before any order.
-        earliest = [*step.opened.values(), *(step.began[name] for name in step.told if name in step.began)]
-        whole = len(step.told) > 1 and all(name in step.opened or name in step.began for name in step.told)
-        return cls(min(step.told.values()), opened, min(earliest) if earliest and whole else None)
+        earliest = [*step.opened.values(), *(step.began[name] for name in step.ordered if name in step.began)]
+        whole = len(step.ordered) > 1 and all(
+            name in step.opened or name in step.began for name in step.ordered
+        )
+        return cls(min(step.ordered.values()), opened, min(earliest) if earliest and whole else None)
 
 
 def after(first: float | None, moment: float | None) -> float | None:
@@ -186,7 +188,7 @@ class CaptureRun:
             failed: dict[int, list[str]] = {}
             bracketed = alone if not attempt and len(pending) == len(steps) else None
             for step in threads.shoot(self._steps(frame, pending), bracketed):
-                if step.told and step.number in together:
+                if step.ordered and step.number in together:
                     first.setdefault(step.number, _First.of(step))
                 for name in step.cameras:
                     shot_id, outcome = ShotId(name, frame, step.number), step.outcomes[name]
@@ -277,7 +279,7 @@ class CaptureRun:
             captured_at=written.captured_at,
             skew=skew,
             skew_bound=bound,
-            told=None if first is None else after(first.told, written.told),
+            told=None if first is None else after(first.ordered, written.ordered),
             retries=written.retries,
             band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
             node=host.node if host else None,

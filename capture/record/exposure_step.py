@@ -25,8 +25,8 @@ may take: as long as a dark frame, and its own time."""
 class SavedShot:
     """Frame whose file is whole on the disk.
 
-    told: time of the order to expose, and opened: time of its shutter's opening, None if the camera does not
-    report it; opened_by: latest time of that opening, None if unknown; seconds of the clock. retries:
+    ordered: time of the order to expose, and opened: time of its shutter's opening, None if the camera does
+    not report it; opened_by: latest time of that opening, None if unknown; seconds of the clock. retries:
     attempts before this one. host: origin, if that is another host. unknown: facts that its driver could not
     learn, a sentence each.
     """
@@ -39,7 +39,7 @@ class SavedShot:
     width: int
     height: int
     captured_at: datetime
-    told: float
+    ordered: float
     opened: float | None
     retries: int
     host: HostClock | None = None
@@ -64,9 +64,9 @@ class ExposureStep:
     """Step of the bracket at one frame, and the cameras that are to expose it together.
 
     number: of the step in the bracket. cameras: those whose frames are wanted. participants: they, and the
-    leader that exposes along. told: time of the order to expose of each frame. began: time at which sending
-    the order began. opened: time of its shutter's opening, if reported. outcomes: of every camera, in the
-    end: its file, or the reason why it has none.
+    leader that exposes along. ordered: time of the order to expose of each frame. began: time at which
+    sending the order began. opened: time of its shutter's opening, if reported. outcomes: of every camera, in
+    the end: its file, or the reason why it has none.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class ExposureStep:
         self.leader = leader
         along = leader is not None and leader not in cameras
         self.participants = (*self.cameras, leader) if along and leader is not None else self.cameras
-        self.told: dict[str, float] = {}
+        self.ordered: dict[str, float] = {}
         self.began: dict[str, float] = {}
         self.opened: dict[str, float] = {}
         self.outcomes: dict[str, SavedShot | RigError] = {}

@@ -65,7 +65,7 @@ def save_frame(
         width=width,
         height=height,
         captured_at=frame.metadata.captured_at or datetime.now(UTC),
-        told=captured.told,
+        ordered=captured.ordered,
         opened=frame.metadata.opened,
         opened_by=captured.opened_by,
         unknown=frame.metadata.unknown,

@@ -206,10 +206,10 @@ def _still_on(nodes: NodeMap, stage: Stage) -> str:
         wanted = _off(nodes, switch)
         if wanted is None:
             continue
-        told = nodes.text(switch) if isinstance(wanted, str) else bool(nodes.number(switch))
-        off = off or told == wanted
-        if told != wanted:
-            return f"{switch} is {told}"
+        state = nodes.text(switch) if isinstance(wanted, str) else bool(nodes.number(switch))
+        off = off or state == wanted
+        if state != wanted:
+            return f"{switch} is {state}"
     for amount, neutral in stage.amounts:
         if off or not nodes.available(amount):
             continue

@@ -180,8 +180,8 @@ def black_levels(nodes: NodeMap, pixels: PixelFormat, white: int) -> Tile | None
             levels.append(float(nodes.number("BlackLevel")))
     else:
         levels = [float(nodes.number("BlackLevel"))] * 3
-    told = scale * np.array(levels)
-    return as_tile(told[pixels.cfa.pattern]) if 0 <= told.min() <= told.max() < white else None
+    scaled = scale * np.array(levels)
+    return as_tile(scaled[pixels.cfa.pattern]) if 0 <= scaled.min() <= scaled.max() < white else None
 
 
 def white_level(nodes: NodeMap, pixels: PixelFormat) -> int:

@@ -74,7 +74,7 @@ def gain_unit(nodes: NodeMap) -> GainUnit | None:
     if unit:
         return _GAINS.get(unit)
     maker = nodes.vendor.casefold()
-    return next((told for name, told in _GAIN_OF_MAKER.items() if maker.startswith(name)), None)
+    return next((known for name, known in _GAIN_OF_MAKER.items() if maker.startswith(name)), None)
 
 
 def iso_of(gain: float, unit: GainUnit) -> float:

@@ -61,7 +61,7 @@ class Producer:
         library.call("IFGetNumDevices", interface, ctypes.byref(count))
         for at in range(count.value):
             name = library.text("IFGetDeviceID", interface, at)
-            told = {
+            texts = {
                 what: library.info_text("IFGetDeviceInfo", interface, name.encode(), what)
                 for what in DeviceInfo
             }
@@ -69,10 +69,10 @@ class Producer:
                 self,
                 interface,
                 name,
-                told[DeviceInfo.SERIAL_NUMBER] or name,
-                told[DeviceInfo.VENDOR],
-                told[DeviceInfo.MODEL],
-                told[DeviceInfo.TLTYPE],
+                texts[DeviceInfo.SERIAL_NUMBER] or name,
+                texts[DeviceInfo.VENDOR],
+                texts[DeviceInfo.MODEL],
+                texts[DeviceInfo.TLTYPE],
             )
 
     def _close(self) -> None:

@@ -102,27 +102,27 @@ class GentlStream:
         _NOT_GIVEN_BACK.extend(self._buffers.values())
 
     def _frame(self, handle: int) -> Frame:
-        told = {one: self._told(handle, one) for one in BufferInfo if one != BufferInfo.SIZE_FILLED}
+        fields = {one: self._info(handle, one) for one in BufferInfo if one != BufferInfo.SIZE_FILLED}
         buffer = self._buffers[handle]
-        filled = min(self._told(handle, BufferInfo.SIZE_FILLED, len(buffer)), len(buffer))
-        chunks = bool(told[BufferInfo.CONTAINS_CHUNKDATA]) and self._chunks
+        filled = min(self._info(handle, BufferInfo.SIZE_FILLED, len(buffer)), len(buffer))
+        chunks = bool(fields[BufferInfo.CONTAINS_CHUNKDATA]) and self._chunks
         leader = Leader(
-            told[BufferInfo.FRAMEID],
+            fields[BufferInfo.FRAMEID],
             _IMAGE | (CHUNKS if chunks else 0),
-            told[BufferInfo.TIMESTAMP],
-            told[BufferInfo.PIXELFORMAT],
-            told[BufferInfo.WIDTH],
-            told[BufferInfo.HEIGHT],
-            told[BufferInfo.XPADDING],
+            fields[BufferInfo.TIMESTAMP],
+            fields[BufferInfo.PIXELFORMAT],
+            fields[BufferInfo.WIDTH],
+            fields[BufferInfo.HEIGHT],
+            fields[BufferInfo.XPADDING],
         )
         problem = None
-        if told[BufferInfo.IS_INCOMPLETE]:
+        if fields[BufferInfo.IS_INCOMPLETE]:
             problem = "its producer says that parts of it are missing"
-        elif told[BufferInfo.DATA_LARGER_THAN_BUFFER]:
+        elif fields[BufferInfo.DATA_LARGER_THAN_BUFFER]:
             problem = "it is larger than announced"
-        return Frame(leader, buffer[told[BufferInfo.IMAGEOFFSET] : filled].copy(), problem)
+        return Frame(leader, buffer[fields[BufferInfo.IMAGEOFFSET] : filled].copy(), problem)
 
-    def _told(self, handle: int, what: BufferInfo, otherwise: int = 0) -> int:
+    def _info(self, handle: int, what: BufferInfo, otherwise: int = 0) -> int:
         return self._library.info_number("DSGetBufferInfo", self._handle, handle, what, otherwise=otherwise)
 
     def _size(self) -> int:

@@ -48,9 +48,9 @@ class GigeCamera(GenicamCamera):
         """Return whether it keeps the time of the team; waits for that, as cameras take a while to agree."""
         deadline = self._clock.now() + seconds
         while True:
-            told = self._again(self._note)
-            if told is not False or self._clock.now() >= deadline:
-                return bool(told)
+            synchronised = self._again(self._note)
+            if synchronised is not False or self._clock.now() >= deadline:
+                return bool(synchronised)
             self._clock.sleep(0.05)
 
     def verified(self) -> str:
@@ -73,15 +73,15 @@ class GigeCamera(GenicamCamera):
         `keeps_time`.
         """
         assert self._team is not None
-        told, control = keeps_time(session.nodes), _control(session)
-        if told and not self._schedules:
-            told = False
-        if told:
+        synchronised, control = keeps_time(session.nodes), _control(session)
+        if synchronised and not self._schedules:
+            synchronised = False
+        if synchronised:
             reading = self._latched(session)
-            told = reading is not None and self._team.time.agrees(reading)
-        self._synchronised = bool(told)
+            synchronised = reading is not None and self._team.time.agrees(reading)
+        self._synchronised = bool(synchronised)
         self._team.note(self.serial, control.address, synchronised=self._synchronised)
-        return told
+        return synchronised
 
     def _fire(self, session: Session) -> float:
         if self._team is None or not self._leads:

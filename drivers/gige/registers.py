@@ -149,9 +149,9 @@ def read_xml(control: Registers, address: str) -> bytes:
                 return read_url(other, control.where, address)
         if elsewhere:
             return read_url(elsewhere[-1], control.where, address)
-        told = " and ".join(repr(url) for url in urls if url) or "nowhere"
+        places = " and ".join(repr(url) for url in urls if url) or "nowhere"
         raise CameraProtocol(
-            f"{control.where} does not say where its description is ({told}): update the camera's firmware."
+            f"{control.where} does not say where its description is ({places}): update the camera's firmware."
         )
     name, begin, size = place
     if not 0 < size <= LARGEST_XML or begin + size > 1 << 32:

@@ -75,9 +75,9 @@ class Body:
 
     def delivers_raw(self) -> bool:
         """Return whether its pictures are RAW files: by its format, or else by what it says it captures."""
-        told = self.text(self._format)
-        if told and "unknown" not in told.lower():
-            return dials.says_raw(told)
+        format_text = self.text(self._format)
+        if format_text and "unknown" not in format_text.lower():
+            return dials.says_raw(format_text)
         with errors_translated(self._where):
             summary = str(self._camera.get_summary())
         lines = [line for line in summary.splitlines() if line.startswith("Capture Formats:")]
@@ -95,9 +95,9 @@ class Body:
             return None
         with errors_translated(self._where):
             while True:
-                kind, told = self._camera.wait_for_event(_SECOND_FILE)
-                if kind == self._gp.GP_EVENT_FILE_ADDED and (told.folder, told.name) != first:
-                    return str(told.folder), str(told.name)
+                kind, stored = self._camera.wait_for_event(_SECOND_FILE)
+                if kind == self._gp.GP_EVENT_FILE_ADDED and (stored.folder, stored.name) != first:
+                    return str(stored.folder), str(stored.name)
                 if kind == self._gp.GP_EVENT_TIMEOUT:
                     self._both = False  # it says so, and does not: later shots do not wait for it
                     return None
@@ -125,14 +125,14 @@ class Body:
         if "autofocus" in self._names:
             with suppress(CameraError):  # it focuses then: the shot is the same
                 self.set("autofocus", "Off")
-        told = self.text(self._format)
-        if self._format and not dials.says_raw(told):
+        format_text = self.text(self._format)
+        if self._format and not dials.says_raw(format_text):
             with errors_translated(self._where):
                 widget = self._camera.get_single_config(self._format)
                 wanted = None if widget.get_readonly() else dials.plain_raw(self._listed(widget))
             if wanted is not None:
-                told = self.set(self._format, wanted)
-        self._both = dials.says_both(told)
+                format_text = self.set(self._format, wanted)
+        self._both = dials.says_both(format_text)
 
     def _listed(self, widget: Any) -> list[str]:
         kinds = (self._gp.GP_WIDGET_RADIO, self._gp.GP_WIDGET_MENU)

@@ -182,7 +182,7 @@ class Gphoto2Camera:
         data = body.do(Body.fetch, first)
         beside = next(((_suffix(one), body.do(Body.fetch, one)) for one in others if _suffix(one)), None)
         try:
-            frame = _as_told(data, kind, first[1], beside)
+            frame = _camera_file(data, kind, first[1], beside)
         except InputError as error:
             raise CameraProtocol(f"{self.where} delivered a damaged file: {error}") from error
         for place in files:
@@ -209,7 +209,7 @@ def _nearest(
     return decode(body.do(Body.set, name, choice))
 
 
-def _as_told(data: bytes, kind: str, name: str, beside: tuple[str, bytes] | None) -> CameraFile:
+def _camera_file(data: bytes, kind: str, name: str, beside: tuple[str, bytes] | None) -> CameraFile:
     """A file by its header; InputError if that shows it to be damaged or cut off."""
     if kind in raw.SUFFIXES:
         head = raw.read_raw_header(data, kind)

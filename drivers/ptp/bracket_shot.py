@@ -6,7 +6,7 @@ from contextlib import closing
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
 from drivers.ptp.autobracket import AutoBracket, Fit
-from drivers.ptp.picture import as_told
+from drivers.ptp.picture import camera_file
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import InputError
 
@@ -34,7 +34,7 @@ def shoot(body: StandardBody, found: Fit) -> Iterator[CameraFile]:
     with closing(body.shoot_bracket(bracket, 2 * longest)) as files:
         for file in files:
             try:
-                frame = as_told(body.fetch(file), file)
+                frame = camera_file(body.fetch(file), file)
             except InputError as error:
                 raise CameraProtocol(f"{body.session.where} delivered a damaged file: {error}") from error
             body.discard(file)

@@ -17,7 +17,7 @@ from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
 from drivers.ptp.exposure import Dial
 from drivers.ptp.ip.connection import IpConnection
-from drivers.ptp.picture import as_told, best_of, developed_beside, suffix
+from drivers.ptp.picture import best_of, camera_file, developed_beside, suffix
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
@@ -306,11 +306,11 @@ class PtpCamera:
         """The pictures of the shot, all bytes of the best one; the camera may then forget all of them."""
         best = best_of(stored.objects)
         try:
-            frame = as_told(body.fetch(best), best)
+            frame = camera_file(body.fetch(best), best)
         except InputError:
             best.data.clear()
             try:
-                frame = as_told(body.fetch(best), best)
+                frame = camera_file(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
         frame = replace(frame, developed=self._developed(body, best, stored))

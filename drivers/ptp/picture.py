@@ -46,7 +46,7 @@ def developed_beside(best: Download, objects: list[Download]) -> Download | None
     return next((file for file in objects if suffix(file) in photo.SUFFIXES), None)
 
 
-def as_told(data: bytes, file: Download) -> CameraFile:
+def camera_file(data: bytes, file: Download) -> CameraFile:
     """A downloaded file by its header; InputError if that, or its end, shows it to be damaged or cut off.
 
     Its pixels are not decoded here: the camera would wait for that.

@@ -56,7 +56,7 @@ def check(what: str, need: int) -> None:
     free = available()
     if need > free:
         raise InputError(
-            f"{what}, which takes {told(need)} of memory where {told(free)} are free: scale it down, "
+            f"{what}, which takes {text(need)} of memory where {text(free)} are free: scale it down, "
             "or read it on a machine with more."
         )
 
@@ -82,10 +82,10 @@ def _group() -> int | None:
         ):
             try:
                 most, used = (int((folder / name).read_text("ascii")) for name in (limit, usage))
-                told = dict(line.split() for line in (folder / "memory.stat").read_text("ascii").splitlines())
+                stat = dict(line.split() for line in (folder / "memory.stat").read_text("ascii").splitlines())
             except (OSError, ValueError):  # no such group, or the word "max"
                 continue
-            cached = told.get("total_inactive_file", told.get("inactive_file", "0"))
+            cached = stat.get("total_inactive_file", stat.get("inactive_file", "0"))
             left.append(most - used + int(cached))
     return min(left, default=None)
 
@@ -122,6 +122,6 @@ def _given() -> int | None:
     return int(given) - resident() if given.isdecimal() else None
 
 
-def told(size: int) -> str:
+def text(size: int) -> str:
     """A number of bytes as MB or GB."""
     return f"{size / 1e9:.1f} GB" if size >= 10**9 else f"{size / 1e6:.0f} MB"

@@ -228,8 +228,8 @@ def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> floa
         change = np.abs(_filtered(light, _CURVE)) / np.float32(np.sqrt(np.square(_CURVE).sum()))
         least = float(np.percentile(change, 25)) / QUARTER
     else:
-        told = sigma[np.isfinite(sigma)]
-        least = float(np.percentile(told, 1)) if told.size else 0.0
+        finite = sigma[np.isfinite(sigma)]
+        least = float(np.percentile(finite, 1)) if finite.size else 0.0
     toe = max(TOE_OF_LIGHT * float(np.median(np.abs(light))), TOE_OF_NOISE * least)
     return toe if toe > 0 else float(np.abs(light).max()) or 1.0
 

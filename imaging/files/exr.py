@@ -141,8 +141,8 @@ def write_exr(
     light = _planes(channels)
     header: dict[str, Any] = {INTEROP_ID: _interop_id(light, primaries)}
     if exposure is not None:
-        told = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
-        header |= {name: float(value) for name, value in told.items() if value is not None}
+        settings = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
+        header |= {name: float(value) for name, value in settings.items() if value is not None}
     for name, value in (attributes or {}).items():
         if name in _STRUCTURE:
             raise ValueError(f"{name!r} belongs to the structure of an EXR")

@@ -51,11 +51,11 @@ def colour_of(attributes: Mapping[str, object]) -> ExrColour:
 
     Without any the primaries are those of Rec.709, as OpenEXR has it.
     """
-    told = attributes.get(INTEROP_ID)
-    name = _resolved(told) if isinstance(told, str) else None
+    tag = attributes.get(INTEROP_ID)
+    name = _resolved(tag) if isinstance(tag, str) else None
     chromaticities = _points(attributes.get(CHROMATICITIES))
     if attributes.get(ACES_FLAG):
-        doubt = "" if name in (None, IDS["ap0"]) else f"{INTEROP_ID} {told} is not that of the ACES container"
+        doubt = "" if name in (None, IDS["ap0"]) else f"{INTEROP_ID} {tag} is not that of the ACES container"
         return ExrColour(
             _matrix(PRIMARIES["ap0"]), doubt and f"{doubt} that the file is, whose colours it has."
         )
@@ -65,28 +65,28 @@ def colour_of(attributes: Mapping[str, object]) -> ExrColour:
         )
     if name is not None and name.startswith(_ENCODED):
         raise InputError(
-            f"the EXR is in {told}, which is not linear: export it as linear light, such as {IDS['rec709']}."
+            f"the EXR is in {tag}, which is not linear: export it as linear light, such as {IDS['rec709']}."
         )
     if name == _XYZ:
         return ExrColour(np.asarray(REC709_FROM_XYZ, np.float64))
     if name in _LINEAR:
         return ExrColour(_matrix(_LINEAR[name]), _contradiction(name, chromaticities))
-    doubt = "" if name in (None, UNKNOWN, "") else f"{INTEROP_ID} {told} is not known to rig"
+    doubt = "" if name in (None, UNKNOWN, "") else f"{INTEROP_ID} {tag} is not known to rig"
     if chromaticities is None:
         return ExrColour(None, doubt and f"{doubt}, so that the light counts as Rec.709.")
     return ExrColour(_matrix(chromaticities), doubt and f"{doubt}, so that the {CHROMATICITIES} count.")
 
 
-def _resolved(told: str) -> str:
+def _resolved(interop_id: str) -> str:
     """An ID without a namespace before a name of the forum, which may be left out."""
-    base = told.rpartition(":")[2] if told.count(":") == 1 else told
-    return base if base in _LINEAR or base == _XYZ or base.startswith(_ENCODED) else told
+    base = interop_id.rpartition(":")[2] if interop_id.count(":") == 1 else interop_id
+    return base if base in _LINEAR or base == _XYZ or base.startswith(_ENCODED) else interop_id
 
 
-def _points(told: object) -> tuple[tuple[float, float], ...] | None:
-    if not isinstance(told, tuple) or len(told) != 8:
+def _points(value: object) -> tuple[tuple[float, float], ...] | None:
+    if not isinstance(value, tuple) or len(value) != 8:
         return None
-    points = tuple(zip(told[::2], told[1::2], strict=True))
+    points = tuple(zip(value[::2], value[1::2], strict=True))
     try:
         rec709_from_rgb(points)
     except ValueError:  # nonsense is as good as nothing

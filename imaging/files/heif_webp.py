@@ -102,8 +102,8 @@ def heif_colour(data: bytes) -> tuple[bytes, bytes]:
     are those of RGB.
     """
     info = _heif(data).info
-    told = info.get("nclx_profile") or {}
-    primaries, transfer = (told.get(name) for name in ("color_primaries", "transfer_characteristics"))
+    profile = info.get("nclx_profile") or {}
+    primaries, transfer = (profile.get(name) for name in ("color_primaries", "transfer_characteristics"))
     numbers = b""
     if isinstance(primaries, int) and isinstance(transfer, int):
         numbers = bytes((primaries & 255, transfer & 255, 0, 1))

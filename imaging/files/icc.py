@@ -179,10 +179,10 @@ def _through(codes: Float, icc: bytes, to: bytes, space: str = "rgb") -> Float:
 
 def _name(icc: bytes) -> str:
     try:
-        told = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(icc)))
+        description = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(icc)))
     except (ImageCms.PyCMSError, OSError, ValueError):
-        told = ""
-    name = " ".join("".join(c if c.isprintable() else " " for c in told).split())[:60]
+        description = ""
+    name = " ".join("".join(c if c.isprintable() else " " for c in description).split())[:60]
     return name or "a space without a name"
 
 
@@ -211,9 +211,9 @@ def _of_tiff(tags: Directory) -> tuple[bytes, str]:
     if isinstance(value, bytes):
         return value, ""
     points, curve = [*_WHITE, *_REC709], _curve_of(tags)
-    told = [*(numbers(tags, _WHITE_POINT) or _WHITE), *(numbers(tags, _PRIMARIES) or _REC709)]
-    if len(told) == len(points) and not np.abs(np.subtract(told, points)).max() < SAME_POINT:
-        return _made(told, curve), "the space of their tags PrimaryChromaticities and TransferFunction"
+    stated = [*(numbers(tags, _WHITE_POINT) or _WHITE), *(numbers(tags, _PRIMARIES) or _REC709)]
+    if len(stated) == len(points) and not np.abs(np.subtract(stated, points)).max() < SAME_POINT:
+        return _made(stated, curve), "the space of their tags PrimaryChromaticities and TransferFunction"
     return _NOTHING if curve is None else (_made(points, curve), "the space of their tag TransferFunction")
 
 
@@ -222,15 +222,15 @@ def _curve_of(tags: Directory) -> npt.NDArray[np.uint16] | None:
 
     InputError, without the name of the file, if its codes differ from those of the photograph.
     """
-    told = integers(tags, _TRANSFER)
-    if not told:
+    curve = integers(tags, _TRANSFER)
+    if not curve:
         return None
     bits = next(iter(integers(tags, _BITS)), 8)
-    if integers(tags, _TRANSFER_RANGE) or len(told) not in (2**bits, 3 * 2**bits) or max(told) > _TOP:
+    if integers(tags, _TRANSFER_RANGE) or len(curve) not in (2**bits, 3 * 2**bits) or max(curve) > _TOP:
         raise InputError(
             "has a TransferFunction of other codes than its own (TransferRange): convert it to sRGB"
         )
-    table = np.broadcast_to(np.reshape(told, (-1, 2**bits)), (3, 2**bits))
+    table = np.broadcast_to(np.reshape(curve, (-1, 2**bits)), (3, 2**bits))
     if integers(tags, _PHOTOMETRIC)[:1] == (INVERTED,):
         table = table[:, ::-1]
     places = np.linspace(0, 2**bits - 1, min(2**bits, 4096))  # littleCMS takes no curve of 65536 places
@@ -252,18 +252,18 @@ def _of_jpeg(data: bytes) -> tuple[bytes, str]:
 
 def _of_heif(data: bytes) -> tuple[bytes, str]:
     """The profile; else the numbers of `nclx`. InputError where these say HDR, beside a profile too."""
-    icc, told = heif_colour(data)
-    if told:
-        cicp.refuse_hdr(told[1], _NCLX)
-    return (icc, "") if icc or not told else (told + b"\x08", _NCLX)
+    icc, nclx = heif_colour(data)
+    if nclx:
+        cicp.refuse_hdr(nclx[1], _NCLX)
+    return (icc, "") if icc or not nclx else (nclx + b"\x08", _NCLX)
 
 
 def _of_png(data: bytes) -> tuple[bytes, str]:
     file = BytesIO(data)
     chunks = {kind: file.read(length) for kind, length in png_chunks(file) if kind in _PNG_COLOUR}
-    told = chunks.get(b"cICP", b"")
-    if told and told[:2] != bytes((cicp.UNSPECIFIED, cicp.UNSPECIFIED)):
-        return told.ljust(4, b"\0")[:4] + bytes((16 if chunks[b"IHDR"][8:9] == b"\x10" else 8,)), _CICP
+    cicp_bytes = chunks.get(b"cICP", b"")
+    if cicp_bytes and cicp_bytes[:2] != bytes((cicp.UNSPECIFIED, cicp.UNSPECIFIED)):
+        return cicp_bytes.ljust(4, b"\0")[:4] + bytes((16 if chunks[b"IHDR"][8:9] == b"\x10" else 8,)), _CICP
     if b"iCCP" in chunks:
         packed = chunks[b"iCCP"].partition(b"\0")[2][1:]
         return zlib.decompressobj().decompress(packed, LARGEST + 1), ""

@@ -265,8 +265,8 @@ def _with_tags(mosaic: RawMosaic, tags: Directory, corner: tuple[int, int]) -> R
     """
     assert mosaic.cfa is not None
     height, width = mosaic.pixels.shape
-    told = dng_tags.black(tags, *corner, (height, width), mosaic.cfa.tile)
-    black, offset = told or (mosaic.black, None)
+    levels = dng_tags.black(tags, *corner, (height, width), mosaic.cfa.tile)
+    black, offset = levels or (mosaic.black, None)
     channels = len(mosaic.cfa.letters)
     colour = None if mosaic.cfa.mono else dng_colour.camera_from_xyz(tags, channels)
     return replace(

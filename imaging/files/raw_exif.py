@@ -44,16 +44,16 @@ def spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
             tags = {}
         found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
     other = raw.other
-    told = None
+    exposure = None
     if other.shutter_speed > 0:
-        told = Exposure(
+        exposure = Exposure(
             time=other.shutter_speed,
             f_number=other.aperture if other.aperture > 0 else None,
             iso=other.iso_speed if other.iso_speed > 0 else None,
         )
     return replace(
         found,
-        exposure=found.exposure or told,
+        exposure=found.exposure or exposure,
         focal_length_mm=found.focal_length_mm or other.focal_length or None,
     )
 

@@ -36,8 +36,8 @@ def drone_note(packet: bytes) -> DroneNote:
         return DroneNote()
     angles = [_number(packet, f"Gimbal{axis}Degree") for axis in ("Yaw", "Pitch", "Roll")]
     yaw, pitch, roll = angles
-    told = yaw is not None and pitch is not None and abs(yaw) <= 360 and abs(pitch) <= 180
-    gimbal = (yaw, pitch, roll or 0.0) if told and yaw is not None and pitch is not None else None
+    plausible = yaw is not None and pitch is not None and abs(yaw) <= 360 and abs(pitch) <= 180
+    gimbal = (yaw, pitch, roll or 0.0) if plausible and yaw is not None and pitch is not None else None
     errors = [_number(packet, f"RtkStd{axis}") for axis in ("Lon", "Lat", "Hgt")]
     east, north, up = errors if _number(packet, "RtkFlag") == _FIXED else (None, None, None)
     flat = max(east, north) if east is not None and north is not None else None

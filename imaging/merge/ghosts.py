@@ -95,13 +95,13 @@ def find_ghosts(
     cell = 1 if frames[0].cfa is None else frames[0].cfa.cell
     square, count = _places(square, cell), _places(count, cell)
     freedom = np.maximum(count, 1).astype(np.intp)
-    told = count > 0
-    if not told.any():
+    compared = count > 0
+    if not compared.any():
         return np.zeros(shape, bool), 1.0
     table = np.arange(1, int(freedom.max()) + 1)
     middle, limit = special.chdtri(table, 0.5)[freedom - 1], special.chdtri(table, CHANCE)[freedom - 1]
-    excess = max(float(np.median((square / middle)[told])), 1.0)
-    moved = told & (square / excess > limit)
+    excess = max(float(np.median((square / middle)[compared])), 1.0)
+    moved = compared & (square / excess > limit)
     moved = ndimage.binary_opening(moved, np.ones((OPENING, OPENING), bool))
     return _spread(moved, shape, cell), float(np.sqrt(excess))
 

@@ -53,9 +53,9 @@ class Session:
         return str(self.folder)
 
     def __repr__(self) -> str:
-        return f"<Session {self.told()}>"
+        return f"<Session {self.summary()}>"
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """The session in a line: its folder, and how much of what it holds."""
         kinds = Counter(shot.kind for shot in self.shots())
         counts = [(len(self.record.cameras), "camera")]

@@ -100,10 +100,10 @@ class View:
 
         The rest is empty background. It is the mean alpha of the view's photographs.
         """
-        told = [alpha for alpha in (shot.alpha for shot in self.shots) if alpha is not None]
-        if len(told) < 2:
-            return told[0] if told else None
-        return np.asarray(np.mean(told, axis=0, dtype=np.float32))
+        alphas = [alpha for alpha in (shot.alpha for shot in self.shots) if alpha is not None]
+        if len(alphas) < 2:
+            return alphas[0] if alphas else None
+        return np.asarray(np.mean(alphas, axis=0, dtype=np.float32))
 
     @cached_property
     def centre(self) -> npt.NDArray[np.float64]:

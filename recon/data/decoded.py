@@ -71,10 +71,10 @@ class Source:
             raise InputError(
                 f"{error.filename} cannot be read ({(error.strerror or '').lower()}): restore it."
             ) from error
-        told: list[Any] = [_FORMAT, [(file.st_size, file.st_mtime_ns) for file in files], self.kind]
-        told += [self.max_width, self.response.model_dump(mode="json")]
-        told += [[sensor.model_dump(mode="json") for sensor in self.sensors]]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:32]
+        inputs: list[Any] = [_FORMAT, [(file.st_size, file.st_mtime_ns) for file in files], self.kind]
+        inputs += [self.max_width, self.response.model_dump(mode="json")]
+        inputs += [[sensor.model_dump(mode="json") for sensor in self.sensors]]
+        return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +169,8 @@ def require_room(folder: Path, max_width: int | None, samples: Iterable[tuple[Vi
     room += sum(file.stat().st_size for file in _place(folder, max_width).rglob("*.npz"))
     if need > room:
         raise StorageError(
-            f"{folder} takes {memory.told(need)} for images that memory does not hold, where "
-            f"{memory.told(room)} are free: free some of the disk, or give a smaller --set width=."
+            f"{folder} takes {memory.text(need)} for images that memory does not hold, where "
+            f"{memory.text(room)} are free: free some of the disk, or give a smaller --set width=."
         )
 
 

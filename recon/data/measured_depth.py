@@ -90,7 +90,7 @@ class DepthFit:
         """True if the maps hold depths of this scene."""
         return self.looks >= FEWEST_LOOKS and self.scatter <= MOST_SCATTER
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return what was found, to stand in a sentence."""
         maps = f"{self.views} training view{'' if self.views == 1 else 's'} with a depth map"
         if self.looks < FEWEST_LOOKS:

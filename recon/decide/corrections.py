@@ -68,8 +68,8 @@ def refinement_for(
     else:
         rungs = [_rung(name, False, "as the first process decided") for name in ALL]
     taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.broadcast(float(rung.taken))]
-    told = torch.tensor([ranks.broadcast(share) for share in shares])
-    return Refinement.of(dataset, taken, tuple(rungs), told)
+    scattered = torch.tensor([ranks.broadcast(share) for share in shares])
+    return Refinement.of(dataset, taken, tuple(rungs), scattered)
 
 
 def rungs_by_evidence(

@@ -121,7 +121,7 @@ class Work:
         trials = pace * self.trials + small * self.small_trials
         return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
 
-    def told(self, cores: int, at_most: bool = False) -> str | None:
+    def in_words(self, cores: int, at_most: bool = False) -> str | None:
         """Return the duration in words on that many cores; None if it is too short to mention.
 
         at_most: whether the training may end before its last iteration.
@@ -166,7 +166,7 @@ def how_long(
         (budget and budget.gaussians) or overrides.gaussians or preset.gaussians_of(train),
         tried=quality != "draft" and overrides == Overrides(),
     )
-    return work.told(thread_count(), at_most=early_stop or (budget is not None and budget.unit == "dB"))
+    return work.in_words(thread_count(), at_most=early_stop or (budget is not None and budget.unit == "dB"))
 
 
 def words(seconds: float) -> str:

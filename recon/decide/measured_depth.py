@@ -66,9 +66,9 @@ def depth_for(
     if asked == 0:
         return 0.0, (Rung(name=START, taken=False, reason="left out, as asked for"),)
     if not fitted.fits:
-        reason = f"{fitted.told()}: they tell another scene, or units of their own"
+        reason = f"{fitted.summary()}: they tell another scene, or units of their own"
         return 0.0, (Rung(name=START, taken=False, reason=reason),)
-    first = Rung(name=START, taken=True, reason=f"in place of a sweep: {fitted.told()}")
+    first = Rung(name=START, taken=True, reason=f"in place of a sweep: {fitted.summary()}")
     weight, rung = 0.0, Rung(name=TERM, taken=False, reason="as the first process decided")
     if asked is not None:
         weight, rung = asked, Rung(name=TERM, taken=True, reason=f"asked for with a weight of {asked:g}")
@@ -102,8 +102,8 @@ def tried(
     trials.steps.total = (1 + len(weights)) * iterations
 
     def scores(weight: float) -> np.ndarray:
-        told = f"a trial with measured depth of weight {weight:g}"
-        training = trials.trained(iterations, most, told, depth=weight)
+        what = f"a trial with measured depth of weight {weight:g}"
+        training = trials.trained(iterations, most, what, depth=weight)
         return np.array([robust_score_db(training, view, (), extent) for view in trials.judged])
 
     without = scores(0.0)

@@ -59,10 +59,10 @@ class Need:
         """Return whether it takes more than a quarter of the `free` bytes."""
         return 4 * (self.images + self.gaussians) > free
 
-    def told(self) -> str:
+    def in_words(self) -> str:
         """A line that says what takes how much."""
-        images, gaussians = memory.told(self.images), memory.told(self.gaussians)
-        return f"memory: about {memory.told(self.total)}, {images} for images, {gaussians} for Gaussians"
+        images, gaussians = memory.text(self.images), memory.text(self.gaussians)
+        return f"memory: about {memory.text(self.total)}, {images} for images, {gaussians} for Gaussians"
 
     def require(self, session: object, free: int) -> None:
         """InputError, with the setting that would fit, unless `free` bytes are enough for what is to come."""
@@ -80,7 +80,7 @@ class Need:
         else:
             fix = "use a machine with more memory"
         raise InputError(
-            f"Training on {session} takes {memory.told(more)} more of memory where {memory.told(free)} are "
+            f"Training on {session} takes {memory.text(more)} more of memory where {memory.text(free)} are "
             f"free: {fix}."
         )
 

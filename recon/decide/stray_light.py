@@ -72,9 +72,9 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
     gains = np.concatenate([_gains(sights, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)])
     shares = _solved(sights, len(cameras)).clip(0.0).tolist()
     share = float(np.median(shares))
-    told = f"{len(points)} dark scene points tell that {100 * share:.2g} % of the light is scattered"
+    what = f"{len(points)} dark scene points tell that {100 * share:.2g} % of the light is scattered"
     error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    rung = Rung.judged(name, float(gains.mean()), error, UNIT, told, len(cameras))
+    rung = Rung.judged(name, float(gains.mean()), error, UNIT, what, len(cameras))
     return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
 
 

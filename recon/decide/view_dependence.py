@@ -151,7 +151,7 @@ def _missed(light: Array, towards: Array, degree: int) -> Array:
     centred = np.where(there, light - np.nansum(light, axis=1, keepdims=True) / count, 0.0)
     inner = np.einsum("pvk,pvl->pkl", terms, terms) + RIDGE * np.eye(terms.shape[-1])
     solved = np.linalg.solve(inner, terms.transpose(0, 2, 1))
-    told = np.einsum("pvk,pk->pv", terms, np.einsum("pkv,pv->pk", solved, centred))
+    predicted = np.einsum("pvk,pk->pv", terms, np.einsum("pkv,pv->pk", solved, centred))
     leverage = np.einsum("pvk,pkv->pv", terms, solved) + 1 / count
-    left = np.where(there, (centred - told) / np.maximum(1 - leverage, 1e-9), 0.0)
+    left = np.where(there, (centred - predicted) / np.maximum(1 - leverage, 1e-9), 0.0)
     return np.asarray((left**2).sum(1) / count[:, 0])

@@ -76,13 +76,13 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
         Picture(f"{IMAGES}/{view.id.image_name}", lens, motion)
         for view, lens, motion in zip(scene.views, lenses, motions, strict=True)
     ]
-    told = transforms(pictures, coordinates)
+    content = transforms(pictures, coordinates)
     if len(places):
-        told = {"ply_file_path": POINTS, **told}
+        content = {"ply_file_path": POINTS, **content}
         lines = ["red, green, blue: display values, sRGB", f"coordinates: {place.note}"]
         store.write_bytes(folder / POINTS, packed_vertices(places, codes, lines))
         images.append(folder / POINTS)
-    texts[NERFSTUDIO] = json.dumps(told, indent=1, allow_nan=False)
+    texts[NERFSTUDIO] = json.dumps(content, indent=1, allow_nan=False)
     for name, text in texts.items():
         store.write_bytes(folder / name, f"{text}\n".encode())
     return [*images, *(folder / name for name in texts)], drawn

@@ -58,7 +58,7 @@ class Curves:
         residuals = [0.0 if response.kind == "linear" else response.residual for response in distinct]
         measured = None not in residuals
         known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
-        known = known or not (measured or _told(dataset, scales))
+        known = known or not (measured or _separable(dataset, scales))
         nodes = finest = Grid().nodes()
         if measured:
             starts = (sampled(response, finest, rate, middle) for response in distinct)
@@ -68,7 +68,7 @@ class Curves:
         return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
 
 
-def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
+def _separable(dataset: Dataset, scales: Sequence[float]) -> bool:
     """Return whether photographs determine a curve apart from the light that the calibration did not
     measure.
 

@@ -47,11 +47,11 @@ def recorded_light(observation: Observation, image: torch.Tensor, view: View) ->
         # The lowest codes say that the light is below the next, not that it is 0.
         darkest = decode(np.full((1, 3), DARK_CODE), response)[0] / max(shot.k for shot in view.shots)
         recorded = np.where(merged.dark, np.maximum(recorded, darkest), recorded)
-    told = np.flatnonzero(~np.isnan(recorded))
-    if len(told) > MOST_SAMPLES:
-        told = np.sort(np.random.default_rng(0).choice(told, MOST_SAMPLES, replace=False))
-    rendered, light = (plane.reshape(-1)[told] for plane in (_rendered(observation, image, view), recorded))
-    at_least, at_most = (plane.reshape(-1)[told] for plane in (merged.clipped, at_most))
+    known = np.flatnonzero(~np.isnan(recorded))
+    if len(known) > MOST_SAMPLES:
+        known = np.sort(np.random.default_rng(0).choice(known, MOST_SAMPLES, replace=False))
+    rendered, light = (plane.reshape(-1)[known] for plane in (_rendered(observation, image, view), recorded))
+    at_least, at_most = (plane.reshape(-1)[known] for plane in (merged.clipped, at_most))
     return RecordedLight(rendered, np.asarray(light, np.float32), at_least, at_most)
 
 
@@ -67,7 +67,7 @@ def against_photographs(views: Sequence[RecordedLight]) -> dict[str, Any]:
     )
     if not len(recorded):
         return {}
-    told = recorded >= np.quantile(recorded, metrics.LIGHT["bright"][0])
+    bright = recorded >= np.quantile(recorded, metrics.LIGHT["bright"][0])
     return {
         "stops_median": metrics.stops_median(rendered, recorded, at_least=at_least, at_most=at_most),
         **{
@@ -77,7 +77,7 @@ def against_photographs(views: Sequence[RecordedLight]) -> dict[str, Any]:
             for name, among in metrics.LIGHT.items()
         },
         "stops_against": "photographs",
-        "stops_bound": float(at_least[told].mean()),
+        "stops_bound": float(at_least[bright].mean()),
     }
 
 

@@ -100,8 +100,8 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
         where = f"frame {index} of {path}"
         lens = _nerfstudio_lens({**content, **frame}, usual, where)
         cameras.append(camera_of(frame.get("transform_matrix"), lens, where, opengl=True))
-    told = content.get("coordinates")
-    offset = told.get(OFFSET) if isinstance(told, dict) else None
+    coordinates = content.get("coordinates")
+    offset = coordinates.get(OFFSET) if isinstance(coordinates, dict) else None
     if offset is None:
         return GivenPath(CameraPath(path.stem, tuple(cameras)))
     numbers = offset if isinstance(offset, list) else []

@@ -71,11 +71,11 @@ def _axes(lines: Sequence[str], path: Path) -> Axes | None:
     """Return the coordinate axes in the comments, or None."""
     up, metres = None, 1.0
     for number, line in enumerate(lines, 1):
-        told = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)
-        if told is None:
+        match = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)
+        if match is None:
             continue
-        where, value = f"line {number} of {path}", told[2].lower()
-        if told[1].lower() == "up":
+        where, value = f"line {number} of {path}", match[2].lower()
+        if match[1].lower() == "up":
             if value not in ("y", "z"):
                 raise InputError(f"{where} says that {value!r:.40} is up: write y or z.")
             up = value

@@ -170,9 +170,9 @@ def _in_gltf(path: Path) -> Placement | None:
     raw = path.read_bytes()
     try:
         size = struct.unpack("<I", raw[12:16])[0]
-        told = json.loads(raw[20 : 20 + size])
-        node = next(node for node in told["nodes"] if "mesh" in node)
-        x, y, z = map(float, told["meshes"][node["mesh"]]["extras"]["rig:offset"])
+        content = json.loads(raw[20 : 20 + size])
+        node = next(node for node in content["nodes"] if "mesh" in node)
+        x, y, z = map(float, content["meshes"][node["mesh"]]["extras"]["rig:offset"])
         matrix = np.array(node["matrix"], np.float64).reshape(4, 4).T
     except (ValueError, KeyError, TypeError, IndexError, StopIteration, struct.error):
         return None

@@ -100,7 +100,7 @@ class Scene:
         return str(self.folder)
 
     def __repr__(self) -> str:
-        return f"<Scene {self._told()}>"
+        return f"<Scene {self._summary()}>"
 
     @checked
     def view(self, name: str) -> SceneView:
@@ -157,7 +157,7 @@ class Scene:
             (f"{middle.name}, {_signed(stops)} stops", encode_png(self._shown(layer, stops)))
             for stops in SHOWN_STOPS
         ]
-        return gallery(self._told(), pictures)
+        return gallery(self._summary(), pictures)
 
     def _shown(self, layer: Layer, exposure: float) -> npt.NDArray[np.uint8]:
         """A layer as a display shows it at that many stops, uint8 [H, W, 3], or RGBA where it has alpha."""
@@ -166,7 +166,7 @@ class Scene:
         with np.errstate(over="ignore"):  # what is beyond float32 is white all the same
             return picture(in_colour(light, self.record.bands), alpha, factor)
 
-    def _told(self) -> str:
+    def _summary(self) -> str:
         """The scene in a line."""
         held_out = len(self.record.held_out)
         words = [

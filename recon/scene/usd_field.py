@@ -146,13 +146,13 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     from pxr import Usd, UsdGeom
 
     times = UsdGeom.Xformable(camera).GetTimeSamples()
-    told = camera.GetPrim().GetAttribute(SIZE)
+    size_attribute = camera.GetPrim().GetAttribute(SIZE)
     found = []
     for time in times or [Usd.TimeCode.Default()]:
         gf = camera.GetCamera(time)
         if gf.projection != gf.Perspective or not gf.focalLength > 0 or not gf.verticalAperture > 0:
             continue
-        size = told.Get(time) if told else None
+        size = size_attribute.Get(time) if size_attribute else None
         lens = Lens(model="PINHOLE", **pinhole_numbers(gf, *(size or (_WIDTH, None))))
         pose = column_matrix(gf.transform) @ OPENGL_FROM_OPENCV
         centre = turn.T @ (pose[:3, 3] - shift) / unit

@@ -32,9 +32,9 @@ class FiniteLosses:
         noted, self._unread = self._unread, []
         for (view, iteration, _), value in zip(noted, values, strict=True):
             if not math.isfinite(value):
-                raise ReconstructionError(self._told(view, iteration, value))
+                raise ReconstructionError(self._sentence(view, iteration, value))
 
-    def _told(self, view: View, iteration: int, value: float) -> str:
+    def _sentence(self, view: View, iteration: int, value: float) -> str:
         head = f"Training stopped at iteration {iteration}, where the loss of view {view.name} is {value}"
         if (name := self._spoilt()) is not None:
             return f"{head}: {name}, which views share, is not finite any more, so train with another --seed."

@@ -108,8 +108,8 @@ class RayWorkers:
         if task.memory > self.room:
             future.set_exception(
                 InputError(
-                    f"It takes about {memory.told(task.memory)} of memory, and no node of the Ray cluster at "
-                    f"{self.address} has more than {memory.told(self.room)}: add one that has."
+                    f"It takes about {memory.text(task.memory)} of memory, and no node of the Ray cluster at "
+                    f"{self.address} has more than {memory.text(self.room)}: add one that has."
                 )
             )
             return future

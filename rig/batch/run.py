@@ -157,7 +157,7 @@ class _Run:
         """A scene is done, or has failed."""
         self.rows[row.session, number] = row
         self.done += 1
-        what = f"{row.failed} failed: {row.says}" if row.failed else told(row)
+        what = f"{row.failed} failed: {row.says}" if row.failed else outcome(row)
         self.say(f"{row.session}, {row.scene}: {what}")
         self.progress("scenes", self.done, self.total)
 
@@ -202,12 +202,12 @@ def record_path(plan: Path) -> Path:
     return plan.with_suffix(".batch.json")
 
 
-def told(row: BatchRow) -> str:
+def outcome(row: BatchRow) -> str:
     """Return how good a scene became, in a few words."""
     words = [] if row.db is None else [f"held-out {row.quality}"]
     words += ["already there"] if row.already_there else [f"{row.seconds:.0f} s"]
     words += [f"{row.attempts} attempts"] if row.attempts > 1 else []
-    words += [] if row.forecast is None else [f"forecast {memory.told(row.forecast)}"]
+    words += [] if row.forecast is None else [f"forecast {memory.text(row.forecast)}"]
     return ", ".join(words)
 
 

@@ -86,40 +86,40 @@ def export(
         if vfx is not None:
             return _handed_over(folder, hand_over(scene, vfx, exposure=exposure, on_progress=status))
         assert out is not None
-        told = export_scene(scene, out, format, linear=linear, exposure=exposure, on_progress=status)
-    size = sum(path.stat().st_size for path in told.files)
-    if told.format == "cameras":
+        exported = export_scene(scene, out, format, linear=linear, exposure=exposure, on_progress=status)
+    size = sum(path.stat().st_size for path in exported.files)
+    if exported.format == "cameras":
         lines = [
-            f"{out}: the cameras of {counted(told.views, 'view')} of {folder}, for COLMAP and nerfstudio"
+            f"{out}: the cameras of {counted(exported.views, 'view')} of {folder}, for COLMAP and nerfstudio"
         ]
-        return CommandResult({"reconstruction": str(folder)} | told.data(), lines)
-    light = "linear light" if told.linear else "sRGB as displays show it"
-    made = "" if told.loss is not None else f"{told.format} made of "
-    what = f"{made}{counted(told.gaussians, 'Gaussian')} of {folder}, {light}"
+        return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
+    light = "linear light" if exported.linear else "sRGB as displays show it"
+    made = "" if exported.loss is not None else f"{exported.format} made of "
+    what = f"{made}{counted(exported.gaussians, 'Gaussian')} of {folder}, {light}"
     lines = [
-        f"{told.files[0]}: {what}, {size / 1e6:.3g} MB",
-        *(f"beside it: {path}" for path in told.files[1:]),
-        *_lost(told.factor, told.loss, told.notes),
+        f"{exported.files[0]}: {what}, {size / 1e6:.3g} MB",
+        *(f"beside it: {path}" for path in exported.files[1:]),
+        *_lost(exported.factor, exported.loss, exported.notes),
     ]
-    return CommandResult({"reconstruction": str(folder)} | told.data(), lines)
+    return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
 
 
-def _handed_over(folder: Path, told: "HandOver") -> CommandResult:
-    size = sum(path.stat().st_size for path in told.files)
+def _handed_over(folder: Path, done: "HandOver") -> CommandResult:
+    size = sum(path.stat().st_size for path in done.files)
     data = {
         "reconstruction": str(folder),
-        "vfx": str(told.folder),
-        "gaussians": told.gaussians,
-        "factor": told.factor,
-        "files": [str(path) for path in told.files],
+        "vfx": str(done.folder),
+        "gaussians": done.gaussians,
+        "factor": done.factor,
+        "files": [str(path) for path in done.files],
         "bytes": size,
-        "loss": told.loss.data(),
-        "not_in_it": list(told.notes),
+        "loss": done.loss.data(),
+        "not_in_it": list(done.notes),
     }
     lines = [
-        f"{told.folder}: {counted(told.gaussians, 'Gaussian')} of {folder} in "
-        f"{counted(len(told.files), 'file')}, {size / 1e6:.3g} MB; begin with {told.folder / 'index.html'}",
-        *_lost(told.factor, told.loss, told.notes),
+        f"{done.folder}: {counted(done.gaussians, 'Gaussian')} of {folder} in "
+        f"{counted(len(done.files), 'file')}, {size / 1e6:.3g} MB; begin with {done.folder / 'index.html'}",
+        *_lost(done.factor, done.loss, done.notes),
     ]
     return CommandResult(data, lines)
 

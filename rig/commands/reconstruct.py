@@ -176,7 +176,7 @@ def run_reconstruct(
         until = time.monotonic() + REPORT_SHARE * trained.data["train_seconds"]
         evaluated = run_evaluate(folder, status, until=until)
     if events is not None:
-        events.finished(folder, told=not trained.already_there)
+        events.finished(folder, logged=not trained.already_there)
     return changed(
         evaluated,
         data=trained.data | evaluated.data,

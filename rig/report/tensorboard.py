@@ -38,12 +38,12 @@ class TensorBoardLog:
                 self._events().add_scalar(f"training/{name}", value, int(line["iteration"]))
         self._events().flush()
 
-    def finished(self, folder: Path, *, told: bool) -> None:
+    def finished(self, folder: Path, *, logged: bool) -> None:
         """Add pictures of a scene's held-out views at its own exposure, of its first ones if it has none.
 
-        told: whether the lines of its log were added already; otherwise they are now.
+        logged: whether the lines of its log were added already; otherwise they are now.
         """
-        if not told:
+        if not logged:
             for line in store.read_lines(folder / LOG):
                 self.line(line)
         scene = open_scene(folder)

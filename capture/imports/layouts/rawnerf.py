@@ -177,16 +177,16 @@ def _exposure(raw: Path) -> Exposure | None:
     value = store.read_json(path)
     if not isinstance(value, list) or not value or not isinstance(value[0], dict):
         raise InputError(f"{path} is not what exiftool -json writes: write it again, or take it out.")
-    told = value[0]
-    time = _number(told, path, "ShutterSpeed") or _number(told, path, "ExposureTime")
+    tags = value[0]
+    time = _number(tags, path, "ShutterSpeed") or _number(tags, path, "ExposureTime")
     if time is None:
         return None
-    return Exposure(time=time, f_number=_number(told, path, "FNumber"), iso=_number(told, path, "ISO"))
+    return Exposure(time=time, f_number=_number(tags, path, "FNumber"), iso=_number(tags, path, "ISO"))
 
 
-def _number(told: dict[str, Any], path: Path, key: str) -> float | None:
+def _number(tags: dict[str, Any], path: Path, key: str) -> float | None:
     """A positive number, which exiftool may write as `1/45`; None if the key is not there."""
-    value = told.get(key)
+    value = tags.get(key)
     if value is None:
         return None
     try:

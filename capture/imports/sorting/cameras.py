@@ -166,8 +166,8 @@ def _with_settings(originals: Sequence[Original], keys: Mapping[Path, _Key]) -> 
         of_body.setdefault(keys[original.path].body, []).append(original)
     full: dict[Path, _Key] = {}
     for mine in of_body.values():
-        told = lens_settings([photo.picture.metadata for photo in mine if photo.picture is not None])
-        for photo, setting in zip(mine, told, strict=True):
+        settings = lens_settings([photo.picture.metadata for photo in mine if photo.picture is not None])
+        for photo, setting in zip(mine, settings, strict=True):
             full[photo.path] = replace(keys[photo.path], setting=setting)
     return full
 

@@ -118,11 +118,11 @@ class Node:
         One whose answer to that is not there, such as in a chunk that does not come, is not there either.
         """
         try:
-            told = all(self._true(tag, True) for tag in ("pIsImplemented", "pIsAvailable"))
-            behind = self.behind() if told else None
+            implemented = all(self._true(tag, True) for tag in ("pIsImplemented", "pIsAvailable"))
+            behind = self.behind() if implemented else None
         except CameraRefused:
             return False
-        return told and (behind is None or behind.available())
+        return implemented and (behind is None or behind.available())
 
     def behind(self) -> "Node | None":
         """The node that keeps its value, if another does."""

@@ -219,19 +219,19 @@ class NikonBody(StandardBody):
         clock = self.session.clock
         end = clock.now() + deadline(seconds)
         self.release()
-        told, ask_at = list[int](), clock.now() + _ASK_AFTER
+        announced, ask_at = list[int](), clock.now() + _ASK_AFTER
         for _ in range(bracket.frames):
             files = list[Download]()
             while not files:
-                told += [
+                announced += [
                     event.parameters[0] or MEMORY_HANDLE
                     for event in self._events()
                     if event.code == NikonEvent.OBJECT_ADDED_IN_SDRAM
                 ]
-                if not told and clock.now() >= ask_at:  # the event may be lost
-                    told = [MEMORY_HANDLE]
-                if told:
-                    self._takes(told.pop(0), files)
+                if not announced and clock.now() >= ask_at:  # the event may be lost
+                    announced = [MEMORY_HANDLE]
+                if announced:
+                    self._takes(announced.pop(0), files)
                     ask_at = clock.now() + _ASK_AFTER
                 elif clock.now() >= end:
                     raise CameraTimeout(f"{self.session.where} broke its bracket off: check its menu.")

@@ -98,14 +98,14 @@ class GigeMemory(FeatureMemory):
         super().__init__({0: bytearray(0xA000)}, archive, _WRITABLE, "big")
         url = f"Local:simulated.zip;{XML:x};{len(archive):x}"
         assert len(url) < URL_SIZE
-        for register, size, told in (
+        for register, size, string in (
             (Bootstrap.MANUFACTURER, 32, identity.make),
             (Bootstrap.MODEL, 32, identity.model),
             (Bootstrap.DEVICE_VERSION, 32, "1"),
             (Bootstrap.SERIAL, 16, identity.serial),
             (Bootstrap.FIRST_URL, URL_SIZE, url),
         ):
-            self.put_bytes(register, told.encode()[: size - 1])
+            self.put_bytes(register, string.encode()[: size - 1])
         ip = int.from_bytes(socket.inet_aton(address), "big")
         # A locally administered one, of the address.
         self.put(Bootstrap.MAC_HIGH, 0x0200)

@@ -130,8 +130,8 @@ def size(tags: Directory) -> tuple[int, int]:
 def active_area(tags: Directory) -> tuple[int, int, int, int]:
     """Top, left, bottom and right of the photosites that count."""
     height, width = size(tags)
-    told = integers(tags, ACTIVE_AREA)
-    return (told[0], told[1], told[2], told[3]) if len(told) == 4 else (0, 0, height, width)
+    area = integers(tags, ACTIVE_AREA)
+    return (area[0], area[1], area[2], area[3]) if len(area) == 4 else (0, 0, height, width)
 
 
 def is_developed(tags: Directory) -> bool:

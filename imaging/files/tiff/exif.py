@@ -240,10 +240,10 @@ def _iso(tags: Directory) -> float | None:
     if iso is not None and iso != 65535:
         return iso
     kinds = {1: OUTPUT_SENSITIVITY, 2: RECOMMENDED_INDEX, 3: ISO_SPEED}
-    told = next(
+    sensitivity = next(
         (tag for kind, tag in kinds.items() if (kind,) == numbers(tags, SENSITIVITY_TYPE)), RECOMMENDED_INDEX
     )
-    found = [_positive(tags, tag) for tag in (told, RECOMMENDED_INDEX, OUTPUT_SENSITIVITY, ISO_SPEED)]
+    found = [_positive(tags, tag) for tag in (sensitivity, RECOMMENDED_INDEX, OUTPUT_SENSITIVITY, ISO_SPEED)]
     return next((value for value in found if value is not None), iso)
 
 

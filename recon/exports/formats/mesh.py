@@ -155,14 +155,16 @@ class _Volume:
             )
             rows, columns = row[inside].astype(int), column[inside].astype(int)
             away = picture.depth[rows, columns] - ahead[inside]
-            told = np.isfinite(away) & (away > -reach)
-            where = np.flatnonzero(inside)[told]
-            value = (away[told] / reach).clip(-1, 1)
+            seen_here = np.isfinite(away) & (away > -reach)
+            where = np.flatnonzero(inside)[seen_here]
+            value = (away[seen_here] / reach).clip(-1, 1)
             weight, distance = self.weight[x].reshape(-1), self.distance[x].reshape(-1)
             distance[where] += (value - distance[where]) / (weight[where] + 1)
             weight[where] += 1
-            near = (np.abs(value) < 1) & smooth[rows[told], columns[told]]
-            self.light[x].reshape(-1, 3)[where[near]] += ln_light[rows[told][near], columns[told][near]]
+            near = (np.abs(value) < 1) & smooth[rows[seen_here], columns[seen_here]]
+            self.light[x].reshape(-1, 3)[where[near]] += ln_light[
+                rows[seen_here][near], columns[seen_here][near]
+            ]
             self.lit[x].reshape(-1)[where[near]] += 1
 
     def colours(self) -> list[Single]:

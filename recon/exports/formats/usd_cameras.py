@@ -73,7 +73,7 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
         focal = FILM * lens.fx / lens.width
         motion = np.linalg.inv(view.cam_from_world.matrix()) @ OPENGL_FROM_OPENCV
         motion[:3, 3] -= offset
-        told = (
+        row = (
             focal,
             FILM,
             focal * lens.height / lens.fy,
@@ -84,7 +84,7 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
             list(lens.terms),
             Gf.Vec2i(lens.width, lens.height),
         )
-        for column, value in zip(values.values(), told, strict=True):
+        for column, value in zip(values.values(), row, strict=True):
             column.append(value)
     for attribute, column in values.items():
         attribute.Set(column[0])

@@ -178,7 +178,7 @@ class ScenePage:
         wanted = self._wanted(coarse)
         key = wanted.key, camera.aspect
         if self._drawing is None or key != self._drawn:
-            with self._told(wanted):
+            with self._shown_while(wanted):
                 self._drawing, self._drawn = self.painter.draw(wanted), key
             self.frame = Frame(self._drawing.light, camera.aspect)
         assert self.frame is not None
@@ -200,7 +200,7 @@ class ScenePage:
             self._pixels_a_second += 0.3 * (rate - self._pixels_a_second)
 
     @contextmanager
-    def _told(self, wanted: Wanted) -> Iterator[None]:
+    def _shown_while(self, wanted: Wanted) -> Iterator[None]:
         """Show the present work while it takes longer than a picture."""
         if wanted.show != TRUST or self.painter.trust_is_known:
             yield

@@ -173,9 +173,9 @@ class SessionPage:
         stand(self.client, self.rig.start(view))
 
     def _tell(self) -> None:
-        told = self.rig.words() if self.rig is not None and self.show.value == RIG else self._list()
-        if told != self.words.content:
-            self.words.content = told
+        content = self.rig.words() if self.rig is not None and self.show.value == RIG else self._list()
+        if content != self.words.content:
+            self.words.content = content
 
     def _list(self) -> str:
         count = len(self.photographs)

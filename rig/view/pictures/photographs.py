@@ -29,12 +29,12 @@ class Photograph:
     """Photographs of a view: its light [h, w, 3], linear Rec.709 as far as colours are known, and its shots,
     in words.
 
-    light is None if no file of it can be read; told then gives the reason, and begins with the view.
+    light is None if no file of it can be read; caption then gives the reason, and begins with the view.
     """
 
     view: ViewId
     light: Light | None
-    told: str
+    caption: str
 
 
 class Photographs:
@@ -54,12 +54,12 @@ class Photographs:
         """Each pixel is the mean of the exposures that hold a number for it, weighted by their length."""
         shots = self.groups[view]
         ends = [str(shot.exposure) for shot in shots[:: max(1, len(shots) - 1)] if shot.exposure]
-        told = ": ".join([str(view), " to ".join(ends)]) if ends else str(view)
+        caption = ": ".join([str(view), " to ".join(ends)]) if ends else str(view)
         try:
             parts = [self._small(view, shot) for shot in shots]
         except (InputError, OSError) as error:
             return Photograph(view, None, f"{view}: {error}")
-        return Photograph(view, _merged(parts), told)
+        return Photograph(view, _merged(parts), caption)
 
     def _small(self, view: ViewId, shot: ShotRecord) -> tuple[Light, Light, float]:
         """Signal [h, w, 3] in Rec.709, share of it that is light and no limit [h, w, 1], and its scale."""
@@ -80,8 +80,8 @@ class Photographs:
 
     def _scale(self, shot: ShotRecord) -> float:
         scales = {} if self.calibration is None else self.calibration.exposure_scale
-        told = 1.0 if shot.exposure is None else shot.exposure.scale
-        return scales.get(shot.file, told)
+        labelled = 1.0 if shot.exposure is None else shot.exposure.scale
+        return scales.get(shot.file, labelled)
 
 
 def _reduced(
@@ -153,7 +153,7 @@ def in_words(photographs: Iterable[Photograph]) -> list[str]:
     count = 0
     for one in photographs:
         count += 1
-        views.setdefault(one.told.removeprefix(str(one.view)).removeprefix(": "), []).append(str(one.view))
+        views.setdefault(one.caption.removeprefix(str(one.view)).removeprefix(": "), []).append(str(one.view))
     if len(views) == 1 and count > 1:
         said = next(iter(views))
         return [f"all: {said}"] if said else []

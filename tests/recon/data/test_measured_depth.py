@@ -69,14 +69,14 @@ def test_what_fits_no_scene_is_told_so(exact, toy_dataset):
     assert fit(toy_dataset.train, *dataset.tracks()) is None
     few = fit(dataset.train[:1], dataset.points().xyz[:5], {})
     assert not few.fits
-    assert "and 30 are needed to tell their scale" in few.told()
+    assert "and 30 are needed to tell their scale" in few.summary()
     mixed = [
         replace(view, depth=other.depth if number % 2 else replace(other.depth, unit=3 * other.depth.unit))
         for number, (view, other) in enumerate(zip(dataset.train, dataset.train[::-1], strict=True))
     ]
     bad = fit(mixed, *dataset.tracks())
     assert not bad.fits
-    assert f"scatter by {100 * bad.scatter:.2g} %" in bad.told()
+    assert f"scatter by {100 * bad.scatter:.2g} %" in bad.summary()
 
 
 def test_maps_that_say_nothing_tell_no_scale(exact, tmp_path):

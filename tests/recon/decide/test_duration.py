@@ -80,19 +80,19 @@ def work(train: int, held_out: int, files: float, view: float, planes: float, **
 )
 def test_what_was_measured_lies_within_what_is_said(done, took):
     """On two cores: fox from Enter to the report, the trainings of bench/results/presets.md."""
-    line = done.told(2)
+    line = done.in_words(2)
     assert line is not None
     low, high = (0.675 * sure * s for sure, s in zip(SURE, done.processor_seconds(), strict=True))
     assert low < took < high < 6 * low
     assert f"this takes {words(low)} to {words(high)} in all" in line
-    assert f"this takes at most {words(high)} in all" in (done.told(2, at_most=True) or "")
+    assert f"this takes at most {words(high)} in all" in (done.in_words(2, at_most=True) or "")
 
 
 def test_more_cores_take_less_and_a_toy_gets_no_word():
     long = work(44, 6, 103, 0.182, 3, iterations=4400, gaussians=20_000)
-    assert "on 1 core: this takes 3 min to 8 min in all" in (long.told(1) or "")
-    assert "on 16 cores: this takes 80 s to 3 min in all" in (long.told(16) or "")
-    assert work(5, 1, 0.05, 0.003, 3, iterations=60, gaussians=400).told(2) is None
+    assert "on 1 core: this takes 3 min to 8 min in all" in (long.in_words(1) or "")
+    assert "on 16 cores: this takes 80 s to 3 min in all" in (long.in_words(16) or "")
+    assert work(5, 1, 0.05, 0.003, 3, iterations=60, gaussians=400).in_words(2) is None
 
 
 @pytest.mark.parametrize(

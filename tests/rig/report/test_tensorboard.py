@@ -25,7 +25,7 @@ def logged(scene_template: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
         stopped.line(line)
     stopped.close()
     went_on = TensorBoardLog(folder)
-    went_on.finished(scene, told=False)
+    went_on.finished(scene, logged=False)
     went_on.close()
     events = EventAccumulator(str(folder))
     events.Reload()

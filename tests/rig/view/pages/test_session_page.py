@@ -56,8 +56,8 @@ def test_damaged_files_are_told_of(session: Path, tmp_path: Path) -> None:
     (folder / shots[0].file).write_bytes(b"nothing")
     found = photographs.read(view)
     assert found.light is None
-    assert str(view) in found.told
-    assert Path(shots[0].file).name in found.told
+    assert str(view) in found.caption
+    assert Path(shots[0].file).name in found.caption
 
 
 def test_photographs_are_named_and_said_once_where_they_are_alike() -> None:
