@@ -146,6 +146,6 @@ class StoresShots(Protocol):
         """Wait until the camera has stored the frame that trigger() exposed; what `fetch` knows it by."""
         ...
 
-    def fetch(self, kept: Any) -> RawMosaic | CameraFile:
+    def fetch(self, handle: Any) -> RawMosaic | CameraFile:
         """The frame of such a shot, with its own metadata; also while the next one is exposed."""
         ...

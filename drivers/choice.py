@@ -38,9 +38,9 @@ def find_cameras(
     """
     library = library and gphoto2.is_installed()
     known = {one.port: one for one in gphoto2.find_cameras(clock)} if library else {}
-    for own in ptp.find_cameras(backend, clock):
-        other = known.pop(_port_of(own.where), None)
-        yield "PTP", *chosen(own, other)
+    for camera in ptp.find_cameras(backend, clock):
+        other = known.pop(_port_of(camera.where), None)
+        yield "PTP", *chosen(camera, other)
     for remote, why in all_at_once(partial(_at, place, clock, library) for place in places):
         yield "PTP/IP", remote, why
     for other in known.values():
@@ -49,27 +49,27 @@ def find_cameras(
 
 def _at(place: Place, clock: Clock, library: bool) -> tuple[Camera, str]:
     """Driver of the camera at a place, and why it is that one."""
-    (own,) = ptp.cameras_at([place[:2]], clock)
+    (camera,) = ptp.cameras_at([place[:2]], clock)
     (other,) = gphoto2.cameras_at([place[:2]], clock)
-    return (other, NAMED) if place.library else chosen(own, other if library else None)
+    return (other, NAMED) if place.library else chosen(camera, other if library else None)
 
 
-def chosen(own: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:
+def chosen(camera: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:
     """The driver that can set and trigger the camera, and why: its own where that knows the make.
 
     A body of another make may list the standard's order to expose and yet want a handshake first, which
     libgphoto2 may know. A camera that cannot be asked stays with its own driver, which says what is wrong.
     """
-    lacks = None if other is None else _obstacle(own)
+    lacks = None if other is None else _obstacle(camera)
     if lacks is None or other is None:
-        return own, ""
-    if not lacks and own.knows_make():
-        return own, OWN
-    own.close()  # libgphoto2 has to have the camera to itself
+        return camera, ""
+    if not lacks and camera.knows_make():
+        return camera, OWN
+    camera.close()  # libgphoto2 has to have the camera to itself
     able = _obstacle(other) == ""
     other.close()
     if not able:
-        return own, "" if lacks else ALONE
+        return camera, "" if lacks else ALONE
     why = lacks.partition(":")[0]  # without the fix, which is not needed
     return other, f"libgphoto2, as rig's own PTP finds that {why}" if lacks else UNKNOWN
 

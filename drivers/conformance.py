@@ -75,10 +75,10 @@ class Subject:
 
     def times(self) -> list[float]:
         """Times short enough to wait for, seconds; Skipped without any."""
-        found = [time for time in self.able.times if time <= LONGEST]
-        if not found:
+        times = [time for time in self.able.times if time <= LONGEST]
+        if not times:
             raise Skipped(f"the camera has no exposure time up to {LONGEST:g} s")
-        return found
+        return times
 
     def shoot(self) -> tuple[float, RawMosaic | CameraFile]:
         """Return when the shutter opened, and the frame."""
@@ -288,10 +288,10 @@ def _levels(subject: Subject) -> list[float]:
         else:
             break
     wanted = [time / 2**step for step in range(LEVELS) if brightest / 2**step > FAINT]
-    found = sorted({min(times, key=lambda one, to=to: abs(np.log2(one / to))) for to in wanted})  # type: ignore[misc]
-    if len(found) < 3:
+    nearest = sorted({min(times, key=lambda one, to=to: abs(np.log2(one / to))) for to in wanted})  # type: ignore[misc]
+    if len(nearest) < 3:
         raise Skipped("the picture is too dark at all of its times: point the camera at something bright")
-    return found
+    return nearest
 
 
 def _bright(signal: npt.NDArray[np.float64]) -> float:

@@ -54,8 +54,8 @@ def find_cameras(
 
     A plug-in or a GenTL producer that fails has no cameras here; `ask_all` says why.
     """
-    found = (camera for _, camera, _ in _by_protocol(backend, clock, network, places))
-    return [camera for camera in found if not isinstance(camera, CameraError)]
+    cameras = (camera for _, camera, _ in _by_protocol(backend, clock, network, places))
+    return [camera for camera in cameras if not isinstance(camera, CameraError)]
 
 
 def _by_protocol(
@@ -64,17 +64,17 @@ def _by_protocol(
     """Protocol, driver or the reason for its absence, and the reason for the choice."""
     # A simulated bus has no network, and none of this machine's cameras, beside it.
     yield from choice.find_cameras(backend, clock, places, library=network is not None)
-    own = set()
+    serials = set()
     for machine in u3v.find_cameras(backend, clock):
-        own.add(machine.serial)
+        serials.add(machine.serial)
         yield "USB3 Vision", machine, ""
     if network is None:
         return
     for remote in gige.find_cameras(network, clock):
-        own.add(remote.serial)
+        serials.add(remote.serial)
         yield "GigE Vision", remote, ""
     for made in gentl.find_cameras(clock):
-        if isinstance(made, CameraError) or made.serial not in own:  # a producer finds those above, too
+        if isinstance(made, CameraError) or made.serial not in serials:  # a producer finds those above, too
             yield "GenTL", made, ""
     for name, other in plugins.find_cameras(clock):
         yield name, other, ""
@@ -90,18 +90,18 @@ def ask_all(
 ) -> Iterator[ConnectedCamera]:
     """Open each camera on the USB, the network, at these places and of plug-ins, ask what it is, close it."""
     progress("looking for cameras", 0, 0)
-    found = list(_by_protocol(backend, clock, network, places))
+    cameras = list(_by_protocol(backend, clock, network, places))
     # Those of a network are apart from one another, and each may take its time, or 5 s not to answer.
     calls = {
         number: Call(partial(_asked, protocol, camera, chosen))
-        for number, (protocol, camera, chosen) in enumerate(found)
+        for number, (protocol, camera, chosen) in enumerate(cameras)
         if protocol in _REMOTE and not isinstance(camera, CameraError)
     }
-    for done, (protocol, camera, chosen) in enumerate(found):
+    for done, (protocol, camera, chosen) in enumerate(cameras):
         if isinstance(camera, CameraError):
             yield ConnectedCamera(protocol, "", error=str(camera))
             continue
-        progress(camera.where or protocol, done, len(found))
+        progress(camera.where or protocol, done, len(cameras))
         yield calls[done].result() if done in calls else _asked(protocol, camera, chosen)
 
 

@@ -72,8 +72,8 @@ class Cfa:
     @property
     def letters(self) -> str:
         """Channels, in the order in which `pattern` counts them: RGB, RGBW or W."""
-        seen = {letter for row in self.rows for letter in row}
-        return "".join(sorted(seen, key=lambda letter: "RGBW".find(letter)))
+        letters = {letter for row in self.rows for letter in row}
+        return "".join(sorted(letters, key=lambda letter: "RGBW".find(letter)))
 
     @property
     def period(self) -> tuple[int, int]:
@@ -202,11 +202,11 @@ def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = Non
     light = np.zeros((height, width, len(cfa.letters)), np.float32)
     known = np.zeros(light.shape, bool)
     for channel, weights in enumerate(tents(cfa)):
-        own = trusted & (channels == channel)
-        weight = _around(own, weights, cfa)
-        total = _around(np.where(own, image, 0.0), weights, cfa)
+        sites = trusted & (channels == channel)
+        weight = _around(sites, weights, cfa)
+        total = _around(np.where(sites, image, 0.0), weights, cfa)
         known[..., channel] = weight > 0
-        value = np.where(own, image, total / np.maximum(weight, 1e-12))
+        value = np.where(sites, image, total / np.maximum(weight, 1e-12))
         light[..., channel] = np.where(known[..., channel], value, 0.0)
     return light, known
 
@@ -219,12 +219,12 @@ def bilinear_variance(variance: npt.NDArray[np.float64], cfa: Cfa, valid: Bool) 
     channels = cfa.channels(*variance.shape)
     planes = []
     for channel, weights in enumerate(tents(cfa)):
-        own = valid & (channels == channel)
-        weight = _around(own, weights, cfa)
-        bound = ndimage.binary_dilation(own & ~np.isfinite(variance), np.ones(weights.shape, bool))
-        spread = np.where(own & np.isfinite(variance), variance, 0.0).astype(np.float64)
+        known = valid & (channels == channel)
+        weight = _around(known, weights, cfa)
+        bound = ndimage.binary_dilation(known & ~np.isfinite(variance), np.ones(weights.shape, bool))
+        spread = np.where(known & np.isfinite(variance), variance, 0.0).astype(np.float64)
         total = _around(spread, weights**2, cfa) / np.maximum(weight, 1e-12) ** 2
-        plane = np.where(own, variance, np.where(bound, np.inf, total))
+        plane = np.where(known, variance, np.where(bound, np.inf, total))
         planes.append(np.where(weight > 0, plane, np.nan))
     return np.stack(planes, axis=-1)
 
@@ -241,8 +241,8 @@ def _around(
         at = np.where(at < 0, at + lcm(period, 2), np.where(at >= length, at - lcm(period, 2), at))
         places.append(at.clip(0, length - 1))
     wide = values[np.ix_(*places)].astype(np.float64)
-    found = cv2.filter2D(wide, -1, weights, borderType=cv2.BORDER_CONSTANT)  # the tents are symmetric
-    return np.asarray(found[reach : len(found) - reach, reach : found.shape[1] - reach])
+    filtered = cv2.filter2D(wide, -1, weights, borderType=cv2.BORDER_CONSTANT)  # the tents are symmetric
+    return np.asarray(filtered[reach : len(filtered) - reach, reach : filtered.shape[1] - reach])
 
 
 def tents(cfa: Cfa) -> Iterable[npt.NDArray[np.float64]]:

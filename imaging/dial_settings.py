@@ -50,10 +50,10 @@ def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
 
 
 def _exact(labels: Iterable[float], series: dict[float, float]) -> dict[float, float]:
-    found, labels = {}, list(labels)
+    exact, labels = {}, list(labels)
     for label in labels:
         name = min(series, key=lambda value: abs(value / label - 1))
         if abs(name / label - 1) > 2e-3:
             return {each: each for each in labels}
-        found[label] = series[name]
-    return found
+        exact[label] = series[name]
+    return exact

@@ -96,8 +96,8 @@ def rays(lens: Lens, pixels: npt.ArrayLike) -> Array:
     """Unit directions [..., 3] in camera axes of pixels [..., 2]: the inverse of `project`."""
     bent = (np.asarray(pixels, np.float64) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     tangents = undistort(bent, lens.terms[4:], fisheye=lens.fisheye)
-    found = np.concatenate([tangents, np.ones_like(tangents[..., :1])], axis=-1)
-    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+    directions = np.concatenate([tangents, np.ones_like(tangents[..., :1])], axis=-1)
+    return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
 
 def distort(tangents: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
@@ -177,10 +177,10 @@ def _brown_tangent(radius: Array, terms: Sequence[float]) -> Array:
 def _with_tangential(bent: Array, start: Array, terms: Sequence[float]) -> Array:
     """Newton's method from what the radial terms alone give; that itself where no ray ends."""
     k1, k2, p1, p2 = terms
-    found, share = start, np.ones(start.shape[:-1])
-    miss = bent - distort(found, terms, fisheye=False)
+    place, share = start, np.ones(start.shape[:-1])
+    miss = bent - distort(place, terms, fisheye=False)
     for _ in range(_ROUNDS):
-        u, v = found[..., 0], found[..., 1]
+        u, v = place[..., 0], place[..., 1]
         square = u * u + v * v
         radial, growth = 1 + square * (k1 + square * k2), 2 * (k1 + 2 * square * k2)
         xx = radial + growth * u * u + 2 * p1 * v + 6 * p2 * u
@@ -191,18 +191,18 @@ def _with_tangential(bent: Array, start: Array, terms: Sequence[float]) -> Array
             [yy * miss[..., 0] - xy * miss[..., 1], xx * miss[..., 1] - xy * miss[..., 0]], axis=-1
         )
         step *= np.divide(share, area, out=np.zeros_like(area), where=area > 0)[..., None]
-        left = bent - distort(found + step, terms, fisheye=False)
-        better = np.linalg.norm(left, axis=-1) < np.linalg.norm(miss, axis=-1)
-        found, miss = (
-            np.where(better[..., None], found + step, found),
-            np.where(better[..., None], left, miss),
+        residual = bent - distort(place + step, terms, fisheye=False)
+        better = np.linalg.norm(residual, axis=-1) < np.linalg.norm(miss, axis=-1)
+        place, miss = (
+            np.where(better[..., None], place + step, place),
+            np.where(better[..., None], residual, miss),
         )
         share = np.where(better, 1.0, 0.5 * share)
         if np.abs(step).max(initial=0.0) < 1e-15:
             break
-    inside = np.linalg.norm(found, axis=-1) <= fold(terms, fisheye=False)
+    inside = np.linalg.norm(place, axis=-1) <= fold(terms, fisheye=False)
     ends = inside & (np.linalg.norm(miss, axis=-1) < _MISS)
-    return np.where(ends[..., None], found, start)
+    return np.where(ends[..., None], place, start)
 
 
 def fisheye_radius(angle: Array, terms: Sequence[float]) -> Array:

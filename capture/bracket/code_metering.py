@@ -43,8 +43,8 @@ class CodeLook:
 
     def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
         """Keep a photograph, or a sufficient sample of a large one."""
-        kept = np.rint(subsampled(codes) * _LARGEST).astype(np.uint16)
-        self._probes.setdefault(exposure, {})[position, take] = kept
+        stored = np.rint(subsampled(codes) * _LARGEST).astype(np.uint16)
+        self._probes.setdefault(exposure, {})[position, take] = stored
 
     def clips(self, exposure: Exposure) -> bool:
         """Return whether the bright percentile of any channel is beyond the trusted codes."""
@@ -85,14 +85,14 @@ class CodeLook:
 
     def _all(self, exposure: Exposure) -> Codes:
         """Every pixel of an exposure, [N, 3]."""
-        kept = np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
-        return kept.astype(np.float32) / _LARGEST
+        stored = np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
+        return stored.astype(np.float32) / _LARGEST
 
     def _take(self, exposure: Exposure, take: int) -> Codes:
         """Photographs of one take at all positions, one below the other, [H, W, 3]."""
         photos = self._probes[exposure]
-        kept = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
-        return kept.astype(np.float32) / _LARGEST
+        stored = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
+        return stored.astype(np.float32) / _LARGEST
 
     def _noise(self, ascending: list[Exposure]) -> CodeNoise:
         """The tone curve, from what becomes of a pixel's code from one probe to the next."""

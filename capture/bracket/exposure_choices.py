@@ -63,11 +63,11 @@ def without_idle_isos(
     An ISO takes highlights away, so that an exposure more is needed; a sensor whose read noise is well
     above the rounding gains nothing for it.
     """
-    kept: list[Exposure] = [exposures[0]]
+    choices: list[Exposure] = [exposures[0]]
     for exposure in exposures[1:]:
-        before = kept[-1]
+        before = choices[-1]
         lower = exposure.model_copy(update={"iso": before.iso})
         gains = (t.noise.darkest(snr, lower) / t.noise.darkest(snr, exposure) for t in targets)
         if exposure.iso == before.iso or max(gains) >= 2.0**SLACK:
-            kept.append(exposure)
-    return tuple(kept)
+            choices.append(exposure)
+    return tuple(choices)

@@ -56,23 +56,23 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
     session = opened.folder
     with sole_writer(session):
         shots, damaged = read_index(opened)
-        kept = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
-        strays = stray_files(opened, kept)
-        developed = _developed_of([*strays, *(shot.file for shot in kept)])
+        sound = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
+        strays = stray_files(opened, sound)
+        developed = _developed_of([*strays, *(shot.file for shot in sound)])
         strays = [file for file in strays if file not in developed.values()]
         added: list[ShotRecord] = []
         unrepaired: list[str] = []
         for number, file in enumerate(strays):
             on_progress(f"reading {file}", number, len(strays))
             try:
-                shot = _shot_of(opened, file, [*kept, *added])
+                shot = _shot_of(opened, file, [*sound, *added])
                 added.append(_with_developed(opened, shot, developed))
             except InputError as error:
                 unrepaired.append(str(error))
         on_progress("read", len(strays), len(strays))
-        dropped = [shot.file for shot in shots if shot not in kept]
-        whole = [_with_developed(opened, shot, developed) for shot in kept]
-        changed = dropped or damaged or added or whole != kept
+        dropped = [shot.file for shot in shots if shot not in sound]
+        whole = [_with_developed(opened, shot, developed) for shot in sound]
+        changed = dropped or damaged or added or whole != sound
         backup = _rewrite(session, [*whole, *added]) if changed else None
     return RepairReport(
         session=str(session),
@@ -92,10 +92,10 @@ def _developed_of(files: list[str]) -> dict[str, str]:
 
 def _with_developed(session: Session, shot: ShotRecord, developed: dict[str, str]) -> ShotRecord:
     """The record with the photograph beside its RAW file if it had none; without one that is not there."""
-    found = developed.get(shot.file)
-    if found is not None and shot.developed is None:
-        digest = store.sha256(store.inside(session.folder, found))
-        return shot.model_copy(update={"developed": found, "developed_sha256": digest})
+    companion = developed.get(shot.file)
+    if companion is not None and shot.developed is None:
+        digest = store.sha256(store.inside(session.folder, companion))
+        return shot.model_copy(update={"developed": companion, "developed_sha256": digest})
     if shot.developed is not None and not (session.folder / shot.developed).is_file():
         return shot.model_copy(update={"developed": None, "developed_sha256": None})
     return shot

@@ -56,7 +56,7 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
         band.name: re.compile(rf"(?<![A-Za-z0-9]){re.escape(band.name)}(?![A-Za-z0-9])", re.I)
         for band in bands
     }
-    found = {}
+    band_of = {}
     for path in paths:
         relative = shown(path.relative_to(folder))
         named = [name for name, word in words.items() if word.search(relative)]
@@ -66,8 +66,8 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
                 f"{path} is {of} by its name: put the photographs into a folder for each band, or a band's "
                 "name into that of each photograph."
             )
-        found[path] = named[0]
-    return found
+        band_of[path] = named[0]
+    return band_of
 
 
 def split_by_band(
@@ -90,7 +90,7 @@ def split_by_band(
             f"camera {series.camera.name} has unequal numbers of frames, {each}: add what is missing, or say "
             "with --bracket how many photographs a band has in each frame."
         )
-    rows = zip(*(found for found, _ in parts.values()), strict=True)
+    rows = zip(*(chosen for chosen, _ in parts.values()), strict=True)
     joined = [[photo for bracket in together for photo in bracket] for together in rows]
     first = next(iter(parts.values()))[1]
     return joined, first if len(parts) == 1 else f"{first} So for each of {len(parts)} bands."

@@ -12,19 +12,19 @@ def beside(photos: Iterable[Path], root: Path, folder: Path, suffixes: Sequence[
 
     suffixes: that they may have, of which the first that is there counts.
     """
-    found = {}
+    companions = {}
     for photo in photos:
         if photo.is_relative_to(root):
-            own = folder / photo.relative_to(root)
+            mirrored = folder / photo.relative_to(root)
             names = (
                 name
                 for suffix in suffixes
-                for name in (own.with_name(f"{own.name}{suffix}"), own.with_suffix(suffix))
+                for name in (mirrored.with_name(f"{mirrored.name}{suffix}"), mirrored.with_suffix(suffix))
             )
             there = [name for name in names if name.is_file()]
             if there:
-                found[photo] = there[0]
-    return found
+                companions[photo] = there[0]
+    return companions
 
 
 def asked(
@@ -40,11 +40,11 @@ def asked(
         photo.is_relative_to(folder) for photo in photos
     ):
         raise InputError(f"{folder} lies among the photographs of {root}: move it beside that folder.")
-    found = beside(photos, root, folder, suffixes)
-    if not found:
+    companions = beside(photos, root, folder, suffixes)
+    if not companions:
         first = photos[0].relative_to(root).with_suffix(suffixes[0]) if photos else None
         example = "a photo's name" if first is None else shown(first)
         raise InputError(
             f"{folder} holds no {what} of any photo: name them as the photos, such as {example}."
         )
-    return found
+    return companions

@@ -173,8 +173,8 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
         depth_sha256 = hashlib.sha256(distances).hexdigest()
         store.write_bytes(session.folder / depth, distances)
     beside, beside_sha256 = save_developed(session, shot_id, developed)
-    kept = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(sources, start=1)]
-    for name, exposure in zip(kept, read, strict=False):
+    files = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(sources, start=1)]
+    for name, exposure in zip(files, read, strict=False):
         store.write_bytes(session.folder / name, exposure)
     store.write_bytes(session.folder / file, data)
     session.append_shot(
@@ -188,8 +188,8 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
             sha256=hashlib.sha256(data).hexdigest(),
             developed=beside,
             developed_sha256=beside_sha256,
-            shifted=tuple(kept),
-            shifted_sha256=tuple(hashlib.sha256(exposure).hexdigest() for exposure in read[: len(kept)]),
+            shifted=tuple(files),
+            shifted_sha256=tuple(hashlib.sha256(exposure).hexdigest() for exposure in read[: len(files)]),
             reported=original.exposure,
             width=original.picture.width,
             height=original.picture.height,

@@ -13,8 +13,8 @@ Depths = Mapping[Path, GivenDepth]
 
 def depths_asked(photos: list[Path], folder: Path, depths: Path) -> Depths:
     """The depth maps in the folder that somebody named; errors as `companions.asked`."""
-    found = asked(photos, folder, depths, SUFFIXES, "depth map")
-    return {photo: GivenDepth(path) for photo, path in found.items()}
+    paths = asked(photos, folder, depths, SUFFIXES, "depth map")
+    return {photo: GivenDepth(path) for photo, path in paths.items()}
 
 
 def told_depths(depths: Depths, photos: int) -> str:

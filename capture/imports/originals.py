@@ -142,8 +142,8 @@ def _without_developed(paths: list[Path]) -> tuple[list[Path], dict[Path, Path]]
     """RAW+JPEG pairs are one exposure: the RAW counts; the photographs that are beside one, by it."""
     raws = {(path.parent, path.stem.casefold()): path for path in paths if kind_of(path) == "raw"}
     pairs = [(raws.get((p.parent, p.stem.casefold())), p) for p in paths if kind_of(p) == "ldr"]
-    aside = {photo for own, photo in pairs if own is not None}
-    return [path for path in paths if path not in aside], {own: photo for own, photo in pairs if own}
+    aside = {photo for raw, photo in pairs if raw is not None}
+    return [path for path in paths if path not in aside], {raw: photo for raw, photo in pairs if raw}
 
 
 def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list[str]:

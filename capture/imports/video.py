@@ -95,8 +95,8 @@ def _colour(video: Path) -> tuple[int, int]:
         if file.read(4) == _EBML:
             file.seek(0)
             head = file.read(_LARGEST).partition(_CLUSTER)[0]
-            found = _ELEMENT.search(head)
-            parts = b"" if found is None else found[1]
+            match = _ELEMENT.search(head)
+            parts = b"" if match is None else match[1]
             said = (re.search(name + rb"\x81(.)", parts, re.DOTALL) for name in (_PRIMARIES, _TRANSFER))
             primaries, transfer = (UNSPECIFIED if one is None else one[1][0] for one in said)
             return primaries, transfer

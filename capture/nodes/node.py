@@ -221,8 +221,8 @@ class Node:
         network = None
         if place.rig is None or addresses:
             network = Network(gige_hosts(addresses), None if place.rig is None else [])
-        for left in place.disk.glob(f"{SHOT}*"):
-            store.discard(left)
+        for leftover in place.disk.glob(f"{SHOT}*"):
+            store.discard(leftover)
         cameras: dict[str, Camera] = {}
         served: dict[str, ServedCamera] = {}
         strangers, refused = [], []

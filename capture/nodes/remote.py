@@ -139,9 +139,9 @@ class RemoteCamera:
         number: int = self._node.ask("keep", self._serial)
         return number, self._reading
 
-    def fetch(self, kept: tuple[int, ClockReading]) -> CameraFile:
+    def fetch(self, handle: tuple[int, ClockReading]) -> CameraFile:
         """The frame of such a shot. CameraProtocol: it did not arrive as it left, and may be asked again."""
-        number, reading = kept
+        number, reading = handle
         frame: NodeFrame = self._node.ask("store", self._serial, number)
         developed = None
         if frame.developed is not None:

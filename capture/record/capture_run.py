@@ -309,7 +309,7 @@ class CaptureRun:
     def _untold(self) -> Iterator[str]:
         """A sentence on the cameras that do not say when their shutters opened."""
         if self._untimed:
-            bounds = [bound for found in self._untimed.values() for bound in found]
+            bounds = [bound for each in self._untimed.values() for bound in each]
             most = f", at most {1000 * max(bounds):.3g} ms" if bounds else ""
             yield (
                 f"the skew of {', '.join(sorted(self._untimed))} is unknown{most}: a camera that stamps no "

@@ -44,8 +44,8 @@ def plan_for(
         for band in source.wheel:
             if isinstance(bracket, BracketGoals) or not (source.middle or _is_exact(bracket)):
                 source.operator.turn_to(band)  # to be metered
-            own, reason, automatic = _asked(source, request, bracket, frames)
-            exposures, bands = (*exposures, *own), (*bands, *[band] * len(own))
+            chosen, reason, automatic = _asked(source, request, bracket, frames)
+            exposures, bands = (*exposures, *chosen), (*bands, *[band] * len(chosen))
     elif bracket is not None:
         exposures, reason, automatic = _asked(source, request, bracket, frames)
     elif request.kind == "dark":

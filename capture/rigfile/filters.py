@@ -45,13 +45,13 @@ def fault_of_wheels(
 
 def fault_of_bands(bands: Sequence[Band | None]) -> tuple[int, str] | None:
     """Camera at fault, and a sentence, where the filters of a rig do not go together; else None."""
-    seen: dict[str, Band] = {}
+    named: dict[str, Band] = {}
     for index, band in enumerate(bands):
         if band is None:
             if any(bands):
                 return index, "this camera has no band and others have; name the filter of each, or none."
-        elif seen.setdefault(band.name.casefold(), band) != band:
+        elif named.setdefault(band.name.casefold(), band) != band:
             return index, f"another filter has the name {band.name!r} already; give every filter its own."
-        elif len(seen) > MOST_BANDS:
+        elif len(named) > MOST_BANDS:
             return index, f"there are more than {MOST_BANDS} bands; that is the most a scene may have."
     return None

@@ -169,8 +169,8 @@ class RigTables(_Table):
     @property
     def bands(self) -> tuple[Band, ...]:
         """The filters before the cameras, each once, by wavelength; none if these have none."""
-        kept = {camera.band.name: camera.band for camera in self.camera if camera.band}
-        return in_order([*kept.values(), *self.wheel])
+        fixed = {camera.band.name: camera.band for camera in self.camera if camera.band}
+        return in_order([*fixed.values(), *self.wheel])
 
     @property
     def wheel(self) -> tuple[Band, ...]:

@@ -29,8 +29,8 @@ def read_url(url: str, where: str, address: str = "") -> bytes:
     where: names the camera in messages; address: its IPv4, the only one that is asked by http. CameraRefused:
     it is not there, or elsewhere; CameraProtocol: it is damaged.
     """
-    found = _FILE.match(url)
-    data = _file(found["path"], where) if found else _page(url, where, address)
+    match = _FILE.match(url)
+    data = _file(match["path"], where) if match else _page(url, where, address)
     if not data.startswith(b"PK"):
         return data
     try:

@@ -31,7 +31,7 @@ def find_cameras(clock: Clock) -> Iterator["GentlCamera | CameraError"]:
     for path in installed():
         try:
             library = producer(path)
-            for found in library.cameras():
-                yield GentlCamera(found.serial, library, clock)
+            for entry in library.cameras():
+                yield GentlCamera(entry.serial, library, clock)
         except CameraError as error:
             yield error

@@ -46,14 +46,14 @@ class Producer:
         changed, count = ctypes.c_ubyte(), ctypes.c_uint32()
         self.library.call("TLUpdateInterfaceList", self._system, ctypes.byref(changed), _PATIENCE)
         self.library.call("TLGetNumInterfaces", self._system, ctypes.byref(count))
-        found: list[Found] = []
+        entries: list[Found] = []
         for at in range(count.value):
             name = self.library.text("TLGetInterfaceID", self._system, at)
             if name not in self._interfaces:
                 opened = self.library.handle("TLOpenInterface", self._system, name.encode())
                 self._interfaces[name] = opened
-            found += self._on(self._interfaces[name])
-        return found
+            entries += self._on(self._interfaces[name])
+        return entries
 
     def _on(self, interface: int) -> Iterator[Found]:
         library, changed, count = self.library, ctypes.c_ubyte(), ctypes.c_uint32()

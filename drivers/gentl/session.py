@@ -69,13 +69,13 @@ class GentlSession:
     stream: GentlStream
     device_clock = NoClock()
 
-    def __init__(self, found: Found) -> None:
-        self._library = library = found.producer.library
-        self.make, self.model = found.make, found.model
-        self.where = f"GenTL {library.where} {found.device}"
-        self.chunk_order = _ORDERS.get(found.transport, "little")
+    def __init__(self, entry: Found) -> None:
+        self._library = library = entry.producer.library
+        self.make, self.model = entry.make, entry.model
+        self.where = f"GenTL {library.where} {entry.device}"
+        self.chunk_order = _ORDERS.get(entry.transport, "little")
         self._device = library.handle(
-            "IFOpenDevice", found.interface, found.device.encode(), CONTROL, where=self.where
+            "IFOpenDevice", entry.interface, entry.device.encode(), CONTROL, where=self.where
         )
         try:
             port = library.handle("DevGetPort", self._device, where=self.where)
@@ -83,7 +83,7 @@ class GentlSession:
             self.nodes = NodeMap(read_xml(library, port, memory, self.where), memory, self.where)
             name = library.text("DevGetDataStreamID", self._device, 0)
             opened = library.handle("DevOpenDataStream", self._device, name.encode(), where=self.where)
-            known = found.transport in _ORDERS
+            known = entry.transport in _ORDERS
             self.stream = GentlStream(library, opened, self.nodes, self.where, chunks=known)
         except CameraError:
             self._close_device()
@@ -124,9 +124,9 @@ def open_session(producer: Producer, serial: str, clock: Clock, patience: float 
     """Open the device with that serial number; it may take `patience` s to appear. CameraNotFound."""
     deadline = clock.now() + patience
     while True:
-        found = next((one for one in producer.cameras() if one.serial == serial), None)
-        if found is not None:
-            return GentlSession(found)
+        entry = next((one for one in producer.cameras() if one.serial == serial), None)
+        if entry is not None:
+            return GentlSession(entry)
         if clock.now() >= deadline:
             where = producer.library.where
             raise CameraNotFound(f"camera {serial} is not connected, says {where}: plug it in.")

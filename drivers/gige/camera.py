@@ -103,8 +103,8 @@ def _control(session: Session) -> ControlChannel:
 
 def find_cameras(network: Network, clock: Clock) -> list[GigeCamera]:
     """The cameras that answer, by address, one with several interfaces once; none is opened."""
-    found: dict[tuple[str, str, str], GigeCamera] = {}
+    cameras: dict[tuple[str, str, str], GigeCamera] = {}
     for about in network.discover():
         camera = GigeCamera(about.serial, network, clock, about.address)
-        found.setdefault((about.make, about.model, about.serial), camera)
-    return list(found.values())
+        cameras.setdefault((about.make, about.model, about.serial), camera)
+    return list(cameras.values())

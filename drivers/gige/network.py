@@ -31,14 +31,14 @@ class Interface:
 
 def interfaces() -> tuple[Interface, ...]:
     """The IPv4 addresses of this machine, loopback left out."""
-    found = []
+    usable = []
     for adapter in ifaddr.get_adapters():
         for ip in adapter.ips:
             if not isinstance(ip.ip, str) or ipaddress.ip_address(ip.ip).is_loopback:
                 continue
             subnet = ipaddress.ip_network(f"{ip.ip}/{ip.network_prefix}", strict=False)
-            found.append(Interface(ip.ip, str(subnet.broadcast_address)))
-    return tuple(found)
+            usable.append(Interface(ip.ip, str(subnet.broadcast_address)))
+    return tuple(usable)
 
 
 class Network:
@@ -52,7 +52,7 @@ class Network:
     def discover(self) -> list[About]:
         """Return the devices that answer, in the order of addresses."""
         places = interfaces() if self._broadcast is None else self._broadcast
-        found: dict[str, About] = {}
+        answers: dict[str, About] = {}
         if not places and not self._addresses:
             return []
         with ExitStack() as stack:
@@ -69,10 +69,10 @@ class Network:
             for round_ in range(1, _ROUNDS + 1):
                 for link, targets in sockets:
                     _ask(link, targets, round_)
-                _collect([link for link, _ in sockets], found, set(self._addresses), bool(places))
-                if not places and set(self._addresses) <= set(found):
+                _collect([link for link, _ in sockets], answers, set(self._addresses), bool(places))
+                if not places and set(self._addresses) <= set(answers):
                     break
-        return sorted(found.values(), key=lambda about: ipaddress.ip_address(about.address))
+        return sorted(answers.values(), key=lambda about: ipaddress.ip_address(about.address))
 
 
 def _ask(link: socket.socket, targets: Sequence[str], request_id: int) -> None:
@@ -83,11 +83,11 @@ def _ask(link: socket.socket, targets: Sequence[str], request_id: int) -> None:
 
 
 def _collect(
-    links: Sequence[socket.socket], found: dict[str, About], named: set[str], everybody: bool
+    links: Sequence[socket.socket], answers: dict[str, About], named: set[str], everybody: bool
 ) -> None:
     """Answers until none has come for a while, or until all who were asked by name have answered."""
     deadline = time.monotonic() + _LONGEST
-    while (everybody or not named <= set(found)) and time.monotonic() < deadline:
+    while (everybody or not named <= set(answers)) and time.monotonic() < deadline:
         ready, _, _ = select.select(links, [], [], _QUIET)
         if not ready:
             return
@@ -96,4 +96,4 @@ def _collect(
                 data, (address, _) = link.recvfrom(2048)
                 answer = Answer.parse(data)
                 if answer.code == Code.DISCOVERY_ACK and answer.status == 0:
-                    found.setdefault(address, About.parse(answer.payload, address))
+                    answers.setdefault(address, About.parse(answer.payload, address))

@@ -131,8 +131,8 @@ def _text(data: bytes) -> str:
 
 def parse_url(url: str) -> tuple[str, int, int] | None:
     """File name, address and size of `Local:NAME;ADDRESS;SIZE`; None for a place outside of the device."""
-    found = _URL.match(url)
-    return None if found is None else (found[1], int(found[2], 16), int(found[3], 16))
+    match = _URL.match(url)
+    return None if match is None else (match[1], int(match[2], 16), int(match[3], 16))
 
 
 def read_xml(control: Registers, address: str) -> bytes:

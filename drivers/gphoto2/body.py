@@ -59,9 +59,9 @@ class Body:
                 with errors_translated(self._where):
                     widget = self._camera.get_single_config(name)
                     listed = [] if widget.get_readonly() else self._listed(widget)
-                found = dials.choices(listed, decode)
-                if found:
-                    return name, found
+                values = dials.choices(listed, decode)
+                if values:
+                    return name, values
         return "", {}
 
     def set(self, name: str, choice: str) -> str:

@@ -192,8 +192,8 @@ class Gphoto2Camera:
 
 def _suffix(place: Place) -> str:
     """Suffix of a picture's name, in lower case; empty if rig does not read such files."""
-    found = PurePosixPath(place[1]).suffix.lower()
-    return found if found in raw.SUFFIXES or found in photo.SUFFIXES else ""
+    suffix = PurePosixPath(place[1]).suffix.lower()
+    return suffix if suffix in raw.SUFFIXES or suffix in photo.SUFFIXES else ""
 
 
 def _nearest(

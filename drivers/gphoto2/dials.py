@@ -109,12 +109,12 @@ def _positive(number: str) -> float | None:
 
 def choices(listed: list[str], decode: Decode) -> dict[str, float]:
     """The choices that are numbers, ascending; of those that mean the same the first."""
-    found: dict[float, str] = {}
+    texts: dict[float, str] = {}
     for text in listed:
         value = decode(text)
         if value is not None:
-            found.setdefault(value, text)
-    return {found[value]: value for value in sorted(found)}
+            texts.setdefault(value, text)
+    return {texts[value]: value for value in sorted(texts)}
 
 
 def says_raw(text: str) -> bool:
@@ -129,5 +129,5 @@ def says_both(text: str) -> bool:
 
 def plain_raw(listed: list[str]) -> str | None:
     """The format that is a RAW file and nothing else, the largest where there are several."""
-    found = [text for text in listed if says_raw(text) and "+" not in text]
-    return next((text for text in found if text.lower() in ("raw", "nef (raw)")), next(iter(found), None))
+    plain = [text for text in listed if says_raw(text) and "+" not in text]
+    return next((text for text in plain if text.lower() in ("raw", "nef (raw)")), next(iter(plain), None))

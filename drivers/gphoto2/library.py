@@ -55,8 +55,8 @@ def detected() -> list[tuple[str, str]]:
     with errors_translated("libgphoto2"):
         models = gp.CameraAbilitiesList()
         models.load()
-        found = gp.Camera.autodetect()
-        listed = [(str(found.get_name(at)), str(found.get_value(at))) for at in range(found.count())]
+        cameras = gp.Camera.autodetect()
+        listed = [(str(cameras.get_name(at)), str(cameras.get_value(at))) for at in range(cameras.count())]
         able = [
             (model, port)
             for model, port in listed

@@ -42,9 +42,9 @@ def best_fit(
     wanted, brackets = sorted(exposures, key=lambda exposure: exposure.time), tuple(offered)
     for count in range(len(wanted), FEWEST - 1, -1):
         for first in range(len(wanted) - count + 1):
-            found = fit(wanted[first : first + count], brackets, times)
-            if found is not None:
-                return found
+            candidate = fit(wanted[first : first + count], brackets, times)
+            if candidate is not None:
+                return candidate
     return None
 
 

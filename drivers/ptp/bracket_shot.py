@@ -22,14 +22,14 @@ def stand(body: StandardBody, bracket: AutoBracket | None) -> None:
         body.standing = bracket
 
 
-def shoot(body: StandardBody, found: Fit) -> Iterator[CameraFile]:
+def shoot(body: StandardBody, fit: Fit) -> Iterator[CameraFile]:
     """The frames of a bracket as they come; the body goes on exposing while they are fetched.
 
     The body stands at the middle exposure and is ready; it is left in the bracket's mode, since the next
     shot is mostly the same bracket. CameraErrors, after which it has to begin anew.
     """
-    bracket = found.bracket
-    longest = found.middle.time * 2 ** (bracket.frames // 2 * bracket.thirds / 3)
+    bracket = fit.bracket
+    longest = fit.middle.time * 2 ** (bracket.frames // 2 * bracket.thirds / 3)
     stand(body, bracket)
     with closing(body.shoot_bracket(bracket, 2 * longest)) as files:
         for file in files:

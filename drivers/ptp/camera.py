@@ -152,23 +152,21 @@ class PtpCamera:
         CameraRefused, before anything is exposed, if none holds enough of them. After another error the
         camera is let go, and begins anew.
         """
-        found = self._again(lambda body: self._fit(body, exposures))
-        if found is None:
+        fit = self._again(lambda body: self._fit(body, exposures))
+        if fit is None:
             raise CameraRefused(f"{self.where} has no such bracket: set and trigger each exposure.")
         self._shot = self._listening = None
-        applied = self._again(lambda body: self._set(body, found.middle, found.bracket))
-        self._wanted = found.middle
-        if not shows(applied, found.middle):
-            raise CameraRefused(
-                f"{self.where} stands at {applied}, not at {found.middle}: set its dial to M."
-            )
+        applied = self._again(lambda body: self._set(body, fit.middle, fit.bracket))
+        self._wanted = fit.middle
+        if not shows(applied, fit.middle):
+            raise CameraRefused(f"{self.where} stands at {applied}, not at {fit.middle}: set its dial to M.")
         self.arm()
         self._failed = True
         try:
             body = self._connected()
-            for frame in shoot(body, found):
+            for frame in shoot(body, fit):
                 self._size, self._bits = (frame.width, frame.height), frame.bit_depth
-                if shows(frame.metadata.exposure, found.middle):
+                if shows(frame.metadata.exposure, fit.middle):
                     self.dials.learn(body, frame.metadata.exposure, self.dials.setting)
                 yield frame
         except CameraError:

@@ -47,7 +47,7 @@ class BusRig:
 
     def cameras(self) -> list[Camera]:
         """Every camera through its driver, in the order of the rig's records."""
-        found: list[Camera] = [*ptp.find_cameras(self.backend, self.clock)]
-        found += u3v.find_cameras(self.backend, self.clock)
-        by_serial = {camera.identify().serial: camera for camera in found}
+        cameras: list[Camera] = [*ptp.find_cameras(self.backend, self.clock)]
+        cameras += u3v.find_cameras(self.backend, self.clock)
+        by_serial = {camera.identify().serial: camera for camera in cameras}
         return [by_serial[serial] for serial in self._serials]

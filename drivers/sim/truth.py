@@ -114,8 +114,8 @@ def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Ban
     if not bands:
         write_exr(path, light)
         return
-    seen = light @ np.stack([weights(band) for band in bands]).T
-    planes = {name: seen[..., number] for number, name in enumerate(channels(bands))}
+    by_band = light @ np.stack([weights(band) for band in bands]).T
+    planes = {name: by_band[..., number] for number, name in enumerate(channels(bands))}
     write_exr(path, planes, primaries=None)
 
 

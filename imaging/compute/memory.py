@@ -74,7 +74,7 @@ def _machine() -> int | None:
 
 def _group() -> int | None:
     """Return what the limit of a container leaves, file caches not counted, or None without one."""
-    left = []
+    limits = []
     for folder in (_GROUPS / "memory", _GROUPS, *_own_groups()):
         for limit, usage in (
             ("memory.max", "memory.current"),
@@ -86,8 +86,8 @@ def _group() -> int | None:
             except (OSError, ValueError):  # no such group, or the word "max"
                 continue
             cached = stat.get("total_inactive_file", stat.get("inactive_file", "0"))
-            left.append(most - used + int(cached))
-    return min(left, default=None)
+            limits.append(most - used + int(cached))
+    return min(limits, default=None)
 
 
 def _own_groups() -> list[Path]:

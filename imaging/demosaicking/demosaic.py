@@ -108,11 +108,11 @@ def demosaic(
 
 def _recorded(values: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[Any]:
     """Scatter each photosite's value into its own channel, [H, W, channels], with 0 in the others."""
-    found = np.zeros((*values.shape, len(cfa.letters)), values.dtype)
+    planes = np.zeros((*values.shape, len(cfa.letters)), values.dtype)
     (height, width), pattern = cfa.period, cfa.channels(*cfa.period)
     for (row, column), channel in np.ndenumerate(pattern):
-        found[row::height, column::width, channel] = values[row::height, column::width]
-    return found
+        planes[row::height, column::width, channel] = values[row::height, column::width]
+    return planes
 
 
 def _strip(
@@ -134,22 +134,24 @@ def _strip(
     cell: of the table; so near a photosite without a value of its own nothing is measured.
     """
     first = max(top - HALO, 0)
-    seen, rows = slice(first, top + ROWS + HALO), slice(top, min(top + ROWS, len(light)))
+    window, rows = slice(first, top + ROWS + HALO), slice(top, min(top + ROWS, len(light)))
     inner = slice(top - first, top - first + rows.stop - rows.start)
-    own = channels[seen]
-    code = np.arcsinh(light[seen] / np.float32(toe))
+    letters = channels[window]
+    code = np.arcsinh(light[window] / np.float32(toe))
     bound, noise = None, None
     if sigma is not None and spread is not None:
-        bound = ~np.isfinite(sigma[seen])
+        bound = ~np.isfinite(sigma[window])
         slope = toe * np.sqrt(1 + np.square(np.sinh(code)))
-        noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[seen]) / slope)).astype(np.float32)
+        noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[window]) / slope)).astype(np.float32)
     if start is None:
-        horizontal, disagreement, green = greens(code, own)
-        coded = colours(code, own, horizontal, green)
+        horizontal, disagreement, green = greens(code, letters)
+        coded = colours(code, letters, horizontal, green)
         made: npt.NDArray[np.floating] | None
-        made = None if noise is None else _interpolated_variance(noise, own, horizontal, disagreement, coded)
+        made = (
+            None if noise is None else _interpolated_variance(noise, letters, horizontal, disagreement, coded)
+        )
     else:
-        coded, made = interpolated(code, own, np.arcsinh(start[seen] / np.float32(toe)), densest, noise)
+        coded, made = interpolated(code, letters, np.arcsinh(start[window] / np.float32(toe)), densest, noise)
     coded = np.ascontiguousarray(coded[inner])
     put_light(coded, np.float32(toe), channels[rows], near[rows], rgb[rows])
     if spread is None or made is None or bound is None:
@@ -157,21 +159,21 @@ def _strip(
     variance = made[inner].astype(np.float64) * np.square(toe * np.cosh(coded))
     reached = cv2.dilate(bound.astype(np.uint8), np.ones((2 * cell - 1,) * 2, np.uint8))[inner] > 0
     variance[reached] = np.inf
-    sites = np.arange(rgb.shape[2]) == own[inner][..., None]
+    sites = np.arange(rgb.shape[2]) == letters[inner][..., None]
     np.copyto(spread[rows], variance, where=~(near[rows][..., None] | sites))
 
 
 def _interpolated_variance(
-    noise: Float, own: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: Float
+    noise: Float, sites: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: Float
 ) -> npt.NDArray[np.float64]:
     """Variance [H, W, 3] of the code: the noise of the photosites, and what interpolation may miss."""
     mean = [
-        cv2.blur(np.where(own == channel, noise, 0), _WINDOW)
-        / np.maximum(cv2.blur((own == channel).astype(np.float32), _WINDOW), 1e-6)
+        cv2.blur(np.where(sites == channel, noise, 0), _WINDOW)
+        / np.maximum(cv2.blur((sites == channel).astype(np.float32), _WINDOW), 1e-6)
         for channel in range(3)
     ]
-    there = (own != 1).astype(np.float32)
-    expected = mean[1] + 0.25 * np.where(own == 0, mean[0], mean[2])
+    there = (sites != 1).astype(np.float32)
+    expected = mean[1] + 0.25 * np.where(sites == 0, mean[0], mean[2])
     apart = cv2.blur((np.square(disagreement) - expected) * there, _NEAR)
     doubt = np.maximum(apart / np.maximum(cv2.blur(there, _NEAR), 1e-6), 0)
     shades = (planes[..., 0] - planes[..., 1], planes[..., 2] - planes[..., 1])
@@ -181,16 +183,16 @@ def _interpolated_variance(
     ]
     colour = np.maximum(np.minimum(*uneven) - SEEN * np.sum(mean, axis=0), 0)
     doubt = DOUBT**2 * doubt + COLOUR_DOUBT**2 * colour
-    case = np.where(horizontal, 0, 4) + _kinds(own)
+    case = np.where(horizontal, 0, 4) + _kinds(sites)
     shares = _shares().reshape(8, 3, 3).astype(np.float32)
     made_of = [doubt + sum(shares[:, made, of][case] * mean[of] for of in range(3)) for made in range(3)]
     return np.stack(made_of, axis=-1).astype(np.float64)
 
 
-def _kinds(own: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _kinds(sites: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """0 red, 1 green in a row with red, 2 green in a row with blue, 3 blue."""
-    with_red = (own == 0).any(1, keepdims=True)
-    return np.where(own == 0, 0, np.where(own == 2, 3, np.where(with_red, 1, 2))).astype(np.uint8)
+    with_red = (sites == 0).any(1, keepdims=True)
+    return np.where(sites == 0, 0, np.where(sites == 2, 3, np.where(with_red, 1, 2))).astype(np.uint8)
 
 
 @cache
@@ -201,18 +203,18 @@ def _shares() -> npt.NDArray[np.float64]:
     Sums of squared impulse responses, without the limits of green.
     """
     size, table = 32, np.zeros((2, 4, 3, 3))
-    own = Cfa.RGGB.channels(size, size)
-    kinds = _kinds(own)
+    sites = Cfa.RGGB.channels(size, size)
+    kinds = _kinds(sites)
     for row, column in ((16, 16), (16, 17), (17, 16), (17, 17)):
         impulse = np.zeros((size, size), np.float32)
         impulse[row, column] = 1
         for way in (0, 1):
-            made = np.where(own == 1, impulse, sum(_along(impulse, k)[way] for k in (_HALF, _CURVE)))
-            planes = colours(impulse, own, np.full(own.shape, way == 0), made.astype(np.float32))
+            made = np.where(sites == 1, impulse, sum(_along(impulse, k)[way] for k in (_HALF, _CURVE)))
+            planes = colours(impulse, sites, np.full(sites.shape, way == 0), made.astype(np.float32))
             for site in range(4):
                 for channel in range(3):
                     square = np.square(planes[kinds == site, channel], dtype=np.float64).sum()
-                    table[way, site, channel, own[row, column]] += square
+                    table[way, site, channel, sites[row, column]] += square
     return table
 
 
@@ -250,8 +252,8 @@ def _along(values: Float, kernel: Float) -> tuple[Float, Float]:
 
 def _filtered(values: Float, kernel: Float) -> Float:
     """Mirrored at the edges, which leaves every photosite its colour."""
-    found = cv2.filter2D(
+    result = cv2.filter2D(
         np.ascontiguousarray(values, np.float32), -1, np.ascontiguousarray(kernel),
         borderType=cv2.BORDER_REFLECT_101,
     )  # fmt: skip
-    return np.asarray(found)
+    return np.asarray(result)

@@ -24,24 +24,24 @@ _MARGIN = 16
 Channels = npt.NDArray[np.uint8]
 
 
-def greens(code: Float, own: Channels) -> tuple[Bool, Float, Float]:
+def greens(code: Float, sites: Channels) -> tuple[Bool, Float, Float]:
     """Mask of the interpolation along rows, difference of rows and columns, and green, all [H, W].
 
-    code: a mosaic [H, W], float32; own: the channel of each photosite.
+    code: a mosaic [H, W], float32; sites: the channel of each photosite.
     """
     shape = tuple(2 * _MARGIN + side for side in code.shape)
     horizontal, disagreement = np.zeros(shape, np.bool_), np.zeros(shape, np.float32)
     green = np.zeros(shape, np.float32)
-    _greens(_mirrored(code), _mirrored(own), horizontal, disagreement, green)
+    _greens(_mirrored(code), _mirrored(sites), horizontal, disagreement, green)
     return _inner(horizontal), _inner(disagreement), _inner(green)
 
 
-def colours(code: Float, own: Channels, horizontal: Bool, green: Float) -> Float:
+def colours(code: Float, sites: Channels, horizontal: Bool, green: Float) -> Float:
     """Red, green and blue [H, W, 3], float32, from a mosaic and its green, which is refined."""
     g = _mirrored(green)
     planes = np.zeros((*g.shape, 3), np.float32)
     planes[..., 1] = g
-    _colours(_mirrored(code), _mirrored(own), _mirrored(horizontal), planes)
+    _colours(_mirrored(code), _mirrored(sites), _mirrored(horizontal), planes)
     return np.asarray(_inner(planes))
 
 
@@ -54,7 +54,7 @@ def _inner(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 @kernel
-def put_light(code, toe, own, near, light):  # type: ignore[no-untyped-def]
+def put_light(code, toe, sites, near, light):  # type: ignore[no-untyped-def]
     """Put what `code` [H, W, channels] says into `light`, but where it was recorded, and where `near`."""
     height, width, channels = code.shape
     for r in range(height):
@@ -62,12 +62,12 @@ def put_light(code, toe, own, near, light):  # type: ignore[no-untyped-def]
             if near[r, c]:
                 continue
             for channel in range(channels):
-                if channel != own[r, c]:
+                if channel != sites[r, c]:
                     light[r, c, channel] = toe * math.sinh(code[r, c, channel])
 
 
 @kernel
-def _greens(code, own, horizontal, disagreement, green):  # type: ignore[no-untyped-def]
+def _greens(code, sites, horizontal, disagreement, green):  # type: ignore[no-untyped-def]
     height, width = code.shape
     # Of each direction its green, and what the photosite differs from it by; and how fast that changes.
     along = np.zeros((2, height, width), np.float32)
@@ -76,7 +76,7 @@ def _greens(code, own, horizontal, disagreement, green):  # type: ignore[no-unty
     for r in range(2, height - 2):
         for c in range(2, width - 2):
             here = code[r, c]
-            if own[r, c] == 1:
+            if sites[r, c] == 1:
                 along[0, r, c] = along[1, r, c] = here
                 continue
             left, right, above, below = code[r, c - 1], code[r, c + 1], code[r - 1, c], code[r + 1, c]
@@ -105,15 +105,15 @@ def _greens(code, own, horizontal, disagreement, green):  # type: ignore[no-unty
 
 
 @inlined
-def _at_green(own, planes):  # type: ignore[no-untyped-def]
+def _at_green(sites, planes):  # type: ignore[no-untyped-def]
     """Red and blue where green was recorded, from the two neighbours that have each."""
-    height, width = own.shape
+    height, width = sites.shape
     half = np.float32(0.5)
     for r in range(1, height - 1):
         for c in range(1, width - 1):
-            if own[r, c] != 1:
+            if sites[r, c] != 1:
                 continue
-            beside = own[r, c + 1]
+            beside = sites[r, c + 1]
             for channel in (0, 2):
                 down, across = (0, 1) if channel == beside else (1, 0)
                 before, after = planes[r - down, c - across], planes[r + down, c + across]
@@ -122,18 +122,18 @@ def _at_green(own, planes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _colours(code, own, horizontal, planes):  # type: ignore[no-untyped-def]
+def _colours(code, sites, horizontal, planes):  # type: ignore[no-untyped-def]
     """planes [H, W, 3]: holds green, and gets red and blue. Each pass reads what it does not write."""
     height, width = code.shape
     for r in range(height):
         for c in range(width):
-            if own[r, c] != 1:
-                planes[r, c, own[r, c]] = code[r, c]
-    _at_green(own, planes)
+            if sites[r, c] != 1:
+                planes[r, c, sites[r, c]] = code[r, c]
+    _at_green(sites, planes)
     half, third = np.float32(0.5), np.float32(1 / 3)
     for r in range(1, height - 1):
         for c in range(1, width - 1):
-            mine = own[r, c]
+            mine = sites[r, c]
             if mine != 1:
                 other = 2 - mine
                 down, across = (0, 1) if horizontal[r, c] else (1, 0)
@@ -143,7 +143,7 @@ def _colours(code, own, horizontal, planes):  # type: ignore[no-untyped-def]
     for _ in range(REFINEMENTS):
         for r in range(1, height - 1):
             for c in range(1, width - 1):
-                mine = own[r, c]
+                mine = sites[r, c]
                 if mine != 1:
                     down, across = (0, 1) if horizontal[r, c] else (1, 0)
                     before, after = planes[r - down, c - across], planes[r + down, c + across]
@@ -152,10 +152,10 @@ def _colours(code, own, horizontal, planes):  # type: ignore[no-untyped-def]
                     planes[r, c, 1] = code[r, c] - third * change
                 else:
                     planes[r, c, 1] = code[r, c]
-        _at_green(own, planes)
+        _at_green(sites, planes)
         for r in range(1, height - 1):
             for c in range(1, width - 1):
-                mine = own[r, c]
+                mine = sites[r, c]
                 if mine != 1:
                     other = 2 - mine
                     down, across = (0, 1) if horizontal[r, c] else (1, 0)

@@ -27,13 +27,13 @@ _LITTLE = 1e-6
 
 
 def interpolated(
-    code: Float, own: npt.NDArray[np.uint8], start: Float, densest: int, noise: Float | None
+    code: Float, sites: npt.NDArray[np.uint8], start: Float, densest: int, noise: Float | None
 ) -> tuple[Float, Float | None]:
     """Channels [H, W, channels] of a code [H, W] and, where its noise (variance) is known, their variance.
 
-    own: channel of each photosite, which keeps its value. start: the channels as tents interpolate them.
+    sites: channel of each photosite, which keeps its value. start: the channels as tents interpolate them.
     """
-    masks = [(own == channel).astype(np.float32) for channel in range(start.shape[2])]
+    masks = [(sites == channel).astype(np.float32) for channel in range(start.shape[2])]
     way, windows = _edges(start), _windows()
     here = masks[densest] > 0
     main = np.where(here, code, _steered(code, masks[densest], way, windows))

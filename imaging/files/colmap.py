@@ -54,11 +54,13 @@ def read_tracks(folder: Path) -> tuple[npt.NDArray[np.float64], dict[str, npt.ND
     model = read_model(folder)
     keys = sorted(model.points3D)
     xyz = np.array([model.points3D[key].xyz for key in keys], np.float64).reshape(-1, 3)
-    seen: dict[int, set[int]] = {number: set() for number in model.images}
+    places: dict[int, set[int]] = {number: set() for number in model.images}
     for place, key in enumerate(keys):
         for element in model.points3D[key].track.elements:
-            seen[element.image_id].add(place)
-    return xyz, {model.images[number].name: np.array(sorted(rows), np.int64) for number, rows in seen.items()}
+            places[element.image_id].add(place)
+    return xyz, {
+        model.images[number].name: np.array(sorted(rows), np.int64) for number, rows in places.items()
+    }
 
 
 def read_model(folder: Path) -> pycolmap.Reconstruction:

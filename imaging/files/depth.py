@@ -76,8 +76,8 @@ def _of_exr(path: Path, name: str) -> Float:
     channel = depth_channel(channels)
     if channel:
         return channels[channel]
-    found = ", ".join(sorted(channels))
-    raise InputError(f"{name} has channels {found}, and none is depth: name it Z.")
+    names = ", ".join(sorted(channels))
+    raise InputError(f"{name} has channels {names}, and none is depth: name it Z.")
 
 
 def _of_array(data: bytes, name: str) -> npt.NDArray[Any]:

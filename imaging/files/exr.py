@@ -151,14 +151,20 @@ def write_exr(
         name: ({INTEROP_ID: DATA}, planes) for name, planes in (data or {}).items()
     }
     stored = {
-        name: (own, {channel: _stored(path, channel, plane, half) for channel, plane in planes.items()})
-        for name, (own, planes) in parts.items()
+        name: (
+            attributes_of,
+            {channel: _stored(path, channel, plane, half) for channel, plane in planes.items()},
+        )
+        for name, (attributes_of, planes) in parts.items()
     }
     if len({plane.shape for _, planes in stored.values() for plane in planes.values()}) != 1:
         raise ValueError("the channels of an EXR have one shape")
     if data:
         image = OpenEXR.File(
-            [OpenEXR.Part(_AS_LINES | own, planes, name) for name, (own, planes) in stored.items()]
+            [
+                OpenEXR.Part(_AS_LINES | attributes_of, planes, name)
+                for name, (attributes_of, planes) in stored.items()
+            ]
         )
     else:
         image = OpenEXR.File(_AS_LINES | header, stored[LIGHT][1])
@@ -277,10 +283,10 @@ def _light_part(headers: Sequence[Mapping[str, Any]]) -> int:
 
 
 def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:
-    kept = {name: _attribute(value) for name, value in header.items() if name not in _STRUCTURE}
+    attributes = {name: _attribute(value) for name, value in header.items() if name not in _STRUCTURE}
     if header.get(_ASPECT, 1.0) != 1:
-        kept[_ASPECT] = float(header[_ASPECT])
-    return {name: value for name, value in kept.items() if value is not None}
+        attributes[_ASPECT] = float(header[_ASPECT])
+    return {name: value for name, value in attributes.items() if value is not None}
 
 
 def _attribute(value: Any) -> Attribute | None:

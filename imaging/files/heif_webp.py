@@ -78,11 +78,11 @@ def webp_metadata(data: bytes) -> FrameMetadata:
 
 def decode_heif(data: bytes, name: str) -> Wrapped:
     """A HEIF file, its first picture; errors as `decode_webp`, and those of its package."""
-    found = _heif(data)
-    check_picture(name, *found.size)
-    codes = np.asarray(found)
-    metadata, turns = _laid_back(found)
-    return Wrapped(np.rot90(codes, turns), metadata, found.info.get("icc_profile") or b"")
+    image = _heif(data)
+    check_picture(name, *image.size)
+    codes = np.asarray(image)
+    metadata, turns = _laid_back(image)
+    return Wrapped(np.rot90(codes, turns), metadata, image.info.get("icc_profile") or b"")
 
 
 def heif_metadata(data: bytes) -> FrameMetadata:
@@ -116,9 +116,9 @@ def _heif(data: bytes) -> Any:
     return pillow_heif.open_heif(BytesIO(data), convert_hdr_to_8bit=True)
 
 
-def _laid_back(found: Any) -> tuple[FrameMetadata, int]:
-    metadata = noted(decode_exif(found.info.get("exif") or b""), found.info.get("xmp") or b"")
-    width, height = found.size
+def _laid_back(image: Any) -> tuple[FrameMetadata, int]:
+    metadata = noted(decode_exif(image.info.get("exif") or b""), image.info.get("xmp") or b"")
+    width, height = image.size
     turns = _BACK.get(metadata.orientation, 0) if height > width else 0
     return (metadata if turns else replace(metadata, orientation=1)), turns
 

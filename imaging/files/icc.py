@@ -64,13 +64,13 @@ class Profile:
     def apply(self, pixels: Float) -> None:
         """Turn code values [H, W, 3], 0..1, into those of sRGB, in place; what is beyond them is clipped."""
         for top in range(0, len(pixels), _ROWS):
-            own = pixels[top : top + _ROWS]
+            strip = pixels[top : top + _ROWS]
             if self.curves is None or self.matrix is None:
-                own[:] = np.clip(np.nan_to_num(_through(own, self.icc, _srgb())), 0.0, 1.0)
+                strip[:] = np.clip(np.nan_to_num(_through(strip, self.icc, _srgb())), 0.0, 1.0)
                 continue
-            place = np.rint(own * _TOP).astype(np.uint16)
+            place = np.rint(strip * _TOP).astype(np.uint16)
             light = np.stack([self.curves[c][place[..., c]] for c in range(3)], axis=-1) @ self.matrix.T
-            own[:] = _encoding()[np.rint(light.clip(0.0, 1.0) * _TOP).astype(np.uint16)]
+            strip[:] = _encoding()[np.rint(light.clip(0.0, 1.0) * _TOP).astype(np.uint16)]
 
 
 def profile_of(data: bytes) -> Profile | None:
@@ -116,8 +116,8 @@ def _profile(icc: bytes, name: str) -> Profile | None:
         matrix = np.stack([column[-1] for column in single], axis=1)
         with np.errstate(all="ignore"):  # a channel without light has no curve
             curves = np.stack([column @ column[-1] / (column[-1] @ column[-1]) for column in single])
-        seen = np.stack([curves[c][np.rint(cube[:, 0, c] * _TOP).astype(int)] for c in range(3)], axis=-1)
-        exact = np.abs(seen @ matrix.T - _through(cube, icc, linear)[:, 0]).max() < EXACT
+        decoded = np.stack([curves[c][np.rint(cube[:, 0, c] * _TOP).astype(int)] for c in range(3)], axis=-1)
+        exact = np.abs(decoded @ matrix.T - _through(cube, icc, linear)[:, 0]).max() < EXACT
     except (imagecodecs.CmsError, ValueError, FloatingPointError):
         return None
     parts = (curves.astype(np.float32), matrix.astype(np.float32)) if exact else (None, None)

@@ -80,10 +80,10 @@ def jpeg_is_whole(data: bytes) -> bool:
             return True
         position += 2 + int(struct.unpack(">H", data[position + 2 : position + 4])[0])
         if marker == _SCAN:
-            found = _MARKER.search(data, position)
-            if found is None:
+            match = _MARKER.search(data, position)
+            if match is None:
                 return False
-            position = found.start()
+            position = match.start()
     return data[position : position + 2] == b"\xff\xd9"
 
 

@@ -250,10 +250,10 @@ def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> npt
         return None
     cover = alpha.astype(np.float32) / top
     for rows in range(0, len(pixels), _ROWS):
-        own, share = pixels[rows : rows + _ROWS], cover[rows : rows + _ROWS]
+        strip, share = pixels[rows : rows + _ROWS], cover[rows : rows + _ROWS]
         glassy = share < 1
         if glassy.any():
-            own[glassy] = srgb_encode(srgb_decode(own[glassy]) * share[glassy, None])
+            strip[glassy] = srgb_encode(srgb_decode(strip[glassy]) * share[glassy, None])
     return cover
 
 

@@ -36,13 +36,13 @@ logging.getLogger("exifread").addHandler(logging.NullHandler())
 
 def spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
     """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): their EXIF, else LibRaw's."""
-    found = _exif_of_raf(file)
-    if found is None:
+    metadata = _exif_of_raf(file)
+    if metadata is None:
         try:
             tags = exifread.process_file(file, details=False)
         except _EXIFREAD_ERRORS:  # of bytes that are damaged
             tags = {}
-        found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
+        metadata = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
     other = raw.other
     exposure = None
     if other.shutter_speed > 0:
@@ -52,9 +52,9 @@ def spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
             iso=other.iso_speed if other.iso_speed > 0 else None,
         )
     return replace(
-        found,
-        exposure=found.exposure or exposure,
-        focal_length_mm=found.focal_length_mm or other.focal_length or None,
+        metadata,
+        exposure=metadata.exposure or exposure,
+        focal_length_mm=metadata.focal_length_mm or other.focal_length or None,
     )
 
 

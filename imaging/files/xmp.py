@@ -50,14 +50,14 @@ def drone_note(packet: bytes) -> DroneNote:
     )
 
 
-def noted(found: FrameMetadata, packet: bytes) -> FrameMetadata:
+def noted(metadata: FrameMetadata, packet: bytes) -> FrameMetadata:
     """The metadata of a file with what its XMP packet says of a drone; EXIF's position counts before that."""
     note = drone_note(packet)
-    position = found.position or note.position
+    position = metadata.position or note.position
     if position is not None:
         error = note.error or position.error
         position = replace(position, error=error, altitude_error=note.altitude_error)
-    return replace(found, gimbal=note.gimbal, height=note.height, position=position)
+    return replace(metadata, gimbal=note.gimbal, height=note.height, position=position)
 
 
 def _position(packet: bytes) -> GpsPosition | None:
@@ -70,8 +70,8 @@ def _position(packet: bytes) -> GpsPosition | None:
 
 
 def _number(packet: bytes, name: str) -> float | None:
-    found = re.search(
+    match = re.search(
         rb"drone-dji:" + name.encode() + rb"\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", packet
     )
-    value = math.nan if found is None else float(found.group(1))
+    value = math.nan if match is None else float(match.group(1))
     return value if math.isfinite(value) and abs(value) < 1e5 else None

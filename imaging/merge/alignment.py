@@ -53,8 +53,8 @@ def shifts(frames: Sequence[LinearFrame]) -> list[Shift]:
     can see, so that what is saturated in one looks alike in both. Pixels invalid in either do not count.
     """
     ordered = sorted(frames, key=lambda frame: frame.k)
-    found = [_shift(short, long) for short, long in pairwise(ordered)]
-    return [shift for shift in found if shift is not None]
+    measured = [_shift(short, long) for short, long in pairwise(ordered)]
+    return [shift for shift in measured if shift is not None]
 
 
 def _shift(short: LinearFrame, long: LinearFrame) -> Shift | None:

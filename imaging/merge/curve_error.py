@@ -25,10 +25,10 @@ def with_curve_error(merged: Merged, frames: Sequence[LinearFrame], response: Re
     if merged.sigma is None or not response.sigma:
         return merged
     tables, per_root = [], np.empty(3, np.float32)
-    for index, (own, known) in enumerate(zip(response.log_exposure, response.sigma, strict=True)):
-        root = np.linspace(0.0, np.exp(0.5 * own[-1]), _TABLE)
+    for index, (curve, known) in enumerate(zip(response.log_exposure, response.sigma, strict=True)):
+        root = np.linspace(0.0, np.exp(0.5 * curve[-1]), _TABLE)
         signed = np.where(np.arange(len(known)) < np.argmin(known), -1.0, 1.0) * known
-        tables.append(np.interp(2.0 * np.log(np.maximum(root, 1e-30)), own, signed).astype(np.float32))
+        tables.append(np.interp(2.0 * np.log(np.maximum(root, 1e-30)), curve, signed).astype(np.float32))
         per_root[index] = (_TABLE - 1) / root[-1]
     sigma = np.empty_like(merged.sigma)
     for top in range(0, len(sigma), ROWS):

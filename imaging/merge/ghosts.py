@@ -48,13 +48,13 @@ def without_ghosts(
     ghost, noise = find_ghosts(frames, merged, tolerance, hidden)
     if not ghost.any():
         return Deghosted(merged, ghost, None, noise)
-    references, left = _references(frames, ghost), ghost
+    references, remaining = _references(frames, ghost), ghost
     for reference in references:
         alone = merge_bracket([frames[reference]])
-        number = left & np.isfinite(alone.radiance)
+        number = remaining & np.isfinite(alone.radiance)
         merged = _with(merged, alone, number)
-        left = left & ~number
-        if not left.any():
+        remaining = remaining & ~number
+        if not remaining.any():
             break
     return Deghosted(merged, ghost, references[0], noise)
 

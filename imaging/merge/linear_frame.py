@@ -68,8 +68,8 @@ class CodeSignalNoise:
         places = np.linspace(0.0, 1.0, _TABLE)
         self._table = np.stack(
             [
-                np.interp((places * top) ** 2, own, spread).astype(np.float32)
-                for top, own, spread in zip(self._top, light, variance, strict=True)
+                np.interp((places * top) ** 2, levels, spread).astype(np.float32)
+                for top, levels, spread in zip(self._top, light, variance, strict=True)
             ],
             axis=-1,
         )
@@ -183,25 +183,25 @@ def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) ->
 
 
 @kernel
-def _look_up(codes: npt.NDArray[np.floating], table: Float, found: Float) -> None:
+def _look_up(codes: npt.NDArray[np.floating], table: Float, out: Float) -> None:
     """Write the entries of a table [T, 3] of 0..1 that are nearest to codes [N, 3] into found [N, 3]."""
     last = len(table) - 1
     for row in range(len(codes)):
         for channel in range(3):
             code = codes[row, channel]
             place = int(min(code, 1.0) * last + 0.5) if code > 0 else 0
-            found[row, channel] = table[place, channel]
+            out[row, channel] = table[place, channel]
 
 
 @kernel
-def _look_up_roots(light: npt.NDArray[np.floating], scale: Float, table: Float, found: Float) -> None:
+def _look_up_roots(light: npt.NDArray[np.floating], scale: Float, table: Float, out: Float) -> None:
     """The same by the square root of light [N, 3], in units of 1 / scale [3]."""
     last = len(table) - 1
     for row in range(len(light)):
         for channel in range(3):
             value = light[row, channel]
             root = np.sqrt(value) * scale[channel] if value > 0 else 0.0
-            found[row, channel] = table[int(min(root, 1.0) * last + 0.5), channel]
+            out[row, channel] = table[int(min(root, 1.0) * last + 0.5), channel]
 
 
 def from_light(light: npt.NDArray[np.floating], k: float) -> LinearFrame:

@@ -63,9 +63,9 @@ def combined(frames: Sequence[RawMosaic]) -> Combined:
     total, count = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.uint8)
     full, apart = np.zeros((*shape, 3), bool), np.zeros(shape, np.float32)
     for frame, code, shift in zip(frames, codes, shifts(codes, first.cfa), strict=True):
-        seen, inside = _moved(channels, shift), _inside(shape, shift)
+        sites, inside = _moved(channels, shift), _inside(shape, shift)
         for channel in range(3):
-            mine = inside & (seen == channel)
+            mine = inside & (sites == channel)
             if channel == 1:  # of the two samples the difference
                 apart[mine] = _moved(code, shift)[mine] - apart[mine]
             total[..., channel][mine] += _moved(code, shift)[mine]
@@ -115,8 +115,8 @@ def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
     for code in codes[1:]:
         cost = {}
         for shift in _STEPS:
-            seen = _moved(channels, shift)[..., None].astype(np.intp)
-            expected = np.take_along_axis(guess, seen, 2)[..., 0]
+            sites = _moved(channels, shift)[..., None].astype(np.intp)
+            expected = np.take_along_axis(guess, sites, 2)[..., 0]
             cost[shift] = float(np.mean(np.abs(_moved(code, shift) - expected)[middle]))
         costs.append(cost)
     best = [min(cost, key=lambda shift: cost[shift]) for cost in costs]

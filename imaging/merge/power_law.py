@@ -41,17 +41,21 @@ def exponent(pairs: Sequence[tuple[float, Sequence[Overlap]]]) -> float | None:
     label, long, short = np.array(rows).T
     straight = _rms(np.log(long / short) - label)
     fits = [_power(label, long - toe, short - toe) for toe in (0.0, *TOES) if toe < 0.9 * short.min()]
-    left, power = fits[0] if fits[0][0] < EXPLAINED * straight else min(fits)
-    if abs(power - 1.0) < BENT or left > EXPLAINED * straight or left > LIKELIER * _black(label, long, short):
+    residual, power = fits[0] if fits[0][0] < EXPLAINED * straight else min(fits)
+    if (
+        abs(power - 1.0) < BENT
+        or residual > EXPLAINED * straight
+        or residual > LIKELIER * _black(label, long, short)
+    ):
         return None
     return power
 
 
 def _power(label: Array, long: Array, short: Array) -> tuple[float, float]:
     """Return what the likeliest power leaves, and that power."""
-    found = np.log(long / short)
-    power = float(label @ found / (label @ label))
-    return _rms(found - power * label), power
+    measured = np.log(long / short)
+    power = float(label @ measured / (label @ label))
+    return _rms(measured - power * label), power
 
 
 def _black(label: Array, long: Array, short: Array) -> float:

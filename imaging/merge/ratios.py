@@ -157,23 +157,23 @@ class Linearity:
 
 def linearity(pairs: Sequence[tuple[Ratio, Sequence[Overlap]]]) -> Linearity | None:
     """Departure from linearity over the levels of all pairs of exposures; None when there is too little."""
-    found = []
+    points = []
     for pooled, overlaps in pairs:
         sums = np.sum([o.levels for o in overlaps], axis=0)
         expected = np.exp(pooled.log)
         for index, (long, short, long_var, short_var, number) in enumerate(sums):
             if number < FEWEST / LEVELS or short <= 0:
                 continue
-            own = pooled.noise * np.sqrt(long_var + expected**2 * short_var) / long
-            error = float(np.hypot(own, pooled.error))
+            chance = pooled.noise * np.sqrt(long_var + expected**2 * short_var) / long
+            error = float(np.hypot(chance, pooled.error))
             if error < 0.01:
                 middle = LOWEST * (HIGHEST / LOWEST) ** ((index + 0.5) / LEVELS)
-                found.append((middle, float(long / short / expected - 1.0), error))
-    if not found:
+                points.append((middle, float(long / short / expected - 1.0), error))
+    if not points:
         return None
-    departures = np.array(found)
+    departures = np.array(points)
     beyond = np.maximum(np.abs(departures[:, 1]) - 2.0 * departures[:, 2], 0.0)
-    return Linearity(float(beyond.max()), float(np.abs(departures[:, 1]).max()), tuple(found))
+    return Linearity(float(beyond.max()), float(np.abs(departures[:, 1]).max()), tuple(points))
 
 
 def _neighbours(signal: Array, cfa: Cfa | None) -> Array:
@@ -198,12 +198,12 @@ def _same_colour(signal: Array, cfa: Cfa) -> Array:
     around[2, 2] = 0.0
     mean = np.empty(signal.shape)
     for channel in range(len(cfa.letters)):
-        own = channels == channel
+        sites = channels == channel
         total, count = (
-            ndimage.correlate(np.where(own, values, 0.0), around, mode="mirror")
+            ndimage.correlate(np.where(sites, values, 0.0), around, mode="mirror")
             for values in (signal, np.ones(signal.shape))
         )
-        mean[own] = (total / np.maximum(count, 1.0))[own]
+        mean[sites] = (total / np.maximum(count, 1.0))[sites]
     return mean
 
 

@@ -57,8 +57,8 @@ def false_colour(bands: Sequence[Band]) -> npt.NDArray[np.float64]:
     Rec.709 are kept, so that sums come out right.
     """
     waves = np.array([band.wavelength_nm or np.nan for band in bands])
-    seen = np.isfinite(waves).all() and waves.min() >= 380 and waves.max() <= 720
-    if not seen:
+    visible = np.isfinite(waves).all() and waves.min() >= 380 and waves.max() <= 720
+    if not visible:
         waves = np.linspace(*_VISIBLE, len(bands))
     matrix = REC709_FROM_XYZ @ matching(waves).T
     white = matrix.sum(axis=1)

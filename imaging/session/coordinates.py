@@ -57,10 +57,10 @@ class SurveyedPoint(Record):
 
     def __str__(self) -> str:
         off, pixels = self.miss_m, self.miss_px
-        seen = "" if pixels is None else f", {pixels:.3g} px in {len(self.marks)} images"
-        found = "not placed" if off is None else f"{length_text(off)} off{seen}"
+        residual = "" if pixels is None else f", {pixels:.3g} px in {len(self.marks)} images"
+        place = "not placed" if off is None else f"{length_text(off)} off{residual}"
         why = f"; {self.reason}" if self.reason else ""
-        return f"{self.name}: {found}{'' if self.used else ', not used'}{why}"
+        return f"{self.name}: {place}{'' if self.used else ', not used'}{why}"
 
 
 class CoordinateSystem(Record):

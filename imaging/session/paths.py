@@ -33,10 +33,10 @@ def find_reconstruction(path: Path) -> Path:
         raise InputError(f"{path} is not a folder: name SESSION/reconstructions/NAME, or its session.")
     if (path / "model.json").is_file():
         return path
-    found = [model.parent for model in path.glob("reconstructions/[!.]*/model.json")]
-    if not found:
+    finished = [model.parent for model in path.glob("reconstructions/[!.]*/model.json")]
+    if not finished:
         raise InputError(f"{path} has no finished reconstruction: run `rig reconstruct` first.")
-    return max(found, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
+    return max(finished, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
 
 
 def without_scene(path: Path) -> bool:

@@ -120,7 +120,7 @@ def read_plan(path: str | Path) -> BatchPlan:
 
 def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, ...]:
     """The folders that are meant, in the order of the plan."""
-    found: dict[Path, None] = {}
+    sessions: dict[Path, None] = {}
     for pattern in patterns:
         folder = Path(pattern)
         try:
@@ -135,5 +135,5 @@ def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, .
                 f"{path}, line {line}: {pattern!r} is no session beside {path.name}: correct it, or make one "
                 "with rig import or rig capture."
             )
-        found |= dict.fromkeys(some)
-    return tuple(found)
+        sessions |= dict.fromkeys(some)
+    return tuple(sessions)

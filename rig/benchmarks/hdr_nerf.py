@@ -21,8 +21,8 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
         calibrate(session, only="response", on_progress=progress)
     folder = trained(session, "hdr-gs", choices, progress)
-    found = evaluate(folder, on_progress=progress).known()
-    return {key: found[key] for key in HDR_NERF.columns if key in found}
+    figures = evaluate(folder, on_progress=progress).known()
+    return {key: figures[key] for key in HDR_NERF.columns if key in figures}
 
 
 HDR_NERF = Protocol(

@@ -85,7 +85,7 @@ class Outcome:
         """Means over the scenes that have a figure."""
         keys = dict.fromkeys(key for figures in self.figures.values() for key in figures)
         values = {key: [one[key] for one in self.figures.values() if key in one] for key in keys}
-        return {key: sum(found) / len(found) for key, found in values.items()}
+        return {key: sum(each) / len(each) for key, each in values.items()}
 
 
 def run_scenes(
@@ -146,9 +146,9 @@ def _figures(protocol: Protocol, scene: Path, place: Path, choices: Choices, pro
     file = place / f"{choices.name}.json"
     asked: dict[str, Any] = {"protocol": protocol.name, "scene": str(scene.resolve())} | asdict(choices)
     if file.is_file():
-        kept = store.read_json(file)
-        if isinstance(kept, dict) and kept.get("asked") == asked:
-            return {str(key): float(value) for key, value in kept["figures"].items()}
+        stored = store.read_json(file)
+        if isinstance(stored, dict) and stored.get("asked") == asked:
+            return {str(key): float(value) for key, value in stored["figures"].items()}
         raise InputError(f"{file} is of another scene or protocol: name another folder with --out.")
     figures = protocol.run(scene, place / "session", choices, progress)
     store.write_json(file, {"asked": asked, "figures": figures})

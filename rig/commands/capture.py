@@ -223,8 +223,8 @@ def run_capture(
         with source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source:
             result = shoot(source, out, request, progress=status, say=status.say)
     there = result.taken + result.kept
-    kept = f", {result.kept} of them taken before" if result.kept else ""
-    lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]
+    earlier = f", {result.kept} of them taken before" if result.kept else ""
+    lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{earlier}"]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
     if missing is None and Session.open(out).shots("scene"):

@@ -111,15 +111,15 @@ def _camera_result(which: str, sim: str | None, status: "StatusLine") -> Command
     try:
         if named:
             there = [camera for camera in cameras if camera.where == named[0].where]
-            found = dict(zip([which], there, strict=False))
+            by_serial = dict(zip([which], there, strict=False))
         else:
-            found = {camera.identify().serial: camera for camera in cameras}
-        if which not in found:
-            known = ", ".join(sorted(found)) or "none"
+            by_serial = {camera.identify().serial: camera for camera in cameras}
+        if which not in by_serial:
+            known = ", ".join(sorted(by_serial)) or "none"
             what = "" if named else " with the serial number"
             raise InputError(f"No camera{what} {which!r} is connected ({known} found).")
-        identity, verified = found[which].identify(), found[which].verified()
-        rows = list(examine(found[which], bus.clock, on_progress=status))
+        identity, verified = by_serial[which].identify(), by_serial[which].verified()
+        rows = list(examine(by_serial[which], bus.clock, on_progress=status))
     finally:
         for camera in cameras:
             camera.close()

@@ -60,12 +60,12 @@ def merge(
             session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status
         )
     calibration, factor = merged.calibration, merged.exposure_factor
-    kept = sum(picture.kept for picture in merged.views)
+    reused = sum(picture.kept for picture in merged.views)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(merged.views), 'merged picture')}, exposures from {source}"]
     lines.append(_scale_line(factor, calibration, middle_grey=exposure is None))
-    if kept:
-        lines.append(f"{counted(kept, 'file')} of an earlier run kept")
+    if reused:
+        lines.append(f"{counted(reused, 'file')} of an earlier run kept")
     lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
     uncoloured = _camera_rgb(session, merged)
     if uncoloured:

@@ -104,8 +104,8 @@ def node(
         lines = [f"Node {name} has left."]
         with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced
             with running("node") as status:
-                found = counted(len(report.strangers), "camera")
-                status.say(f"Node {name} serves {found} to {where}; Ctrl-C ends it.")
+                cameras = counted(len(report.strangers), "camera")
+                status.say(f"Node {name} serves {cameras} to {where}; Ctrl-C ends it.")
             joined.wait_for_end()
             lines = [f"The Ray cluster at {where} is gone, and node {name} with it."]
     data = {"node": name, "ray": where, "cameras": [asdict(one) for one in report.strangers]}

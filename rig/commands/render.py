@@ -267,10 +267,10 @@ def _shown(tones: str) -> "Shown":
     from rig.view.pictures.look import TONE_MAPS, Look
 
     names = {name.lower().replace(" ", "-"): name for name in TONE_MAPS}
-    found = names.get(tones.lower().replace(" ", "-"))
-    if found is None:
+    tone_map = names.get(tones.lower().replace(" ", "-"))
+    if tone_map is None:
         raise InputError(f"There are no tones {tones!r}: name one of {', '.join(names)}.")
-    return Look(tones=found).shown
+    return Look(tones=tone_map).shown
 
 
 def _scene_data(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:

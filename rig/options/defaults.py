@@ -67,7 +67,7 @@ def _of_command(table: dict[str, Any], where: str, command: Any, tried: bool) ->
         for option in parameter.opts
         if option.startswith("--") and not parameter.is_flag
     }
-    found = {}
+    values = {}
     for key, value in table.items():
         if key not in options:
             has = f"set one of {', '.join(options)}" if options else "nothing can be set for it"
@@ -76,14 +76,14 @@ def _of_command(table: dict[str, Any], where: str, command: Any, tried: bool) ->
         typed = [_typed(item, f"{where} {key}") for item in (value if isinstance(value, list) else [value])]
         if not parameter.multiple and isinstance(value, list):
             raise InputError(f"{where} {key} takes one value: write it without brackets.")
-        found[parameter.name] = typed if parameter.multiple else typed[0]
+        values[parameter.name] = typed if parameter.multiple else typed[0]
         if tried:
             try:
-                parameter.process_value(typer.Context(command), found[parameter.name])
+                parameter.process_value(typer.Context(command), values[parameter.name])
             except typer.BadParameter as error:
                 message = error.message.replace("Value error, ", "").strip().rstrip(".")
                 raise InputError(f"{where} {key}: {message}.") from error
-    return found
+    return values
 
 
 def _typed(value: object, where: str) -> str:

@@ -70,15 +70,15 @@ def _value(text: str) -> dict[str, object]:
     fields: dict[str, object] = {"error": ERROR}
     for part in text.split(","):
         word = part.strip()
-        if found := re.fullmatch(rf"{_NUMBER}\s*(cd/m2|cd/m²|cd/m\^2|nits?|lx|lux)?", word):
-            name = "illuminance" if found[2] in ("lx", "lux") else "luminance"
-            fields[name] = float(found[1])
-        elif found := re.fullmatch(rf"(?:\+-|±|\+/-)\s*{_NUMBER}\s*%", word):
-            fields["error"] = float(found[1]) / 100
-        elif found := re.fullmatch(rf"{_NUMBER}\s*%", word):
-            fields["reflectance"] = float(found[1]) / 100
-        elif found := re.fullmatch(r"by=\s*(\S.*)", word):
-            fields["source"] = found[1]
+        if match := re.fullmatch(rf"{_NUMBER}\s*(cd/m2|cd/m²|cd/m\^2|nits?|lx|lux)?", word):
+            name = "illuminance" if match[2] in ("lx", "lux") else "luminance"
+            fields[name] = float(match[1])
+        elif match := re.fullmatch(rf"(?:\+-|±|\+/-)\s*{_NUMBER}\s*%", word):
+            fields["error"] = float(match[1]) / 100
+        elif match := re.fullmatch(rf"{_NUMBER}\s*%", word):
+            fields["reflectance"] = float(match[1]) / 100
+        elif match := re.fullmatch(r"by=\s*(\S.*)", word):
+            fields["source"] = match[1]
         else:
             raise ValueError(f"{word!r} is no luminance, illuminance, reflectance or error")
     fields.setdefault("source", "light meter" if "illuminance" in fields else "spot meter")

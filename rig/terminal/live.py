@@ -33,10 +33,10 @@ class _Words(ProgressColumn):
             return Text(plain(stage.message), overflow="ellipsis", no_wrap=True)
         if self.part == "count":
             return Text(stage.counted(), style="cyan")
-        left = stage.remaining()
+        remaining = stage.remaining()
         # On a narrow terminal the message needs the room of the time that has passed.
-        past = duration(stage.elapsed()) if self.roomy or not left else ""
-        ending = f"{duration(left)} left" if left else ""
+        past = duration(stage.elapsed()) if self.roomy or not remaining else ""
+        ending = f"{duration(remaining)} left" if remaining else ""
         return Text(" · ".join(part for part in (past, ending) if part), style="dim")
 
 

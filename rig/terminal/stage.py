@@ -56,5 +56,7 @@ class Stage:
     def line(self) -> str:
         """The whole stage as plain text."""
         parts = [f"{self.name}: {plain(self.message)}", self.counted(), duration(self.elapsed())]
-        left = self.remaining()
-        return ", ".join(part for part in parts if part) + (f", {duration(left)} left" if left else "")
+        remaining = self.remaining()
+        return ", ".join(part for part in parts if part) + (
+            f", {duration(remaining)} left" if remaining else ""
+        )

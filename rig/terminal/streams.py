@@ -81,11 +81,11 @@ class _Unfailing(io.FileIO):
 
     def write(self, data: "ReadableBuffer", /) -> int:
         """Write, or lose, all of it."""
-        left = memoryview(data).cast("B")
-        size = len(left)
+        unwritten = memoryview(data).cast("B")
+        size = len(unwritten)
         with suppress(OSError):  # the reader has gone, the terminal was closed, the disk is full
-            while left:
-                left = left[super().write(left) or len(left) :]
+            while unwritten:
+                unwritten = unwritten[super().write(unwritten) or len(unwritten) :]
         return size
 
 

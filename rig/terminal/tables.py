@@ -25,16 +25,16 @@ def table(
     from rich.text import Text
 
     groups = list(groups)
-    kept = [i for i in range(len(columns)) if any(row[i] for _, rows in groups for row in rows)]
+    filled = [i for i in range(len(columns)) if any(row[i] for _, rows in groups for row in rows)]
     drawn = Table(box=SIMPLE_HEAD, pad_edge=False, expand=True)
-    for i in kept:
+    for i in filled:
         drawn.add_column(columns[i], ratio=ratios.get(columns[i]), overflow="fold")
     for title, rows in groups:
         if title:
             drawn.add_row(Text(f"{title}:"))
         for row in rows:
             # What files say is never read as markup.
-            drawn.add_row(*(Text(plain(row[i])) for i in kept))
+            drawn.add_row(*(Text(plain(row[i])) for i in filled))
     width = min(max(shutil.get_terminal_size((100, 24)).columns, NARROW), WIDE)
     stream = StringIO()
     Console(file=stream, width=width, color_system=None, legacy_windows=False).print(drawn)

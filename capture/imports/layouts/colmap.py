@@ -72,14 +72,14 @@ def _is_model(place: Path) -> bool:
 
 def _folders(folder: Path, depth: int) -> list[Path]:
     """Subfolders at that depth, in natural order; hidden ones and links are passed over."""
-    found = [
+    folders = [
         path
         for path in folder.glob("/".join("*" * depth))
         if path.is_dir()
         and not path.is_symlink()
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     ]
-    return sorted(found, key=lambda path: natural(path.relative_to(folder)))
+    return sorted(folders, key=lambda path: natural(path.relative_to(folder)))
 
 
 def images_folder(folder: Path, names: Iterable[str] = ()) -> Path:

@@ -35,16 +35,16 @@ def file_named(folder: Path, name: str) -> Path:
 
 def _alike(folder: Path, relative: Path) -> Path | None:
     """The one file whose path is the same but for letters and accents, relative to the folder; or None."""
-    found = Path()
+    match = Path()
     for part in relative.parts:
         try:
-            names = _listed(folder / found, (folder / found).stat().st_mtime_ns).get(_folded(part), [])
+            names = _listed(folder / match, (folder / match).stat().st_mtime_ns).get(_folded(part), [])
         except OSError:  # no folder
             return None
         if len(names) != 1:
             return None
-        found /= names[0]
-    return found if (folder / found).is_file() else None
+        match /= names[0]
+    return match if (folder / match).is_file() else None
 
 
 @lru_cache(maxsize=16)

@@ -59,10 +59,10 @@ def nearest_lens(
             def off_by(values: Array) -> Array:
                 return np.nan_to_num((project(lens_with(values), rays) - wanted).ravel(), nan=1e6)
 
-            found = least_squares(off_by, [held[name] for name in free], x_scale="jac")
-            farthest = float(np.abs(found.fun).max())
+            solution = least_squares(off_by, [held[name] for name in free], x_scale="jac")
+            farthest = float(np.abs(solution.fun).max())
             if farthest < miss:
-                best, miss = lens_with(found.x), farthest
+                best, miss = lens_with(solution.x), farthest
             if miss < FARTHEST_OFF / 10:
                 break
         if miss < FARTHEST_OFF / 10:

@@ -123,9 +123,11 @@ def _images(folder: Path) -> tuple[Path, list[_Image]]:
         for image in sorted(model.images.values(), key=lambda image: str(image.name)):
             if not image.has_pose:
                 continue
-            own = lenses[image.camera_id]
-            pose = None if own is None else colmap.pose_of_image(image, place)
-            images.append(_Image(Path(image.name).stem, str(image.camera_id), own, pose, image.name))
+            lens_of_camera = lenses[image.camera_id]
+            pose = None if lens_of_camera is None else colmap.pose_of_image(image, place)
+            images.append(
+                _Image(Path(image.name).stem, str(image.camera_id), lens_of_camera, pose, image.name)
+            )
     stems = [image.stem for image in images]
     twice = next((stem for stem in stems if stems.count(stem) > 1), None)
     if twice is not None:

@@ -205,12 +205,12 @@ class _Parser:
     def _binary(self, level: int, depth: int) -> Evaluate:
         if level == len(_LEVELS):
             return self._unary(depth)
-        left = self._binary(level + 1, depth)
+        result = self._binary(level + 1, depth)
         while self.kind == "sign" and self.token in _LEVELS[level]:
             operator = _BINARY[self.token]
             self._advance()
-            left = self._joined(operator, left, self._binary(level + 1, depth))
-        return left
+            result = self._joined(operator, result, self._binary(level + 1, depth))
+        return result
 
     def _joined(
         self, operator: Callable[[Number, Number], Number], left: Evaluate, right: Evaluate

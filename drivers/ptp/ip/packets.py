@@ -72,13 +72,13 @@ class Link:
 
     def send(self, kind: PacketType, fields: bytes) -> None:
         """One packet, from any thread. CameraLost; CameraTimeout, after which it is out of step."""
-        left = memoryview(struct.pack("<II", HEAD + len(fields), kind) + fields)
+        unsent = memoryview(struct.pack("<II", HEAD + len(fields), kind) + fields)
         end = time.monotonic() + _SEND_TIMEOUT
         with self._sending:
-            while left:
+            while unsent:
                 try:
                     _, able, _ = select.select([], [self._socket], [], max(0.0, end - time.monotonic()))
-                    sent = self._socket.send(left) if able else 0
+                    sent = self._socket.send(unsent) if able else 0
                 except BlockingIOError:
                     continue
                 except (OSError, ValueError) as error:  # ValueError: it was closed here
@@ -86,7 +86,7 @@ class Link:
                 if not able:
                     self.in_step = False
                     raise CameraTimeout(f"{self.where} takes no more bytes: wake the camera up.")
-                left = left[sent:]
+                unsent = unsent[sent:]
 
     def receive(self, timeout: float | None, most: int) -> tuple[int, bytes]:
         """Type and fields of the next packet of at most `most` bytes.

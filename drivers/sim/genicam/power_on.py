@@ -25,14 +25,14 @@ def description_of(camera: SimulatedCamera, transport: Transport, quirks: Contai
     lens = camera.body.optics.lens
     model, size = camera.identify().model, (lens.width, lens.height)
     plain = describe(model, size, _formats(camera), _times(), max(shutter.ISOS), transport)
-    own = {
+    nodes = {
         "gamma": Feature.GAMMA_ENABLE,
         "balance selector": Feature.BALANCE_SELECTOR,
         "balance": Feature.BALANCE_RATIO,
         "time latch": Feature.TIME_LATCH,
     }
     order = f"{transport.order.title()}Endian"
-    return altered(plain, quirks, own).replace("LittleEndian", order)
+    return altered(plain, quirks, nodes).replace("LittleEndian", order)
 
 
 def checks_of(camera: SimulatedCamera) -> Checks:

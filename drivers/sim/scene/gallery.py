@@ -160,11 +160,11 @@ def _niche(build: Builder) -> None:
         build.box(board, place(across, 0, high / 2), (thick, deep - 0.004, inside), turn=turn)
     back = deep / 2 - thick / 2 - 0.002
     build.box(board, place(0, back, high / 2), (wide - 2 * thick - 0.004, thick, inside), turn=turn)
-    kept = build.material(
+    matt = build.material(
         TILES, 0.06, (0.06, 0.06, 0.08), (0.30, 0.24, 0.16), (0.14, 0.20, 0.18), edge=0.5, warp=0.5
     )
-    build.sphere(kept, place(-0.10, 0.03, thick + 0.09), 0.09)
-    build.cylinder(kept, place(0.11, 0.04, thick + 0.14), 0.06, 0.28)
+    build.sphere(matt, place(-0.10, 0.03, thick + 0.09), 0.09)
+    build.cylinder(matt, place(0.11, 0.04, thick + 0.14), 0.06, 0.28)
     # The zone ends within the boards: a surface on its edge would be neither in nor out.
     inner = (wide - thick, deep, high - thick)
     build.dim_zone(place(0, 0, high / 2), inner, (0, 1, 0), reach=0.20, stops=1.6, turn=turn)

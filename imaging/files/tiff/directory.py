@@ -120,13 +120,13 @@ class TiffReader:
 
     def walk(self) -> Iterator[tuple[int, Directory]]:
         """Offset and values of every directory in the order of `directories`, each read when asked for."""
-        waiting, seen = [self.first], set[int]()
+        waiting, visited = [self.first], set[int]()
         while waiting:
             offset = waiting.pop(0)
-            if offset == 0 or offset in seen:
+            if offset == 0 or offset in visited:
                 continue
-            seen.add(offset)
-            if len(seen) > 64:
+            visited.add(offset)
+            if len(visited) > 64:
                 raise TiffError("too many directories")
             directory, following = self.directory(offset)
             yield offset, directory
@@ -160,8 +160,8 @@ class TiffReader:
         lead, step, room = (struct.calcsize(f"={form}") for form in (counted, entry, inner))
         (count,) = self._unpack(counted, self.read(offset, lead))
         for at in range(offset + lead, offset + lead + step * count, step):
-            found, kind, number, inline = self._unpack(entry, self.read(at, step))
-            if found == tag and kind in _SIZES:
+            number_of_tag, kind, number, inline = self._unpack(entry, self.read(at, step))
+            if number_of_tag == tag and kind in _SIZES:
                 short = _SIZES[kind] * number <= room
                 return at + step - room if short else int(self._unpack(inner, inline)[0])
         raise TiffError("the tag is missing")

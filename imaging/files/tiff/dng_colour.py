@@ -62,7 +62,7 @@ def camera_from_xyz(tags: Directory, channels: int) -> Matrix | None:
     beyond them those of the nearest count. The first matrix stands alone where no illuminant is known.
     """
     calibrated = tags.get(CAMERA_SIGNATURE, "") == tags.get(PROFILE_SIGNATURE, "")
-    found: dict[float, tuple[Array, Array]] = {}
+    by_temperature: dict[float, tuple[Array, Array]] = {}
     alone: tuple[Array, Array] | None = None
     for matrix_tag, calibration_tag, illuminant_tag in (
         (MATRIX_1, CALIBRATION_1, ILLUMINANT_1),
@@ -72,31 +72,36 @@ def camera_from_xyz(tags: Directory, channels: int) -> Matrix | None:
         matrix = _rows(tags, matrix_tag, 3)
         if matrix is None or len(matrix) not in (3, channels):
             continue
-        own = _rows(tags, calibration_tag, len(matrix)) if calibrated else None
-        pair = matrix, np.eye(len(matrix)) if own is None or len(own) != len(matrix) else own
+        calibration_rows = _rows(tags, calibration_tag, len(matrix)) if calibrated else None
+        pair = (
+            matrix,
+            np.eye(len(matrix))
+            if calibration_rows is None or len(calibration_rows) != len(matrix)
+            else calibration_rows,
+        )
         if alone is not None and len(alone[0]) != len(matrix):
             continue
         alone = alone or pair
         temperature = _TEMPERATURES.get(next(iter(integers(tags, illuminant_tag)), 0))
         if temperature is not None:
-            found.setdefault(1.0 / temperature, pair)
+            by_temperature.setdefault(1.0 / temperature, pair)
     if alone is None:
         return None
-    colour, calibration = _between(found) if found else alone
+    colour, calibration = _between(by_temperature) if by_temperature else alone
     balance = numbers(tags, ANALOG_BALANCE)
     gains = balance if len(balance) == len(colour) and all(balance) else (1.0,) * len(colour)
     rows = np.diag(gains) @ calibration @ colour
     return as_matrix(rows if len(rows) == channels else [*rows, rows.sum(0)])
 
 
-def _between(found: dict[float, tuple[Array, Array]]) -> tuple[Array, Array]:
+def _between(by_temperature: dict[float, tuple[Array, Array]]) -> tuple[Array, Array]:
     """The pair of matrices at D65, interpolated in the reciprocal temperatures that are the keys."""
-    places = sorted(found)
+    places = sorted(by_temperature)
     weights = [
         np.interp(1.0 / DAYLIGHT, places, [float(other == place) for other in places]) for place in places
     ]
     first, second = (
-        sum(weight * found[place][part] for weight, place in zip(weights, places, strict=True))
+        sum(weight * by_temperature[place][part] for weight, place in zip(weights, places, strict=True))
         for part in (0, 1)
     )
     return np.asarray(first), np.asarray(second)

@@ -234,8 +234,8 @@ def levels(
 
 def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:
     """Return what rows or columns add to black from `start` on; 0 where the tag is missing or too short."""
-    found = np.array(numbers(tags, tag)[max(start, 0) :][:length], np.float64)
-    return found if len(found) == length else np.zeros(length)
+    deltas = np.array(numbers(tags, tag)[max(start, 0) :][:length], np.float64)
+    return deltas if len(deltas) == length else np.zeros(length)
 
 
 def largest(tags: Directory) -> int:

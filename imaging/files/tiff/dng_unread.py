@@ -49,9 +49,11 @@ def reason(tags: Directory) -> str:
         )
     for tag, name in OPCODES.items():
         value = tags.get(tag)
-        found = _bending(value) if isinstance(value, bytes) else ""
-        if found:
-            return f"asks for {found} in its {name}, which rig does not apply: give the camera's own RAW file"
+        bending = _bending(value) if isinstance(value, bytes) else ""
+        if bending:
+            return (
+                f"asks for {bending} in its {name}, which rig does not apply: give the camera's own RAW file"
+            )
     return ""
 
 

@@ -160,16 +160,18 @@ def read_exif(reader: TiffReader) -> FrameMetadata:
     for offset in integers(main, EXIF_IFD)[:1]:
         exif, _ = reader.directory(offset)
         balance = maker_notes.balance(reader, offset, exif, text(main, MAKE))
-    found = _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
-    found = replace(found, balance=balance)
+    metadata = _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
+    metadata = replace(metadata, balance=balance)
     for offset in integers(main, exif_gps.GPS_IFD)[:1]:
         try:
             gps, _ = reader.directory(offset)
         except TiffError:
             continue  # the picture can do without its position
-        found = replace(found, position=exif_gps.position_of(gps))
+        metadata = replace(metadata, position=exif_gps.position_of(gps))
     packet = main.get(XMP, b"")
-    return noted(found, packet if isinstance(packet, bytes) else bytes(x & 255 for x in integers(main, XMP)))
+    return noted(
+        metadata, packet if isinstance(packet, bytes) else bytes(x & 255 for x in integers(main, XMP))
+    )
 
 
 def decode_exif(block: bytes) -> FrameMetadata:
@@ -243,8 +245,8 @@ def _iso(tags: Directory) -> float | None:
     sensitivity = next(
         (tag for kind, tag in kinds.items() if (kind,) == numbers(tags, SENSITIVITY_TYPE)), RECOMMENDED_INDEX
     )
-    found = [_positive(tags, tag) for tag in (sensitivity, RECOMMENDED_INDEX, OUTPUT_SENSITIVITY, ISO_SPEED)]
-    return next((value for value in found if value is not None), iso)
+    values = [_positive(tags, tag) for tag in (sensitivity, RECOMMENDED_INDEX, OUTPUT_SENSITIVITY, ISO_SPEED)]
+    return next((value for value in values if value is not None), iso)
 
 
 def _moment(tags: Directory) -> datetime | None:

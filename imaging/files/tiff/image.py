@@ -115,14 +115,14 @@ def _rgb(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
     reference = np.reshape(_numbers(page, _REFERENCE, (0, top, middle, top, middle, top)), (3, 2))
     black, white = reference[:, 0], reference[:, 1]
     ranges = np.array([top, middle - 1, middle - 1])
-    found = codes[..., :3].copy()
+    rgb = codes[..., :3].copy()
     for rows in range(0, len(codes), _ROWS):
-        own = (codes[rows : rows + _ROWS, :, :3] - black) * (ranges / (white - black))
-        y, cb, cr = np.moveaxis(own, -1, 0)
+        strip = (codes[rows : rows + _ROWS, :, :3] - black) * (ranges / (white - black))
+        y, cb, cr = np.moveaxis(strip, -1, 0)
         r, b = y + (2 - 2 * red) * cr, y + (2 - 2 * blue) * cb
         g = (y - red * r - blue * b) / green
-        found[rows : rows + _ROWS] = np.rint(np.stack([r, g, b], axis=-1)).clip(0, top)
-    return found if codes.shape[2] == 3 else np.concatenate([found, codes[..., 3:]], axis=-1)
+        rgb[rows : rows + _ROWS] = np.rint(np.stack([r, g, b], axis=-1)).clip(0, top)
+    return rgb if codes.shape[2] == 3 else np.concatenate([rgb, codes[..., 3:]], axis=-1)
 
 
 def _with_alpha(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:

@@ -51,8 +51,8 @@ def _levels(reader: TiffReader, offset: int, note: bytes, make: str) -> tuple[fl
     """Red, green and blue."""
     place = reader.place(offset, MAKER_NOTE)
     if note.startswith(b"Nikon\0\x02"):
-        own = TiffReader(BytesIO(note[10:]))
-        gains = numbers(own.directory(own.first)[0], _NIKON_GAINS)
+        inner = TiffReader(BytesIO(note[10:]))
+        gains = numbers(inner.directory(inner.first)[0], _NIKON_GAINS)
         return (gains[0], gains[2], gains[1]) if len(gains) >= 3 else None
     if note.startswith((b"OLYMPUS\0", b"OM SYSTEM\0")):
         return _of_olympus(note, 12 if note.startswith(b"OLYMPUS") else 16)
@@ -62,8 +62,8 @@ def _levels(reader: TiffReader, offset: int, note: bytes, make: str) -> tuple[fl
         return _of_pentax(reader.directory(place + 6)[0])
     if note.startswith(b"Panasonic\0"):
         tags = reader.directory(place + 12)[0]
-        found = [next(iter(numbers(tags, tag)), 0.0) for tag in _PANASONIC_LEVELS]
-        return found[0], found[1], found[2]
+        levels = [next(iter(numbers(tags, tag)), 0.0) for tag in _PANASONIC_LEVELS]
+        return levels[0], levels[1], levels[2]
     if make.upper().startswith("CANON"):
         return _of_canon(reader.directory(place)[0])
     return None
@@ -77,12 +77,12 @@ def _own(note: bytes, first: int, order: bytes) -> TiffReader:
 
 
 def _of_olympus(note: bytes, first: int) -> tuple[float, float, float] | None:
-    own = _own(note, first, note[first - 4 : first - 2])
-    tags = own.directory(first)[0]
+    reader = _own(note, first, note[first - 4 : first - 2])
+    tags = reader.directory(first)[0]
     below: Directory = {}
     if _OLYMPUS_PROCESSING in tags:
-        led = integers(tags, _OLYMPUS_PROCESSING)[:1] or (own.place(first, _OLYMPUS_PROCESSING),)
-        below = own.directory(led[0])[0]
+        led = integers(tags, _OLYMPUS_PROCESSING)[:1] or (reader.place(first, _OLYMPUS_PROCESSING),)
+        below = reader.directory(led[0])[0]
     gains = numbers(below, _OLYMPUS_GAINS)
     if len(gains) < 2:
         gains = (*numbers(tags, _OLYMPUS_RED)[:1], *numbers(tags, _OLYMPUS_BLUE)[:1])

@@ -235,13 +235,13 @@ def _tables(record: CalibrationRecord) -> Iterable[Table]:
         )
     mounted = [camera for camera in record.cameras if camera.cam_from_rig is not None]
     if len(mounted) > 1:
-        kept = not record.views or any(rung.name == "board_rig" and rung.taken for rung in record.rungs)
+        from_board = not record.views or any(rung.name == "board_rig" and rung.taken for rung in record.rungs)
         unit = "mm" if record.unit == "m" else "relative"
         scale = 1000.0 if record.unit == "m" else 1.0
         yield Table(
             "Places in the rig",
             "Where each camera stands in the rig's frame, and how far it is turned from it. Standard errors "
-            + ("are those of the board." if kept else "are those of its views, from the scene."),
+            + ("are those of the board." if from_board else "are those of its views, from the scene."),
             ("Camera", f"#x, {unit}", f"#y, {unit}", f"#z, {unit}", "#Turned, °", f"#Standard error, {unit}",
              "#Standard error, °"),
             tuple(_place(camera, scale) for camera in mounted),

@@ -47,7 +47,7 @@ def read_residuals(folder: Path) -> Residuals:
     total = model.compute_num_observations()
     step = max(1, -(-total // MOST_OBSERVATIONS))
     sizes: dict[str, tuple[int, int]] = {}
-    seen: dict[str, list[Array]] = {}
+    places_of: dict[str, list[Array]] = {}
     miss: dict[str, list[Array]] = {}
     views = {}
     for image in model.images.values():
@@ -66,12 +66,12 @@ def read_residuals(folder: Path) -> Residuals:
         if not good.any():
             continue
         sizes[view.camera] = (camera.width, camera.height)
-        seen.setdefault(view.camera, []).append(places[good])
+        places_of.setdefault(view.camera, []).append(places[good])
         miss.setdefault(view.camera, []).append(apart[good])
         views[view] = float(np.sqrt((apart[good] ** 2).sum(1).mean()))
     return Residuals(
         {
-            name: CameraResiduals(sizes[name], np.concatenate(seen[name]), np.concatenate(miss[name]))
+            name: CameraResiduals(sizes[name], np.concatenate(places_of[name]), np.concatenate(miss[name]))
             for name in sorted(sizes)
         },
         dict(sorted(views.items())),

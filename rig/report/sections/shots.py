@@ -97,26 +97,26 @@ def read_previews(session: Session, progress: Progress, until: float = math.inf)
             return None
         return _look(session, groups[chosen[order[turn]]])
 
-    found: dict[int, _Looked] = {}
+    views_read: dict[int, _Looked] = {}
     largest = max((shot.width * shot.height for shots in groups.values() for shot in shots), default=1)
     at_once = max(1, min(thread_count(), memory.available() // (3 * memory.PER_SAMPLE * largest)))
     with one_thread_a_product(), ThreadPoolExecutor(at_once) as pool:
         for turn, looked in enumerate(in_order(pool, len(order), looked_at, at_once)):
             progress("looking at the pictures", turn, len(order))
             if looked is not None:
-                found[order[turn]] = looked
+                views_read[order[turn]] = looked
     thumbnails = [
-        Thumbnail(found[index].uri, chosen[index].camera, chosen[index].frame)
-        for index in sorted(found)
-        if found[index].uri
+        Thumbnail(views_read[index].uri, chosen[index].camera, chosen[index].frame)
+        for index in sorted(views_read)
+        if views_read[index].uri
     ]
     return ShotPreviews(
-        shares={file: share for looked in found.values() for file, share in looked.shares.items()},
+        shares={file: share for looked in views_read.values() for file, share in looked.shares.items()},
         thumbnails=tuple(thumbnails),
-        merged=any(len(groups[chosen[index]]) > 1 for index in found),
-        views=len(found),
+        merged=any(len(groups[chosen[index]]) > 1 for index in views_read),
+        views=len(views_read),
         of_views=len(views),
-        unreadable=tuple(file for index in sorted(found) for file in found[index].unreadable),
+        unreadable=tuple(file for index in sorted(views_read) for file in views_read[index].unreadable),
     )
 
 

@@ -28,8 +28,8 @@ NONE = "None is under way: what `rig reconstruct` trains is shown here as it goe
 
 def training_in(session: Path) -> Path | None:
     """Folder in which a process trains a scene, the newest of several, or None."""
-    found = [folder for folder in session.glob("reconstructions/*/") if is_held(folder)]
-    return max(found, key=lambda folder: folder.stat().st_mtime_ns, default=None)
+    running = [folder for folder in session.glob("reconstructions/*/") if is_held(folder)]
+    return max(running, key=lambda folder: folder.stat().st_mtime_ns, default=None)
 
 
 class Follower:
@@ -146,10 +146,10 @@ def _name(training: Path) -> str:
 def _stamp(path: Path) -> object:
     """Stamp that changes with the file; None without a file."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_mtime_ns, found.st_size
+    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 def _unfinished(session: Path) -> str:

@@ -79,7 +79,7 @@ class RigModel:
 
 def _points(colmap: Path) -> tuple[Array, npt.NDArray[np.uint8]]:
     model = read_model(colmap)
-    found = list(model.points3D.values())
-    found = found[:: max(1, -(-len(found) // MOST_POINTS))]
-    xyz = np.array([point.xyz for point in found], np.float64).reshape(-1, 3)
-    return xyz, np.array([point.color for point in found], np.uint8).reshape(-1, 3)
+    points = list(model.points3D.values())
+    points = points[:: max(1, -(-len(points) // MOST_POINTS))]
+    xyz = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
+    return xyz, np.array([point.color for point in points], np.uint8).reshape(-1, 3)

@@ -78,8 +78,8 @@ def shot_at(shots: Sequence[Sequence[tuple[str, float]]]) -> float | None:
 def stops(light: Light, factor: float) -> Light:
     """Stops of luminance times a factor above middle grey, [H, W]; minus infinity where there is no light."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.log2(np.maximum(light @ LUMINANCE, 0) * np.float32(factor / MIDDLE_GREY))
-    return np.asarray(found, np.float32)
+        result = np.log2(np.maximum(light @ LUMINANCE, 0) * np.float32(factor / MIDDLE_GREY))
+    return np.asarray(result, np.float32)
 
 
 def coloured(values: Light, most: float = STOPS) -> Picture:
@@ -113,9 +113,9 @@ def band_legend() -> Picture:
         if value % 4 == 0:
             text = f"{value:+.0f}" if value else "0"
             (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.35, 1)
-            left = min(max(0, 16 * place + 8 - wide // 2), picture.shape[1] - wide)
+            start = min(max(0, 16 * place + 8 - wide // 2), picture.shape[1] - wide)
             cv2.putText(
-                picture, text, (left, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (220, 220, 220), 1, cv2.LINE_AA
+                picture, text, (start, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (220, 220, 220), 1, cv2.LINE_AA
             )
     return picture
 

@@ -167,8 +167,8 @@ def compared_with(show: str) -> str:
 def references(scene: Scene) -> Mapping[str, Path]:
     """The light of views that `rig evaluate` measured the scene by, EXR by name of the view."""
     folder = scene.folder / "references"
-    found = {view.name: folder / f"{stem(view)}.exr" for view in scene.views}
-    return {name: path for name, path in found.items() if path.is_file()}
+    paths = {view.name: folder / f"{stem(view)}.exr" for view in scene.views}
+    return {name: path for name, path in paths.items() if path.is_file()}
 
 
 def read_light(path: Path) -> Light:

@@ -123,11 +123,11 @@ def sheet(pictures: Sequence[Light], columns: int) -> Light:
     """Pictures side by side in rows, each in a cell as large as the largest, black beside them."""
     high, wide = max(one.shape[0] for one in pictures), max(one.shape[1] for one in pictures)
     rows = -(-len(pictures) // columns)
-    found = np.zeros((rows * high, columns * wide, 3), np.float32)
+    canvas = np.zeros((rows * high, columns * wide, 3), np.float32)
     for place, one in enumerate(pictures):
         top, left = place // columns * high, place % columns * wide
-        found[top : top + one.shape[0], left : left + one.shape[1]] = one
-    return found
+        canvas[top : top + one.shape[0], left : left + one.shape[1]] = one
+    return canvas
 
 
 def labelled(picture: Picture, names: Sequence[str], columns: int) -> Picture:
@@ -160,8 +160,11 @@ def in_words(photographs: Iterable[Photograph]) -> list[str]:
     return [
         ": ".join(
             part
-            for part in (", ".join(own[:3]) + (f" and {len(own) - 3} more" if len(own) > 3 else ""), said)
+            for part in (
+                ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else ""),
+                said,
+            )
             if part
         )
-        for said, own in views.items()
+        for said, names in views.items()
     ]

@@ -76,8 +76,8 @@ class Access:
         if self._in_address(request):
             return True
         # Not by `http.cookies`: it gives up at cookies that other servers of this machine set their own way.
-        own = rf"(?:^|;)\s*{re.escape(_cookie_name(request))}=\"?([^;\"\s]*)"
-        return any(map(self._is, re.findall(own, "; ".join(request.headers.get_all("Cookie")))))
+        pattern = rf"(?:^|;)\s*{re.escape(_cookie_name(request))}=\"?([^;\"\s]*)"
+        return any(map(self._is, re.findall(pattern, "; ".join(request.headers.get_all("Cookie")))))
 
     def _in_address(self, request: Request) -> bool:
         return any(map(self._is, parse_qs(urlsplit(request.path).query).get(PARAMETER, [])))

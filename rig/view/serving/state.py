@@ -71,7 +71,7 @@ class State:
 def _numbers(text: str, count: int, most: float) -> list[float]:
     """Parse that many numbers; empty if one is missing or too large."""
     try:
-        found = [float(part) for part in text.split()]
+        numbers = [float(part) for part in text.split()]
     except ValueError:
         return []
-    return found if len(found) == count and all(abs(value) <= most for value in found) else []
+    return numbers if len(numbers) == count and all(abs(value) <= most for value in numbers) else []

@@ -48,17 +48,17 @@ css_width: ContextVar[int | None] = ContextVar("css_width", default=None)
 def width_of(request: Request) -> int | None:
     """Read the width of the window, CSS px, that a request is from, or None."""
     # Not by `http.cookies`: it gives up at cookies that other servers of this machine set in their own way.
-    found = _SAID.search("; ".join(request.headers.get_all("Cookie")))
-    return int(found[1]) if found else None
+    match = _SAID.search("; ".join(request.headers.get_all("Cookie")))
+    return int(match[1]) if match else None
 
 
 def state_of(request: Request) -> str:
     """Read what the address of the window has behind its #, that a request is from; "": nothing."""
-    found = re.search(r":([0-9]+)$", request.headers.get("Host", ""))
-    port = found[1] if found else ""
-    own = rf"(?:^|;)\s*{_STATE}_{port}=([^;\s]{{0,2000}})\s*(?:;|$)"
-    found = re.search(own, "; ".join(request.headers.get_all("Cookie")))
-    return unquote(found[1]) if found else ""
+    match = re.search(r":([0-9]+)$", request.headers.get("Host", ""))
+    port = match[1] if match else ""
+    pattern = rf"(?:^|;)\s*{_STATE}_{port}=([^;\s]{{0,2000}})\s*(?:;|$)"
+    match = re.search(pattern, "; ".join(request.headers.get_all("Cookie")))
+    return unquote(match[1]) if match else ""
 
 
 def with_script(response: Response) -> Response:
