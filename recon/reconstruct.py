@@ -37,7 +37,7 @@ from recon.scene.checkpoint import Checkpoint
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.interrupt import Interrupted
-from recon.train.monitor import Shown, nobody
+from recon.train.monitor import Shown, no_viewer
 from recon.train.ranks import joined
 from recon.train.resume import light_in, restored
 from recon.train.trainer import train
@@ -218,7 +218,7 @@ def _reconstruct(
         on_log=on_log,
     )
     if not run.ranks.first:
-        _trained(scene, run, nobody, resumed=checkpoint is not None)
+        _trained(scene, run, no_viewer, resumed=checkpoint is not None)
         return
     with scene.shown(run.clock) as shown:
         scene.go_on()

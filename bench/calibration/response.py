@@ -161,7 +161,7 @@ def church(folder: Path) -> dict[str, Any]:
     ]
     merged = merge_bracket(frames)
     row: dict[str, Any] = {
-        "told": float(np.isfinite(goal).mean()),
+        "readable": float(np.isfinite(goal).mean()),
         "seconds": seconds,
         "evidence": estimated.response.evidence,
         "rungs": [rung.model_dump() for rung in estimated.rungs],
@@ -260,7 +260,7 @@ def table(result: dict[str, Any]) -> str:
             row = result[name]
             values = " | ".join(f"{row[key]:.3g}" for key in ("ours", *PEERS))
             lines.append(f"| {name}, {unit} | {values} |")
-        readable = 100 * result["memorial"]["told"]
+        readable = 100 * result["memorial"]["readable"]
         lines += [
             "",
             f"memorial: {result['memorial']['evidence']}; {readable:.0f} % of the authors' map is readable.",

@@ -206,7 +206,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         errors = np.array([row[name] for row in rows if name in row])
         if len(errors):
             out[name] = {
-                "told": len(errors),
+                "cases": len(errors),
                 "worst": float(np.abs(errors[:, 0]).max()),
                 "rms": float(np.sqrt((errors[:, 0] ** 2).mean())),
                 "bias": float(errors[:, 0].mean()),
@@ -216,7 +216,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         if name in rows[0]:
             out[name] = sum(row[name] for row in rows)
     judged = [row["linear"] for row in rows if row.get("linear") is not None]
-    return out | {"linear": sum(judged), "linear_told": len(judged)}
+    return out | {"linear": sum(judged), "linear_cases": len(judged)}
 
 
 def rows(
@@ -282,7 +282,7 @@ def report(result: dict[str, Any]) -> str:
                     if errors is None
                     else f"{scale * errors['worst']:.2g} ({100 * errors['inside']:.0f} % in)"
                 )
-            cells.append(f"{column['linear']} of {column['linear_told']}")
+            cells.append(f"{column['linear']} of {column['linear_cases']}")
             if "defects" in column:
                 false = column["false"] / (column["trials"] * SIDE**2) * 1e5
                 cells += [str(column["defects"]), str(column["missed"]), f"{false:.2g}"]

@@ -72,7 +72,7 @@ def train(work: Path, rig: str, seed: int, views: int, iterations: int, noise: f
     metrics, model = evaluate(made).known(), open_model(made)
     reason = next((rung.reason for rung in model.record.rungs if rung.name == "depth start"), "")
     shutil.rmtree(made)
-    return {"db": metrics["hdr_psnr_mu_aligned"], "stops": metrics["stops_median"], "told": reason}
+    return {"db": metrics["hdr_psnr_mu_aligned"], "stops": metrics["stops_median"], "reason": reason}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

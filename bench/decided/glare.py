@@ -54,7 +54,7 @@ def trained(rig: str, share: float, seed: int, refine: Literal["none"] | None, w
     shares = [view.sensor.glare for view in opened.dataset.train]
     rung = next(rung for rung in opened.record.rungs if rung.name == "refine glare")
     return {
-        "taken": rung.taken, "told": rung.reason, "share": float(np.mean(shares)),
+        "taken": rung.taken, "reason": rung.reason, "share": float(np.mean(shares)),
         "dark": float(np.median(np.abs(dark))), "bias": float(np.median(dark)),
         **{key: float(np.mean([row[key] for row in rows])) for key in ("raw_psnr", "hdr_psnr_mu_aligned")},
     }  # fmt: skip

@@ -88,7 +88,7 @@ from recon.train.densification import Density, DensityRules
 from recon.train.warm_up import warm_up
 {PEAK}
 count, degree = int(sys.argv[1]), int(sys.argv[2])
-warm_up(lambda *told: None)
+warm_up(lambda *arguments: None)
 before = status("VmRSS")
 drawn, looks = torch.Generator().manual_seed(0), LuminanceChromaticity()
 place = torch.rand(count, 3, generator=drawn) * torch.tensor([4.0, 3.0, 4.0]) - torch.tensor([2.0, 1.5, -2.0])

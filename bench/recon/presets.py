@@ -242,7 +242,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=20.0, help="of training for each scene")
-    parser.add_argument("--scenes", type=int, default=len(SCENES), help="so many of the simulated scenes")
+    parser.add_argument("--scenes", type=int, default=len(SCENES), help="number of simulated scenes")
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
     real = (CASTLE,) if os.environ.get("RIG_DATA") else ()

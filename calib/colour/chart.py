@@ -82,7 +82,7 @@ def _reduced(light: npt.NDArray[np.floating], width: int) -> npt.NDArray[np.floa
 def _search(proxy: npt.NDArray[np.uint8]) -> list[Array]:
     detector = cv2.mcc.CCheckerDetector.create()
     detector.setColorChartType(cv2.mcc.MCC24)
-    # Asking for the best one when there is none would end the process, so the list is asked for.
+    # Asking for the best one without any would end the process, so the list is asked for.
     if not detector.process(proxy, MOST_FINDS):
         return []
     charts = [np.array(one.getColorCharts(), np.float64) for one in detector.getListColorChecker()]

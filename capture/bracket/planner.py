@@ -135,7 +135,7 @@ def plan_bracket(
 def _balanced(
     plan: BracketPlan, targets: Sequence[Target], exposures: Sequence[Exposure], snr: float, most: float
 ) -> BracketPlan:
-    """As few exposures that miss no more, within `most` seconds, and hardly longer than `plan`."""
+    """Choose as few exposures that miss no more, within `most` seconds, and hardly longer than `plan`."""
     count = len(plan.exposures)
     if count == 1:
         return plan

@@ -17,7 +17,10 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
         for shot in shots
         for file, digest, what in (
             (shot.developed, shot.developed_sha256, "which the camera made beside"),
-            *((own, stated, "which belongs to what was made into") for own, stated in _made_of(shot)),
+            *(
+                (original, stated, "which belongs to what was made into")
+                for original, stated in _made_of(shot)
+            ),
         )
         if file is not None
     ]

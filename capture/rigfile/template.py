@@ -68,8 +68,8 @@ def rig_file_text(
     for serial in serials:
         if serials.count(serial) > 1 or not serial:
             raise CaptureError(
-                f"{serials.count(serial)} cameras have the serial number {serial!r} and cannot be told "
-                "apart: unplug all but one of them."
+                f"{serials.count(serial)} cameras have the serial number {serial!r} and cannot be "
+                "distinguished: unplug all but one of them."
             )
     parts = [_HEAD.format(f_number=_f_number(able), leader="cam0", board=_board(board))]
     parts += [

@@ -34,8 +34,8 @@ class WatchedFolder:
 
     def capabilities(self) -> Capabilities:
         newest = None if SHOOT else max(self._settled(), default=None)
-        told = None if newest is None else read_raw_metadata(newest[1]).exposure
-        times = TIMES if SHOOT else (told.time,) if told else ()
+        settings = None if newest is None else read_raw_metadata(newest[1]).exposure
+        times = TIMES if SHOOT else (settings.time,) if settings else ()
         return Capabilities(0, 0, 0, times, (), (), "" if times else "its folder has no RAW file yet")
 
     def set_exposure(self, exposure: Exposure) -> Exposure:

@@ -237,7 +237,7 @@ def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> floa
 
 
 def _stand_in(image: npt.NDArray[np.floating], trusted: Bool) -> Float:
-    """Mean of the nearest photosites of the same colour, 0 where there are none."""
+    """Mean of the nearest photosites of the same colour, 0 without any."""
     kernel = np.zeros((5, 5), np.float32)
     kernel[::2, ::2] = 1
     weight = _filtered(trusted.astype(np.float32), kernel)

@@ -39,7 +39,7 @@ _ENCODED = ("srgb_", "g18_", "g22_", "g24_", "g26_", "pq_", "hlg_")
 @dataclass(frozen=True)
 class ExrColour:
     """matrix: from the R, G, B of a file to linear Rec.709, float64 [3, 3], or None for the identity. doubt:
-    a sentence about attributes that contradict each other or say nothing; empty if there are none.
+    a sentence about attributes that contradict each other or say nothing; empty without any.
     """
 
     matrix: npt.NDArray[np.float64] | None

@@ -36,11 +36,11 @@ class Settings(Record):
     """Budget as requested, in `budget_unit`; None: the preset."""
     budget_unit: Unit = "s"
     early_stop: bool = False
-    """Whether training ends once it stops improving."""
+    """True if training ends once it stops improving."""
     overrides: Overrides = Overrides()
     """Overrides by the user."""
     environment: bool = False
-    """Whether light from far away is behind the Gaussians, as decided."""
+    """True if light from far away is behind the Gaussians, as decided."""
     depth: float = 0.0
     """Weight of measured depth in the loss, as decided."""
     depth_scale: float | None = None

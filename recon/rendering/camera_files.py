@@ -29,7 +29,7 @@ OFFSET = "world_offset"
 """Key of the coordinates of a transforms.json of `rig export`: those of the calibration are the file's plus
 this. (An `offset` is what they are less than those of a survey, and Instant NGP's.)"""
 _MOST = 1e9
-"""What no number of a lens reaches."""
+"""Bound on the numbers of a lens."""
 _COLMAP_MODELS = {
     "SIMPLE_PINHOLE": ("fx", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),

@@ -31,7 +31,7 @@ class Shown(Protocol):
         ...
 
 
-class _Nobody:
+class _NoViewer:
     def wanted(self) -> bool:
         return False
 
@@ -39,7 +39,7 @@ class _Nobody:
         """Do nothing: there is no viewer."""
 
 
-nobody = _Nobody()
+no_viewer = _NoViewer()
 
 
 @dataclass
@@ -62,7 +62,7 @@ class Monitor:
     steers: Sequence[Steer]
     interrupt: Interrupt
     losses: FiniteLosses
-    shown: Shown = nobody
+    shown: Shown = no_viewer
     clock: Callable[[], float] = time.monotonic
     _losses: list[Tensor] = field(default_factory=list, init=False)
 

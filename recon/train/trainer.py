@@ -21,7 +21,7 @@ from recon.train.adam import Adam
 from recon.train.densification import Density
 from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import deferred
-from recon.train.monitor import Monitor, Shown, nobody
+from recon.train.monitor import Monitor, Shown, no_viewer
 from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
 from recon.train.training import Plan, Steer, Training
@@ -53,7 +53,7 @@ def train(
     until: int | None = None,
     ranks: Ranks = _ALONE,
     steers: Sequence[Steer] = (),
-    shown: Shown = nobody,
+    shown: Shown = no_viewer,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Train up to iteration `plan.iterations` (or stop before at `until`).

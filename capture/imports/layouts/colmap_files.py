@@ -59,7 +59,7 @@ def check_whole(place: Path) -> None:
 def text_names(place: Path) -> dict[int, str]:
     """Names of the images of images.txt by their number, of which pycolmap keeps the first word alone.
 
-    Empty where there is none, or images.bin, which is read in its place. InputError for a rotation of zeros,
+    Empty without the file, or where images.bin is read in its place. InputError for a rotation of zeros,
     which pycolmap takes for none.
     """
     path = place / "images.txt"

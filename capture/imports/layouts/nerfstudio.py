@@ -59,7 +59,7 @@ class PosedFrame:
     top: dict[str, Any]
     where: str
     use: Literal["train", "test"] | None = None
-    """What `test_frames`, as ScanNet++ has them beside `frames`, say of it; None where there are none."""
+    """Its use by `test_frames`, as ScanNet++ has them beside `frames`; None without them."""
 
     def number(self, key: str) -> float | None:
         """Number of the frame, else of the top; None if neither has it; InputError if it is not a number."""

@@ -40,7 +40,7 @@ def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay:
 
 
 def look_of(scene: Scene) -> Look:
-    """How a scene is shown at first; one of display values as its file or its photographs are."""
+    """Choose a scene's first look; display values look as in their file or their photographs."""
     record = scene.record
     if record.display is not None:
         return first_look(record.exposure, record.display.k)

@@ -20,7 +20,7 @@ TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
 
 MIDDLE_GREY = 0.18
 MOST_STOPS = 16.0
-"""That a page makes light brighter or darker by."""
+"""Range in which a page makes light brighter or darker, stops."""
 STOPS = 8.0
 """Range of false colour on either side of middle grey, stops."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)

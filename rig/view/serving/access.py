@@ -52,7 +52,7 @@ class Access:
         """
         try:
             return self._refusal(request)
-        except (LookupError, ValueError):  # headers given twice, addresses that are none
+        except (LookupError, ValueError):  # headers given twice, invalid addresses
             return _response(http.HTTPStatus.BAD_REQUEST, b"This request makes no sense.\n")
 
     def _refusal(self, request: Request) -> Response | None:

@@ -1,0 +1,91 @@
+"""The language of the code: docstrings name their subject, words and names are the field's own.
+
+A docstring begins with a verb or a noun phrase, no clause ("Whether it ..."), so that the first words of an
+index say what each name is. The public functions have Google-style sections, of which the site makes tables.
+"""
+
+import ast
+import inspect
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import rig
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "examples")
+NAMED = ("imaging", "drivers", "capture", "rig")
+"""Folders whose variables say what they hold; the others follow."""
+CLAUSE = re.compile(
+    r'^\s*r?"""\s*(?:As|By|From|How|If|Of|That|What|When|Where|Whether|Which|While|Who|Whoever|Whom|Whose|Why)\b',
+    re.MULTILINE,
+)
+RIDDLE = re.compile(
+    r"\b(?:[Tt]old|so many|(?:is|are) none|None: it is not|[Ww]hoever|[Nn]obody|before (?:white|black))\b"
+)
+RECORDED = re.compile(r"\.told\b|\btold(?:=|: float)")
+"""The field of that name in shots.jsonl."""
+UNNAMED = {"found", "kept", "left", "own", "seen", "told"}
+SIDES = {"right", "top", "bottom"}
+"""Beside one of these `left` is a side."""
+
+
+@cache
+def sources(folder: str) -> dict[str, str]:
+    return {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    }
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_a_docstring_begins_with_a_verb_or_names_the_thing(folder: str) -> None:
+    clauses = [
+        f"{name}:{text.count(chr(10), 0, match.end()) + 1} {match[0].strip()}"
+        for name, text in sources(folder).items()
+        for match in CLAUSE.finditer(text)
+    ]
+    assert clauses == []
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_docstrings_comments_and_messages_have_no_riddles(folder: str) -> None:
+    riddles = [
+        f"{name}:{number} {match[0]}"
+        for name, text in sources(folder).items()
+        for number, line in enumerate(text.splitlines(), 1)
+        if (match := RIDDLE.search(RECORDED.sub("", line)))
+    ]
+    assert riddles == []
+
+
+@pytest.mark.parametrize("folder", NAMED)
+def test_a_variable_says_what_it_holds(folder: str) -> None:
+    unnamed = []
+    for name, text in sources(folder).items():
+        for function in ast.walk(ast.parse(text)) if UNNAMED & set(re.findall(r"\w+", text)) else ():
+            if isinstance(function, ast.FunctionDef):
+                nodes = list(ast.walk(function))
+                bound = {node.arg for node in nodes if isinstance(node, ast.arg)} | {
+                    node.id
+                    for node in nodes
+                    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+                }
+                sides = {"left"} if bound & SIDES else set()
+                unnamed += [f"{name} {function.name}: {word}" for word in bound & UNNAMED - sides]
+    assert unnamed == []
+
+
+@pytest.mark.parametrize("name", [name for name in rig.__all__ if name[0].islower()])
+def test_a_public_function_describes_all_that_it_takes_and_gives(name: str) -> None:
+    function = getattr(rig, name)
+    function = getattr(function, "__wrapped__", function)
+    text = inspect.getdoc(function) or ""
+    section = text.partition("\nArgs:\n")[2].partition("\n\n")[0]
+    parameters = inspect.signature(function).parameters
+    assert [one for one in parameters if not re.search(rf"^    {one}: \S", section, re.MULTILINE)] == []
+    returns = inspect.signature(function).return_annotation
+    assert ("\nReturns:\n" in text) == (returns not in (None, "None"))
+    assert "\nRaises:\n" in text
