@@ -1,4 +1,4 @@
-"""Of all tests: their order, how many threads a process has, and what processes make only once."""
+"""Settings of all tests: their order, the threads of a process, and what processes make only once."""
 
 import fcntl
 import gc
@@ -66,7 +66,7 @@ TESTS = Path(__file__).parent
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None]:
-    """What is imported and collected stays: no garbage is looked for among it, now or later."""
+    """Freeze what is imported and collected: no garbage collection visits it, now or later."""
     gc.disable()
     try:
         return (yield)

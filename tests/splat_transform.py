@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 INSTALLED = Path(__file__).parents[1] / ".judges" / "node_modules" / ".bin"
-"""Where `.ci/run` puts it."""
+"""Place where `.ci/run` puts it."""
 SPLAT_TRANSFORM = shutil.which("splat-transform", path=f"{INSTALLED}{os.pathsep}{os.environ['PATH']}")
 
 needs_splat_transform = pytest.mark.skipif(

@@ -31,7 +31,7 @@ Row = dict[str, str]
 
 @cache
 def tables(name: str) -> list[tuple[str, list[Row]]]:
-    """Of bench/results/NAME.md: the heading that a table stands under, and its rows by column.
+    """Tables of bench/results/NAME.md: the heading of each, and its rows by column.
 
     Columns of the same name are told apart by a number behind it.
     """

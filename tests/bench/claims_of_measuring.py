@@ -1,4 +1,4 @@
-"""What docs/figures.md claims of capture and calibration, and of light that the simulator has no part in."""
+"""Claims of docs/figures.md on capture and calibration, and on light that the simulator has no part in."""
 
 from .claim import Claim, cell, cells
 

@@ -1,4 +1,4 @@
-"""What docs/figures.md claims of reconstruction."""
+"""Claims of docs/figures.md on reconstruction."""
 
 import math
 from functools import partial
@@ -35,13 +35,13 @@ def compared(name: str, trained: str, coloured: str) -> list[float]:
 
 
 def presets(quality: str, key: str) -> list[float]:
-    """Of every scene that all presets were tried on."""
+    """Rows of every scene that all presets were tried on."""
     rows = [one["presets"] for one in stored("presets")["rows"]]
     return [lie[quality][key] for lie in rows if set(lie) == set(QUALITIES)]
 
 
 def castle_preset(quality: str, key: str) -> float:
-    """Of the photographs."""
+    """Cells of the castle's photographs."""
     (row,) = [one for one in stored("presets")["rows"] if one["scene"].startswith("sceaux")]
     found: float = row["presets"][quality][key]
     return found
@@ -73,7 +73,7 @@ def dark(what: str) -> list[float]:
 
 
 def learned() -> list[float]:
-    """How far a learned curve is off, %, and dB of the light that it costs beside a measured one."""
+    """Error of a learned curve, %, and dB of the light that it costs beside a measured one."""
     rows = {one["changed"]: one for one in tables("ablation_hdr_gs")[0][1]}
     own, best = rows["learned from sRGB on, Exp-3"], rows["measured, Exp-3"]
     light = "HDR dB, aligned"
@@ -101,12 +101,14 @@ def gained() -> float:
 
 
 def beside_peer(name: str, column: str) -> list[float]:
-    """Of a set of photographs: rig's figure and OpenSplat's."""
+    """Figures of rig and of OpenSplat on a set of photographs."""
     return [cell("real", column, name, trainer) for trainer in ("rig", "OpenSplat")]
 
 
 def unseen(name: str) -> list[float]:
-    """Of a set that no training was chosen on: width, seconds, dB and iterations of rig and of OpenSplat."""
+    """Figures on a set that no training was chosen on: width, seconds, dB and iterations of rig and of
+    OpenSplat.
+    """
     what = [cell("real_unseen", "px", name, "rig"), cells("real_unseen", "processor s", name, "rig")[0][1]]
     return what + [
         cell("real_unseen", column, name, trainer)

@@ -1,4 +1,4 @@
-"""What docs/speed-or-accuracy.md claims of what time and Gaussians buy, and the README in its table."""
+"""Claims of docs/speed-or-accuracy.md on the gain by time and Gaussians, and of the README in its table."""
 
 import math
 from functools import partial

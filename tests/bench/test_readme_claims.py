@@ -74,11 +74,11 @@ SETTINGS = {
         r"one frame of 50,000 Gaussians at 640x480",
     ),
 }
-"""What was measured, rather than what came of it."""
+"""Conditions of the measurements, rather than results."""
 
 
 def section(page: str) -> str:
-    """What a page claims, its lines joined, without commands and the block of bench/speed/splat.py."""
+    """Claims of a page, its lines joined, without commands and the block of bench/speed/splat.py."""
     text = (ROOT / page).read_text(encoding="utf-8")
     if page == FRONT:
         text = text.partition("## What it reaches")[2].partition("\n## ")[0]
@@ -89,7 +89,7 @@ def section(page: str) -> str:
 
 
 def agrees(shown: str, value: float, bound: bool) -> bool:
-    """Whether a figure is the value rounded to its last digit; or, a bound, next above it."""
+    """Return whether a figure is the value rounded to its last digit; or, a bound, next above it."""
     digits, _, power = shown.replace(",", "").partition("e")
     unit = 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
     over = (float(shown.replace(",", "")) - value) / unit
@@ -122,7 +122,7 @@ def test_every_figure_has_a_claim(page: str) -> None:
 
 
 def test_nothing_was_worse_than_said_in_words() -> None:
-    """What the pages say without a figure: never, none, at the bound."""
+    """Check claims without a figure: never, none, at the bound."""
     assert {one[0] for one in cells("planner", "more than the optimum")} == {0}
     assert {one[0] for one in cells("kill", "failures")} == {0}
     assert cells("merge", "noise", "all clipped")

@@ -44,7 +44,7 @@ class Light:
 
 
 def chi_square(training, gaussians, view, variance=None):
-    """Of what a view shows, in units of the mean squared error of all Gaussians."""
+    """Chi-square of a view, in units of the mean squared error of all Gaussians."""
     with torch.no_grad():
         image = training.renderer()(gaussians, view.lens, degree=training.method.degree(1.0)).image
         prediction, target = training.method.observation.compare(image, view, 1.0)

@@ -1,4 +1,4 @@
-"""What is taken from all views is the same however many processes look at them."""
+"""Features of all views are the same for any number of processes."""
 
 from pathlib import Path
 

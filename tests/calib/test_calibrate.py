@@ -231,12 +231,12 @@ def test_response_alone_needs_no_poses(own_arm: Path) -> None:
 
 
 class Stopped(Exception):
-    """What a test raises in the middle of things."""
+    """Interruption raised in the middle of things."""
 
 
 @pytest.fixture(scope="module")
 def looks(arm: Path) -> dict[ViewId, ViewSummary]:
-    """What calibration sees in six views; finding it again for each test would take longest of all."""
+    """Summaries of six views; computing them again for each test would take longest of all."""
     record, session = read_calibration(arm), Session.open(arm)
     return {
         view.id: summarise(

@@ -1,4 +1,4 @@
-"""What is behind a mask moves no estimate: rubbish there, another in every shot, against the truth."""
+"""Pixels behind a mask move no estimate: rubbish there, another in every shot, against the truth."""
 
 import json
 from pathlib import Path
@@ -27,9 +27,9 @@ from .conftest import make_session
 
 TIMES = (1.0, 0.25, 0.0625)
 TRUE = np.array([1.0, 0.25 * 1.08, 0.0625 * 0.95])
-"""What the shutter did where it was told TIMES."""
+"""True times of the shutter where it was set to TIMES."""
 HIDDEN = np.s_[16:112, 32:128]
-"""Of 120x160: half of the picture."""
+"""Masked rows of 120x160: half of the picture."""
 
 
 def hide(folder: Path) -> Path:

@@ -56,7 +56,7 @@ def test_a_mask_that_is_written_again_is_another_question_and_one_that_is_gone_n
 
 @dataclass(frozen=True)
 class Model:
-    """What is asked of a model."""
+    """Fields of a model that are read."""
 
     poses: dict
     rungs: tuple = ()
@@ -109,7 +109,7 @@ def test_views_that_contradict_each_other_are_refused_as_before(monkeypatch):
     ],
 )
 def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, there, expected):
-    """Of ten images; None: none can be placed."""
+    """Place ten images; None: none can be placed."""
 
     def solved(evidence, summaries, *rest):
         placed = by_learned if summaries[0].kind == "learned" else by_sift

@@ -1,4 +1,4 @@
-"""Which exposures of a bracket a view is looked at in."""
+"""Choice of the exposures of a bracket that show a view."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_a_frame_of_a_few_lamps_is(black, level):
 
 @pytest.mark.parametrize("step", [1, 2])
 def test_a_lamp_of_one_colour_counts_as_one_of_all(black, step):
-    """Of a mosaic a blue lamp lights every second photosite of every second row."""
+    """Light every second photosite of every second row by a blue lamp."""
     signal = black.signal.copy()
     signal[100:104:step, 200:204:step] = 0.01
     assert _is_lit(replace(black, signal=signal))

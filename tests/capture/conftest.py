@@ -59,7 +59,7 @@ class FakeCamera:
 
     stamp: float | None = None
     stamps = True
-    """Whether its frames say when they were exposed."""
+    """True if its frames state their exposure."""
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
         wrong = self._called("set_exposure")

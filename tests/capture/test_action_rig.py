@@ -24,7 +24,7 @@ NO_USB = VirtualBus(VirtualClock())
 
 
 def rig_file(path: Path, network: Network, addresses: tuple[str, ...]) -> Path:
-    """What rig init writes, with the trigger changed, and an exposure that needs no meter."""
+    """File of rig init, with the trigger changed, and an exposure that needs no meter."""
     listed = list(ask_all(NO_USB, SystemClock(), network=network))
     text = rig_file_text(listed, addresses=[NetworkAddress("gige", address) for address in addresses])
     for address in addresses:

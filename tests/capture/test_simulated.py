@@ -29,7 +29,7 @@ def toy(tmp_path_factory) -> Path:
 
 
 def cut(session: Path, keep: int) -> None:
-    """As if the capture had been killed after `keep` shots and half of the next."""
+    """Cut the session as if the capture had been killed after `keep` shots and half of the next."""
     index = session / "shots.jsonl"
     lines = index.read_bytes().splitlines(keepends=True)
     for line in lines[keep + 1 :]:

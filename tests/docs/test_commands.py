@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
 COMMANDS = typer.main.get_command(app).commands
 STANDS_FOR = re.compile(r"[A-Z]+(=[A-Z]+)?")
-"""What the reader is to replace: FILE, KEY=VALUE."""
+"""Placeholders for the reader: FILE, KEY=VALUE."""
 
 
 def shown() -> list[tuple[str, str]]:
@@ -34,7 +34,7 @@ def shown() -> list[tuple[str, str]]:
 
 
 def refused(line: str) -> str | None:
-    """Why rig would not take a command line; None: it would, as far as words tell."""
+    """Reason why rig refuses a command line, as far as words show; None if it accepts it."""
     words = shlex.split(line, comments=True)
     name, *rest = words[words.index("rig") + 1 :]
     if name not in COMMANDS:

@@ -32,7 +32,7 @@ def site(made_once: MadeOnce) -> Path:
 
 
 class Fetched(HTMLParser):
-    """What a browser loads by itself with a page."""
+    """Files that a browser loads by itself with a page."""
 
     def __init__(self) -> None:
         super().__init__()

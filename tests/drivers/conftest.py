@@ -78,7 +78,7 @@ class Host:
         return self.data
 
     def events(self, seconds: float) -> list[Event]:
-        """What comes until nothing has come for that long."""
+        """Collect events until nothing has come for that long."""
         found, endpoint = [], self.pipe.endpoint(into_host=True, interrupt=True)
         while True:
             try:

@@ -1,4 +1,6 @@
-"""Which driver a still camera gets: libgphoto2's virtual Nikon is at the place of what is on the bus."""
+"""Choice of the driver for a still camera: libgphoto2's virtual Nikon is at the place of the one on the
+bus.
+"""
 
 import ctypes
 from dataclasses import replace

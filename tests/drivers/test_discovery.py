@@ -1,4 +1,4 @@
-"""What `rig cameras` lists, on a bus with everything on it."""
+"""Listing of `rig cameras`, on a bus with everything on it."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""What `rig doctor` says of a machine, on machines made for the purpose."""
+"""Report of `rig doctor` on machines made for the purpose."""
 
 import os
 from pathlib import Path

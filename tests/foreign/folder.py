@@ -89,7 +89,7 @@ def s_curve(signal: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Shots:
-    """What was photographed. seconds: by file name, of the open shutter; labels: as EXIF has it."""
+    """Photographs. seconds: by file name, of the open shutter; labels: as EXIF has it."""
 
     folder: Path
     seconds: dict[str, float] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What rig made of foreign photographs, held to the light that they are of: numpy alone, on files alone."""
+"""Judgement of rig's results on foreign photographs against their light: numpy alone, on files alone."""
 
 import json
 from collections.abc import Mapping
@@ -201,7 +201,7 @@ def response_figure(session: Path) -> float:
 
 
 def psnr(prediction: npt.ArrayLike, goal: npt.ArrayLike, peak: float) -> float:
-    """Of the mu-law (mu 5000) of both over the peak, dB."""
+    """PSNR of the mu-law (mu 5000) of both over the peak, dB."""
     a, b = (np.asarray(side, np.float64) / peak for side in (prediction, goal))
     a, b = (np.sign(side) * np.log1p(5000 * np.abs(side)) / np.log1p(5000) for side in (a, b))
     return float(-10 * np.log10(np.mean((a - b) ** 2)))

@@ -28,7 +28,7 @@ BOUNCES = 6
 MORE = 8
 """Times the samples of a pixel where metal or glass is."""
 BRIGHTEST = 3e4
-"""What half floats hold, about."""
+"""Largest half float, about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class LitScene:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What `seen` counts; 0 is the background."""
+        """Parts that `seen` counts; 0 is the background."""
         return ("background", *self.panels, *self.shapes)
 
     def light(self) -> Light:
@@ -76,7 +76,7 @@ class LitScene:
         return np.asarray(self._kept["light"], np.float32)
 
     def seen(self) -> npt.NDArray[np.uint8]:
-        """Which of `parts` is in the middle of each pixel, [V, H, W]."""
+        """Part in the middle of each pixel, [V, H, W]."""
         return np.asarray(self._kept["seen"])
 
     def where(self, *names: str) -> npt.NDArray[np.bool_]:
@@ -206,7 +206,7 @@ class LitScene:
         }
 
     def _falling(self, name: str) -> Light:
-        """What a white panel would send out in the place of this one, [rows, columns, 3], smoothed."""
+        """Radiance of a white panel in the place of this one, [rows, columns, 3], smoothed."""
         import mitsuba
 
         panels = {

@@ -20,9 +20,9 @@ Array = npt.NDArray[np.float64]
 Shape = dict[str, Any]
 
 CACHE = Path(os.environ.get("RIG_FOREIGN", Path(tempfile.gettempdir()) / "hdr-rig-foreign"))
-"""Where what was rendered is kept, by a hash of the scene."""
+"""Folder of the rendered pictures, by a hash of the scene."""
 VARIANT = os.environ.get("RIG_MITSUBA", "scalar_rgb")
-"""Of Mitsuba; llvm_ad_rgb is faster, and needs LLVM 16 or newer."""
+"""Variant of Mitsuba; llvm_ad_rgb is faster, and needs LLVM 16 or newer."""
 FIELD = 50.0
 """Degrees across a picture."""
 DEPTH = 4
@@ -121,7 +121,7 @@ def _bytes(shape: Any) -> bytes:
 
 
 def _shape(shape: Shape) -> dict[str, Any]:
-    """What Mitsuba reads, of arrays as textures and [4, 4] matrices as places."""
+    """Shape for Mitsuba, of arrays as textures and [4, 4] matrices as places."""
     import mitsuba
 
     made: dict[str, Any] = {}

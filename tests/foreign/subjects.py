@@ -1,4 +1,6 @@
-"""What foreign photographs show: a room with lamps, metal, mirror and glass; objects before a light probe."""
+"""Subjects of foreign photographs: a room with lamps, metal, mirror and glass; objects before a light
+probe.
+"""
 
 import os
 from collections.abc import Sequence

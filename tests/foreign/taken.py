@@ -1,4 +1,4 @@
-"""What came of photographs of foreign light that rig was given."""
+"""Results of rig on photographs of foreign light."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ class Taken:
 
     @property
     def merged(self) -> Path:
-        """Where brackets were merged to, if they were."""
+        """Folder of merged brackets, if they were merged."""
         return self.session.with_name("merged")
 
     @property

@@ -1,4 +1,4 @@
-"""Which views stand where they were taken, though others may not: poses against the truth, robustly."""
+"""Robust alignment of poses with the truth, though some views are wrong."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,8 +14,9 @@ DEGREES, SHARE = 2.0, 0.02
 
 @dataclass(frozen=True)
 class Errors:
-    """Of each view: degrees its turn is off, and its place, in sizes of the rig (root mean square of the
-    distances of its views from their middle)."""
+    """Errors of each view: rotation in degrees, and place in sizes of the rig (root mean square of the
+    distances of its views from their middle).
+    """
 
     turn: dict[int, float]
     shift: dict[int, float]

@@ -7,7 +7,7 @@ from .scenes import Array, look_at, moved, spots, upright
 
 GROUND = -1.0
 WALL = 4.0
-"""Where the wall stands along x, and the front of the house a little before it."""
+"""Place of the wall along x, and of the front of the house a little before it."""
 FRONT = 2.6
 SUN = 3e4
 """Radiance of its disc; the sky's is about 1."""

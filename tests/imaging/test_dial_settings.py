@@ -1,4 +1,4 @@
-"""What the round numbers of a camera's dials stand for, held against powers of two."""
+"""Nominal numbers of a camera's dials, against powers of two."""
 
 import math
 

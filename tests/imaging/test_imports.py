@@ -1,4 +1,4 @@
-"""What the common ground costs to import, and that it does so in any order."""
+"""Cost of importing the common ground, in any order."""
 
 import subprocess
 import sys

@@ -88,7 +88,7 @@ def test_undistortion_is_exact_wherever_a_lens_does_not_fold(terms: tuple[float,
 
 
 def test_undistortion_far_from_the_axis_of_strong_lenses() -> None:
-    """Of pincushions and barrels whose slope is 0.1 to 6: OpenCV's own distortion, undone."""
+    """Undo OpenCV's own distortion of pincushions and barrels whose slope is 0.1 to 6."""
     for terms, reach in (
         ((0.4, 0.0, 0.0, 0.0), 0.9),
         ((0.35, 0.2, 0.0, 0.0), 0.8),

@@ -21,7 +21,7 @@ def read(path: Path) -> dict[str, np.ndarray]:
 
 
 def colours(table: dict[str, np.ndarray], towards: np.ndarray) -> np.ndarray:
-    """Of every Gaussian [N, 3] towards its own direction [N, 3], camera to Gaussian."""
+    """Colours of every Gaussian [N, 3] towards its own direction [N, 3], camera to Gaussian."""
     count = len(table["x"])
     rest = sorted((name for name in table if name.startswith("f_rest")), key=lambda name: int(name[7:]))
     constant = np.stack([table[f"f_dc_{channel}"] for channel in range(3)], 1)[:, None]
@@ -39,7 +39,7 @@ def colours(table: dict[str, np.ndarray], towards: np.ndarray) -> np.ndarray:
 
 
 def draw(table: dict[str, np.ndarray], camera: SplatCamera, near: float = 0.01) -> np.ndarray:
-    """What a pinhole in the file's coordinates sees, [H, W, 3], before a black background."""
+    """Picture of a pinhole in the file's coordinates, [H, W, 3], over a black background."""
     motion = camera.cam_from_world
     turn, centre = motion[:3, :3], -motion[:3, :3].T @ motion[:3, 3]
     xyz = np.stack([table[axis] for axis in "xyz"], 1)

@@ -28,7 +28,7 @@ if not torch.cuda.is_available():
 
 DEVICE = torch.device("meta")
 Counts = Counter[tuple[str, str]]
-"""Of ("wait" or "copy", the function of recon that asked for it)."""
+"""Counts by ("wait" or "copy", the function of recon that caused it)."""
 
 _CPU = torch.device("cpu")
 _ROOT = str(Path(recon.__file__).parent)
@@ -100,7 +100,7 @@ class _Operations(TorchDispatchMode):
     def _crossing(
         self, function: Any, arguments: Any, options: Any, tensors: list[Any], goes_there: bool
     ) -> str:
-        """What an operation costs beside its own work: "wait", "copy" (which nobody waits for) or nothing."""
+        """Kind of an operation beside its own work: "wait", "copy" (asynchronous) or nothing."""
         name, there = function._schema.name.removeprefix("aten::"), [isinstance(t, OnDevice) for t in tensors]
         if name in ("_to_copy", "copy_"):
             if name == "_to_copy":

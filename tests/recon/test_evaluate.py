@@ -133,7 +133,7 @@ def test_a_perfect_model_reaches_the_caps(trained, tmp_path, monkeypatch):
 
 
 def test_without_a_truth_light_is_held_against_the_photographs(trained, tmp_path, monkeypatch):
-    """What shines is drawn two stops too dark: the brightest bands say so, the others do not."""
+    """Draw shining surfaces two stops too dark: the brightest bands show it, the others do not."""
     folder = copied(trained, tmp_path)
     session = folder.parent.parent
     truths = {view.name: true_radiance(session, view) for view in open_model(folder).dataset.views}
@@ -155,7 +155,7 @@ def test_without_a_truth_light_is_held_against_the_photographs(trained, tmp_path
 
 
 def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_path):
-    """Which is what an evaluation runs on, wherever the scene was trained: it renders on the processor."""
+    """Use the processor, on which an evaluation renders, wherever the scene was trained."""
     folder, found = copied(trained, tmp_path), []
     threads_before = threads.thread_count()
     try:

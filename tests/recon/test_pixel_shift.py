@@ -62,7 +62,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def developed(first: RawMosaic) -> RawMosaic:
-    """What one exposure alone tells of three colours, as a converter would store it."""
+    """Estimate of three colours from one exposure alone, as a converter would store it."""
     assert first.cfa is not None
     black = float(np.mean(first.black))
     rgb = black + (first.white - black) * demosaic(first.signal(), first.cfa).rgb

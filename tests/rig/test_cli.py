@@ -31,7 +31,7 @@ def test_help_and_version_load_nothing_heavy(arguments: list[str]) -> None:
 
 
 def test_help_loads_few_modules() -> None:
-    """What makes it appear at once: 120 of these modules are loaded by Python itself and typer."""
+    """Limit the modules for a quick help: 120 of these are loaded by Python itself and typer."""
     code = (
         "import sys; from rig.__main__ import main; status = main(['--help']); "
         "print(len(sys.modules)); sys.exit(status)"

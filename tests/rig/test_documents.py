@@ -19,7 +19,7 @@ PLACE = re.compile(rf"(?<![\w/.])(?:(?:{'|'.join(ROOMS)})/[\w./-]*|[A-Z][A-Z]+\.
 
 
 def places(document: str) -> set[str]:
-    """What a document names of the repository."""
+    """Names of a document that belong to the repository."""
     text = (REPOSITORY / document).read_text(encoding="utf-8")
     found = {place.rstrip(".") for place in PLACE.findall(text)}
     return {place for place in found if "NAME" not in place}

@@ -1,4 +1,6 @@
-"""What `import rig` has that no stage has by itself: scenes and sessions as values, cameras, notebooks."""
+"""Functions of `import rig` that no stage has by itself: scenes and sessions as values, cameras,
+notebooks.
+"""
 
 import base64
 import re

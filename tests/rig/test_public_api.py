@@ -125,7 +125,7 @@ def test_whether_results_can_be_written_is_tried_before_the_work(name: str, scen
 
 FUNCTIONS = [name for name in rig.__all__ if inspect.isfunction(getattr(rig, name))]
 WRONG = (5, None, 2.5, b"text", object(), np.zeros(3), [], {})
-"""Of no type that a path, a rig, tensors or RAW have."""
+"""Value of no type that a path, a rig, tensors or RAW have."""
 
 
 @pytest.mark.parametrize("name", [name for name in FUNCTIONS if name != "find_cameras"])

@@ -33,7 +33,7 @@ SHORTER = {
     "--board": "--board --frames 6",
     ":1200,800,60,40": ":120,80,60,40",
 }
-"""What the pages allow minutes or megapixels for, and what is allowed here."""
+"""Replacements for options to which the pages give minutes or megapixels."""
 CAMERAS = {"init", "capture", "cameras"}
 """Commands that speak to cameras, which are simulated here."""
 AT_HAND = (
@@ -45,9 +45,9 @@ AT_HAND = (
     "recon.reconstruct",
     "rig.view.pages.opening",
 )
-"""What takes longest to import."""
+"""Modules that take longest to import."""
 FRAMES = 2
-"""Of the photographs: eight brackets."""
+"""Frames of the photographs: eight brackets."""
 
 
 def blocks(heading: str) -> list[str]:
@@ -112,7 +112,7 @@ class Desk:
         assert "defect of rig" not in said
 
     def type_in(self, command: str) -> str:
-        """What a command prints; it has to succeed, and to call nothing a defect."""
+        """Output of a command; it has to succeed, and to call nothing a defect."""
         done = subprocess.run(
             ["bash", "-c", f". .venv/bin/activate; {command}"],
             cwd=self.folder,

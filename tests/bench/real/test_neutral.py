@@ -73,7 +73,7 @@ def test_figures_are_of_what_is_seen_and_forgive_one_gain_a_channel():
 
 
 def test_a_run_is_found_that_takes_the_budget(tmp_path, monkeypatch):
-    """Of a program whose pace falls as its scene grows."""
+    """Try a program whose pace falls as its scene grows."""
     tried = []
 
     def iterated(program, folder, iterations, variant, ply, most):

@@ -35,7 +35,7 @@ def with_noise(model: Any, seed: int, noise: float) -> Any:
 
 
 def views(seed: int, radial: float, frames: int = 6) -> Any:
-    """By a camera with one radial term."""
+    """Views of a camera with one radial term."""
     return with_noise(synthesized(seed, [640.0, 320.0, 240.0, radial], frames, 4), seed, NOISE)
 
 

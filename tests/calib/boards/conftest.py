@@ -35,7 +35,7 @@ class Stage:
         return np.asarray(mounted[camera] @ np.linalg.inv(held))
 
     def corners(self, camera: int, frame: int) -> Array:
-        """Where every corner is in the image, px [N, 2]; NaN outside of it."""
+        """Places of all corners in the image, px [N, 2]; NaN outside of it."""
         pose = self.cam_from_board(camera, frame)
         seen = self.board.corners() @ pose[:3, :3].T + pose[:3, 3]
         points = project(self.rig.mounts[camera].optics.lens, seen)

@@ -11,7 +11,7 @@ from tests.calib.boards.conftest import Stage
 
 
 def picture(stage: Stage, camera: int, frame: int) -> Picture:
-    """What a camera sees, with noise of two codes."""
+    """Picture of a camera, with noise of two codes."""
     rendered = stage.shown.render(
         stage.rig.mounts[camera].optics.lens, stage.cam_from_board(camera, frame), samples=2
     )

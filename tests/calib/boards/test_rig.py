@@ -59,7 +59,7 @@ def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
 
 
 def test_the_true_rig_lies_within_what_is_stated() -> None:
-    """Of errors in a plane and an axis 95 % lie within 2.8 standard errors of the worst axis or more."""
+    """Check errors in a plane and an axis: 95 % lie within 2.8 standard errors of the worst axis or more."""
     inside, stated = [], []
     for seed in range(40, 44):
         stage = stage_of(seed)

@@ -103,7 +103,7 @@ def photograph(
     camera_from_xyz: Matrix | None = None,
     time: float = 1.0,
 ) -> RawMosaic:
-    """What a sensor makes of camera RGB [H, W, 3]; light times `exposure` is the signal, 1 at white."""
+    """Response of a sensor to camera RGB [H, W, 3]; light times `exposure` is the signal, 1 at white."""
     height, width = light.shape[:2]
     y, x = np.mgrid[0:height, 0:width] + 0.5
     square = ((x - width / 2) ** 2 + (y - height / 2) ** 2) / ((width / 2) ** 2 + (height / 2) ** 2)

@@ -24,7 +24,7 @@ WRONG = {
     "cam2": (1.0, 1.0, 1.0),
     "cam3": (0.97, 1.0, 0.98),
 }
-"""How far off white the matrices are made, by camera: as files are that a maker wrote for the model."""
+"""Errors of the matrices' white, by camera: as in files that a maker wrote for the model."""
 
 
 @pytest.fixture(scope="module")

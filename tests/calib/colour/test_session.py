@@ -33,7 +33,7 @@ from .charts import painted, photograph, square_on
 WIDTH, HEIGHT = 480, 320
 TRUE = np.array([[0.50, 0.17, 0.03], [0.16, 0.72, 0.12], [0.02, 0.18, 0.56]])
 FILES = TRUE @ np.array([[0.95, 0.05, 0.0], [0.05, 0.9, 0.05], [0.02, -0.02, 1.0]])
-"""What the files say: somewhat wrong."""
+"""Matrices of the files: somewhat wrong."""
 TINT = np.diag([1.15, 1.0, 0.85])
 """The light, which is not D65."""
 TIMES = (0.125, 0.5, 2.0)

@@ -19,7 +19,7 @@ from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import RawMosaic
 
 SHARES = np.array((0.7, 1.1, 1.5))
-"""Of R, G and B in W; files say that it is the sum."""
+"""Shares of R, G and B in W; files state the sum."""
 TIMES = (1 / 500, 1 / 60, 1 / 15)
 
 

@@ -11,7 +11,7 @@ SIZE = 320, 240
 
 
 class Camera:
-    """What matching reads of a pycolmap camera."""
+    """Fields of a pycolmap camera that matching reads."""
 
     width, height = SIZE
 

@@ -7,13 +7,13 @@ from calib.data.matching import FARTHEST, RATIO, ROWS, match
 
 
 def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
-    """As directions: no component is negative, length 1."""
+    """Make directions: no component is negative, length 1."""
     found = rng.exponential(size=(count, 128))
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def whole(directions: np.ndarray) -> np.ndarray:
-    """As SIFT writes them: 512 times a unit vector."""
+    """Make descriptors as SIFT writes them: 512 times a unit vector."""
     return np.clip(np.rint(512 * directions), 0, 255).astype(np.uint8)
 
 

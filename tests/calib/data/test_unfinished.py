@@ -1,4 +1,4 @@
-"""What a stopped calibration has found is found once, and never taken for the answer to another question."""
+"""Results of a stopped calibration are computed once, and never taken for the answer to another question."""
 
 from pathlib import Path
 

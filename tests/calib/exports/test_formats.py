@@ -40,7 +40,7 @@ def points(arm: Path) -> Array:
 
 
 def projected(arm: Path, name: str, points: Array) -> Array:
-    """Where COLMAP's own reader puts the points in the picture `name`; origin at its corner."""
+    """Points in the picture `name` by COLMAP's own reader; origin at its corner."""
     model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
     image = next(image for image in model.images.values() if image.name == name)
     motion = image.cam_from_world().matrix()

@@ -23,13 +23,13 @@ from .test_response import smooth
 Curve = Callable[[np.ndarray], np.ndarray]
 BLACK, WHITE, ELECTRONS = 256, 4095, 9000
 TIMES = (1 / 500, 1 / 60, 1 / 15, 1 / 4)
-"""As dials have them: 1/60 stands for 1/64, 1/500 for 1/512."""
+"""Times as dials have them: 1/60 is 1/64, 1/500 is 1/512."""
 EXACT = tuple(2.0 ** round(np.log2(time)) for time in TIMES)
 
 
 @dataclass(frozen=True)
 class Body:
-    """What a camera does to the light of its RAW. off: DN by which its files state black wrongly."""
+    """Distortion of a camera's RAW signal. off: DN by which its files state black wrongly."""
 
     curve: Curve = np.asarray
     off: float = 0.0
@@ -56,7 +56,7 @@ def mosaic(body: Body, light: np.ndarray, time: float, rng: np.random.Generator)
 def measured(
     folder: Path, bodies: Sequence[Body], times: Sequence[float], labels: Sequence[float]
 ) -> Radiometry:
-    """What the light of three views of each camera, cam0 and on, was found to be."""
+    """Estimated light of three views of each camera, cam0 and on."""
     views, names = [], []
     for number, body in enumerate(bodies):
         for view in range(3):
@@ -79,7 +79,7 @@ def doubts(light: Radiometry) -> list[str]:
 
 @pytest.mark.parametrize("power", [0.45, 0.8, 1.25])
 def test_a_gamma_on_raw_is_named_with_what_to_switch_off(tmp_path: Path, power: float) -> None:
-    """Of two cameras, cam1 has it on; labels are as rounded as dials have them."""
+    """Switch it on in cam1 of two cameras; labels are as rounded as dials have them."""
     light = measured(tmp_path, [Body(), Body(lambda x: x**power)], EXACT, TIMES)
     (said,) = doubts(light)
     assert said.startswith("the RAW of cam1 (light to the power ")

@@ -140,7 +140,7 @@ def relabelled(samples: Samples, labels: np.ndarray) -> Samples:
 @pytest.mark.parametrize("step", [0, 1, 3])
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: float) -> None:
-    """Of four exposures, wherever it is; the others and the curve stay right."""
+    """Try four exposures, wherever it is; the others and the curve stay right."""
     labels = STEPS[:4]
     off = np.where(np.arange(4) == step, np.log(factor), 0.0)
     found = estimate(relabelled(shoot(FAMILIES["gamma"], labels + off), labels))

@@ -1,4 +1,4 @@
-"""What files say that a camera did not change, against files that say so, do not, or cannot."""
+"""Settings that a camera kept, from files that state them, do not, or cannot."""
 
 import os
 from pathlib import Path
@@ -19,7 +19,7 @@ DAYLIGHT = Exposure(time=1 / 80, f_number=5.0, iso=400.0)
 
 
 def stated(folder: Path, exposures: list[Exposure | None], *, by_hand: bool = False) -> Stated:
-    """What JPEGs of these exposures say."""
+    """Statements of JPEGs with these exposures."""
     rng = np.random.default_rng(0)
     (folder / "photos").mkdir()
     for number, exposure in enumerate(exposures):

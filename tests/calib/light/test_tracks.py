@@ -1,4 +1,4 @@
-"""How bright a view is around its features."""
+"""Brightness of a view around its features."""
 
 import numpy as np
 

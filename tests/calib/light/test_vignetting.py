@@ -64,7 +64,7 @@ def test_cameras_that_differ_get_a_falloff_each():
 
 
 def test_nothing_is_modelled_where_nothing_is_there():
-    """By chance at most one of forty rungs may be taken; by one standard error, two are."""
+    """Allow one of forty rungs by chance; by one standard error, two would be taken."""
     by_chance = 0
     for seed in range(20):
         found = estimate(made(np.zeros((4, 3)), [1] * 4, seed=seed, points=300), NAMES, MODELS)
@@ -120,7 +120,7 @@ def test_what_nobody_would_notice_is_left_out():
 
 
 def test_unequal_cameras_are_no_falloff():
-    """Where each camera has points at other radii, either passes for the other."""
+    """Place each camera's points at other radii, where either passes for the other."""
     tracks = made(np.zeros((4, 3)), [0.94, 1.0, 1.06, 1.0])
     radius = np.clip(
         0.25 * tracks.camera + np.random.default_rng(1).uniform(0, 0.3, len(tracks.camera)), 0, 1

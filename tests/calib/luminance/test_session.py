@@ -71,7 +71,7 @@ def session(bare: Path, tmp_path: Path) -> Path:
 
 
 def spot(area: tuple[int, int, int, int], off: float = 1.0, **stated: object) -> LuminanceReading:
-    """What a meter reads off a card, that is off by a factor."""
+    """Reading of a meter off a card, wrong by a factor."""
     true = CANDELAS * float(LUMINANCE @ np.array(CARDS.get(area, (1.0, 1.0, 1.0))))
     fields = {"view": "0000/cam", "luminance": off * true, "error": 0.03, "source": "spot"} | stated
     return LuminanceReading(area=area, **fields)

@@ -1,4 +1,4 @@
-"""How many views and points it takes to confirm poses."""
+"""Number of views and points that confirm poses."""
 
 from itertools import combinations
 

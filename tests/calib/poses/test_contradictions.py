@@ -174,7 +174,7 @@ def test_poses_of_two_views_are_doubted():
 
 
 def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
-    """As of ten views before rows of windows that stood on a line, 13 % of whose points a third view saw."""
+    """Try ten views before rows of windows that stood on a line, 13 % of whose points a third view saw."""
     features, brightness, _ = pillar(alike=False, lit=True)
     told = []
 

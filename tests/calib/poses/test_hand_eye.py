@@ -1,4 +1,4 @@
-"""How cameras are mounted, by the motions of both: right within the stated errors, refused where not told."""
+"""Mounting of cameras by the motions of both: right within the stated errors, refused where undetermined."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from calib.poses.hand_eye import tie
 from imaging.errors import CalibrationError
 
 DISTANCE, RATIO = 4.0, 2.5
-"""Of the scene, in units of the first world, and of these in those of the second."""
+"""Distance of the scene, in units of the first world, and ratio of these to those of the second."""
 NOISE = 0.05
 """Degrees, and as much of the distance."""
 B_FROM_A = np.eye(4)
@@ -27,7 +27,7 @@ def rigid(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
 def poses(
     turns: np.ndarray, places: np.ndarray, seed: int = 0, noise: float = NOISE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What structure from motion makes of both cameras: each in a world and units of its own."""
+    """Poses of both cameras by structure from motion: each in a world and units of its own."""
     rng = np.random.default_rng(seed)
     other_world = rigid(np.array([20.0, -70.0, 110.0]), np.array([1.0, 2.0, -0.5]))
 

@@ -1,4 +1,4 @@
-"""What a board or a ruler told stays, and gives the scene its scale."""
+"""Lenses and places by a board or a ruler stay, and give the scene its scale."""
 
 import json
 import shutil

@@ -25,7 +25,7 @@ def pose(step: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def street() -> dict[ViewId, Features]:
-    """What a walk between two walls sees, as far as twelve metres."""
+    """View of a walk between two walls, as far as twelve metres."""
     rng = np.random.default_rng(3)
     count = 2500
     side = rng.choice([-1.0, 1.0], count)

@@ -55,5 +55,5 @@ def shoot() -> Shoot:
 
 @pytest.fixture(scope="session")
 def nominal() -> Nominal:
-    """What the files of such a sensor say."""
+    """Levels in the files of such a sensor."""
     return Nominal(np.full(4, 256.0), 4095.0)

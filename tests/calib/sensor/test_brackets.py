@@ -87,7 +87,7 @@ def test_a_straight_response_is_called_straight_and_a_bent_one_bent(plain: Blind
 
 
 def test_fine_texture_bends_no_response() -> None:
-    """Where single photosites are full among others that are not."""
+    """Mix full photosites with others that are not."""
     line = straightness(blind(MODEL, range(3), grain=0.7).levels, 1e-5)
     assert line is not None
     assert line.linear

@@ -160,7 +160,9 @@ def test_flats_alone_tell_the_gain(shoot: Shoot, nominal: Nominal) -> None:
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None:
-    """Of darks, over many sensors: 95 % intervals of black, gain given, of read noise and of dark current."""
+    """Count darks over many sensors: 95 % intervals of black, gain given, of read noise and of dark
+    current.
+    """
     inside = []
     gain = Measured(value=0.4, sigma=1e-9, source="flats")
     from drivers.sim.camera.sensor import SimulatedSensor

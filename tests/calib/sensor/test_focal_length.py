@@ -79,7 +79,7 @@ def test_nothing_is_told_by_nothing():
 
 @pytest.mark.parametrize(("unit", "inch"), [(2, 1.0), (3, 2.54), (4, 25.4)])
 def test_the_sensor_is_what_the_resolution_in_the_focal_plane_says(tmp_path, unit, inch):
-    """Of 3,888 pixels over 22.2 mm, in three units, whatever the file was scaled to."""
+    """Read 3,888 pixels over 22.2 mm, in three units, whatever the file was scaled to."""
     exif = Image.Exif()
     own = exif.get_ifd(0x8769)
     dense = IFDRational(round(3888 / 22.2 * 25.4 / inch * 1000), 1000)

@@ -83,7 +83,7 @@ def stake(session: Path, count: int, seed: int = 0) -> Staked:
 def _seen(
     scene: Any, lenses: dict[str, Lens], poses: dict[ViewId, Array], view: ViewId, place: Array
 ) -> Array | None:
-    """Where a view shows a place, px; None where something hides it, or it is outside."""
+    """Place in a view, px; None if hidden or outside."""
     motion, lens = poses[view], lenses[view.camera]
     seen = motion[:3, :3] @ place + motion[:3, 3]
     if seen[2] <= 0:

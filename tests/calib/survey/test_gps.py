@@ -25,7 +25,7 @@ ORIGIN = (48.5, -11.25, 500.0)
 
 
 def positions(session: Path, error: float, size: float, seed: int = 0) -> dict[ViewId, GpsPosition]:
-    """Of the true cameras with a normal error, m, in a scene so many times as large."""
+    """Positions of the true cameras with a normal error, m, in a scaled scene."""
     rng = np.random.default_rng(seed)
     truth = true_poses(session)
     metres = size * np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in truth.values()])
@@ -64,7 +64,7 @@ def test_the_scene_has_its_true_size(
 
 
 def test_a_known_scale_is_kept(arm: Path, model_of: Callable[[Path], SceneModel]) -> None:
-    """By a board that is said to have been measured 3 % too large."""
+    """Keep a board that was measured 3 % too large by its statement."""
     found = fit_gps(model_of(arm), positions(arm, 0.005, 1.0))
     assert isinstance(found, GpsFit)
     size = 1.03 * found.similarity.scale

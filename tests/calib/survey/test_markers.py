@@ -37,7 +37,7 @@ def sheet(numbers: list[int], quads: np.ndarray, size: tuple[int, int] = (640, 4
 
 
 def middle(quad: np.ndarray) -> np.ndarray:
-    """Where a homography from a square has its middle."""
+    """Middle of a square under a homography."""
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     to = cv2.getPerspectiveTransform(square, quad.astype(np.float32))
     return cv2.perspectiveTransform(np.array([[[0.5, 0.5]]], np.float64), to)[0, 0]

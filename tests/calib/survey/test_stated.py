@@ -1,4 +1,4 @@
-"""What photographs state of their places, against flights whose truth is known."""
+"""Places stated in photographs, against flights whose truth is known."""
 
 import os
 from dataclasses import replace

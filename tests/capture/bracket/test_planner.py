@@ -35,7 +35,7 @@ def listed(times=THIRDS, isos=(100.0,), wanted=ANY) -> tuple[Exposure, ...]:
 
 
 def stops_of(noise: RawNoise, snr: float) -> float:
-    """How many stops one exposure is trusted to show."""
+    """Stops that one exposure is trusted to show."""
     exposure = Exposure(time=1.0, iso=100.0)
     return math.log2(noise.brightest(exposure) / noise.darkest(snr, exposure)) - 2 * SLACK
 

@@ -41,7 +41,7 @@ def scene(seed: int = 0, height: int = 160, width: int = 240) -> Light:
 
 
 def blurred(light: Light, sigma: float) -> Light:
-    """As a lens out of focus shows it."""
+    """Blur as a lens out of focus does."""
     return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma))
 
 
@@ -69,7 +69,7 @@ def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> ReducedPicture:
 
 
 def photo(light: Light, exposure: Exposure, seed: int = 0) -> npt.NDArray[np.uint8]:
-    """What a camera develops of it, with a curve that is neither sRGB nor a gamma; codes [H, W, 3]."""
+    """Photograph with a curve that is neither sRGB nor a gamma; codes [H, W, 3]."""
     random = np.random.default_rng([seed, int(1e6 * exposure.time)])
     electrons = random.poisson(np.minimum(light * exposure.scale, 4.0) * 40_000.0)
     return np.rint(255 * develop(electrons / 40_000.0)).astype(np.uint8)
@@ -93,7 +93,7 @@ class Studio:
         )
 
     def plan(self, bracket: Sequence[Exposure], frames: int, kind: str = "scene") -> None:
-        """What is to be shot by all cameras."""
+        """Plan of shots of all cameras."""
         told = {"plan": kind, "kind": kind, "created": WHEN, "bracket": bracket, "reason": "test"}
         self.session.append_plan(
             PlanRecord.model_validate(told | {"frames": range(frames), "cameras": self.cameras})

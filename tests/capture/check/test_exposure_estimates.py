@@ -15,7 +15,7 @@ LABELS = [Exposure(time=time) for time in (1 / 2, 1 / 8, 1 / 32, 1 / 128)]
 
 
 def wrongly(seed: int, share: float = 0.05) -> list[Exposure]:
-    """What shutters do that are off by 5 %."""
+    """Draw shutter times that are off by 5 %."""
     error = np.random.default_rng(seed).normal(0, share, len(LABELS))
     return [one.with_time(one.time * float(np.exp(e))) for one, e in zip(LABELS, error, strict=True)]
 

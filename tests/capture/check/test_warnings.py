@@ -1,4 +1,4 @@
-"""What `rig check` warns of: one thing wrong at a time in a session that is right, and only that."""
+"""Warnings of `rig check`: one fault at a time in a sound session, and only that."""
 
 import numpy as np
 import pytest

@@ -53,7 +53,7 @@ def test_the_band_is_a_folder_or_a_word_of_the_name() -> None:
 
 
 def wheel_photos(folder: Path, frames: int = 2) -> Path:
-    """Of one camera that tells no serial number: two exposures of each band at each frame."""
+    """Photographs of one camera without a serial number: two exposures of each band at each frame."""
     return put(
         folder,
         {

@@ -1,4 +1,4 @@
-"""Which photographs of an import belong to one bracket."""
+"""Assignment of an import's photographs to brackets."""
 
 import pytest
 

@@ -149,7 +149,7 @@ def two_cameras(tmp_path, there=range(5), ahead=3600.0) -> Path:
 
 
 def frames_by_camera(folder: Path) -> dict[str, dict[int, set[str]]]:
-    """By camera and frame, the number in the names of its photos."""
+    """Numbers in the names of photographs, by camera and frame."""
     found: dict[str, dict[int, set[str]]] = {}
     for shot in Session.open(folder).shots():
         name = Path(shot.source)

@@ -74,7 +74,7 @@ class NearLink:
         return answer
 
     def start_again(self) -> None:
-        """What it had in memory is gone."""
+        """Lose what it had in memory."""
         self.node, self.dead, self.dies_at = self._make(), False, None
 
     def close(self) -> None:

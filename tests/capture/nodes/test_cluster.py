@@ -69,7 +69,7 @@ class Hosts:
         )
 
     def switch_off(self, name: str) -> None:
-        """As if its mains were pulled."""
+        """Stop as if its mains were pulled."""
         os.kill(_pid(self.links[name]), signal.SIGKILL)
         self.cluster.remove_node(self.up.pop(name), allow_graceful=False)
 

@@ -1,4 +1,4 @@
-"""What a capture says of the shots that are missing."""
+"""Report of a capture on missing shots."""
 
 from pathlib import Path
 

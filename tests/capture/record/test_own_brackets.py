@@ -33,7 +33,9 @@ PRESS = {
     "nikon-z6": ("INITIATE_CAPTURE_REC_IN_MEDIA", 1),
 }
 SHARE = {"sony-a7m4": 0.5, "nikon-z6": 0.65, "canon-eos-6d": 0.8}
-"""Of the time one by one: four frames are in a bracket of five of Sony and Nikon, three and one of Canon."""
+"""Share of the time one by one: four frames are in a bracket of five of Sony and Nikon, three and one of
+Canon.
+"""
 FETCH = {"sony-a7m4": "GET_OBJECT", "nikon-z6": "GET_OBJECT", "canon-eos-6d": "GET_PARTIAL_OBJECT"}
 
 

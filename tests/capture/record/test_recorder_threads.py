@@ -256,7 +256,7 @@ def test_shutters_that_open_too_far_apart_are_told_once_a_step(fake_rig):
 
 @pytest.mark.parametrize("silent", ["b", "ab", "bc", "abc"])
 def test_the_skew_of_a_camera_that_does_not_stamp_its_frames_is_unknown(fake_rig, silent):
-    """When it was told to expose is not when its shutter opened."""
+    """Keep the time of the order apart from that of the shutter."""
     rig, clock = fake_rig(a="raw", b="raw", c="raw"), VirtualClock()
     slowed(rig, clock, {("c", "trigger"): 0.011})
     for name in silent:

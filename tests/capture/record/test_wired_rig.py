@@ -115,7 +115,7 @@ def test_a_dropped_frame_of_a_listener_is_taken_again_with_the_leader(wired) -> 
 
 
 def test_without_a_leader_to_expose_along_nothing_comes(wired) -> None:
-    """What the two tests beside this one would see if the leader stayed away."""
+    """Show the result of the two tests beside this one if the leader stayed away."""
     rig = wired("dropped", *lost(wired().serial("cam2"), 2))
     result = rig.shoot(leader=None)
     assert [sentence.split(": ")[0] for sentence in result.missing] == ["cam2, frame 0, step 1"]

@@ -30,7 +30,7 @@ def by_entry(name: str, selector: str, kind: str = "Integer", more: str = "") ->
 
 
 def told(inside: str, values: tuple[int, ...], name: str, selector: str) -> Mapping[str, float]:
-    """What each entry reads back after registers that are as given were evened out."""
+    """Read back each entry after the registers were evened out."""
     memory = Bytes()
     for index, value in enumerate(values):
         memory.data[4 * index : 4 * index + 4] = value.to_bytes(4, "little")
@@ -65,7 +65,7 @@ def test_whole_numbers_become_those_of_green(name: str, neutral: int) -> None:
 
 
 def test_a_factor_is_set_rather_than_a_whole_number_of_the_same_register() -> None:
-    """Of Basler's cameras of the ace series."""
+    """Use Basler's cameras of the ace series."""
     inside = (
         choice("BalanceRatioSelector", 0, "Red", "Blue")
         + by_entry("BalanceRatioRaw", "BalanceRatioSelector")

@@ -15,7 +15,7 @@ from imaging.cfa import Cfa
 
 
 def bit_places(pixels: PixelFormat, index: int) -> list[int]:
-    """Where the bits of a pixel lie in the payload, lowest first, as 8 * byte + bit."""
+    """Places of a pixel's bits in the payload, lowest first, as 8 * byte + bit."""
     bits = pixels.bits
     if pixels.packing == "plain":
         return [pixels.stored_bits * index + bit for bit in range(bits)]

@@ -1,4 +1,4 @@
-"""What a camera computes into its frames is switched off and read back, or the camera is refused."""
+"""In-camera processing is switched off and read back, or the camera is refused."""
 
 import pytest
 

@@ -31,7 +31,7 @@ _MANIFEST = 0x3000
 
 
 class Meta(ctypes.Structure):
-    """What producer.c is told of a frame."""
+    """Metadata of a frame for producer.c."""
 
     _fields_ = tuple(
         (name, ctypes.c_uint64)

@@ -125,7 +125,7 @@ def test_a_camera_without_a_trigger_is_refused(viky: Path) -> None:
 
 
 def test_numbers_are_those_of_the_standard(viky: Path) -> None:
-    """As the committee's own package has them."""
+    """Compare with the committee's own package."""
     gentl: Any = pytest.importorskip("genicam.gentl")
     for ours, theirs, prefix in (
         (DeviceInfo, gentl.DEVICE_INFO_CMD_LIST, "DEVICE_INFO_"),

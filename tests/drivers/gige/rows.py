@@ -27,7 +27,7 @@ class Row:
     twins: list[SimulatedCamera]
 
     def lose(self, share: float) -> None:
-        """From now on that share of all packets gets lost."""
+        """Drop that share of all packets from now on."""
         for device in self.devices:
             device.loss = device.sender.loss = share
 

@@ -42,7 +42,7 @@ def together(row: Row, exposure: Exposure = LABEL) -> list[RawMosaic]:
 
 
 def openings(frames: Sequence[RawMosaic]) -> list[float]:
-    """When each opened, after the first camera."""
+    """Opening of each, after the first camera."""
     moments = [frame.metadata.opened for frame in frames]
     known = [moment for moment in moments if moment is not None]
     assert len(known) == len(frames)

@@ -14,7 +14,7 @@ from drivers.gige.gvcp import Resend, Status
 from drivers.gige.gvsp import Kind, Leader, PacketHeader
 
 SIZE = 200
-"""Of a packet, as the register counts."""
+"""Size of a packet, as the register counts."""
 
 
 def packets(block: int, payload: bytes, extended: bool) -> list[bytes]:
@@ -119,7 +119,7 @@ def test_a_packet_that_the_camera_no_longer_has_ends_the_frame_at_once() -> None
 
 
 def test_a_frame_smaller_than_it_may_be_is_whole() -> None:
-    """As of chunks whose size varies."""
+    """Send chunks whose size varies."""
     assembler = Assembler(4000, SIZE)
     frames = [feed(assembler, data, 0.0) for data in packets(3, b"\7" * 1000, False)]
     assert frames[-1] is not None

@@ -116,7 +116,7 @@ REGISTERS = st.sampled_from(sorted({*map(int, Feature), *map(int, Bootstrap)}))
 def test_no_write_ends_the_simulated_camera(
     make_row: MakeRow, writes: list[tuple[int, int, bytes, int, bool]]
 ) -> None:
-    """Of any length, at and across the borders of registers, by a host that has control of it."""
+    """Write any length, at and across the borders of registers, from a host that has control."""
     row = make_row()
     (device,) = row.devices
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:

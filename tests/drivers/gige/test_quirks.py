@@ -1,4 +1,4 @@
-"""What real cameras do otherwise: the driver gets the same frames, or says what it does not know."""
+"""Quirks of real cameras: the driver gets the same frames, or reports the unknown."""
 
 import re
 import struct
@@ -22,7 +22,7 @@ from .test_actions import join, together
 from .test_sim_device import LABEL, shoot
 
 MEANT = Exposure(time=2.0**-8, iso=200)
-"""What the camera applies for the label."""
+"""Applied exposure for the label."""
 UNTOLD = {Quirk.NO_UNITS, Quirk.GAMMA_LOCKED, Quirk.FEWER_ROWS}
 """Those of which something cannot be known or done."""
 
@@ -82,7 +82,7 @@ def test_a_camera_with_two_interfaces_is_one_and_controlled_where_it_can_be(
 
 
 def test_packets_under_wrong_numbers_do_not_replace_those_that_came(make_row: MakeRow) -> None:
-    """Of a fifth of all packets, and of those that are asked for again, with losses beside."""
+    """Renumber a fifth of all packets, also of those that are requested again, with losses beside."""
     row = quirky(make_row, Quirk.MISNUMBERED)
     row.devices[0].sender.loss = 0.1
     for _ in range(5):

@@ -22,7 +22,7 @@ STREAM = 40000
 
 
 def tapped(device: GigeDevice, monkeypatch: pytest.MonkeyPatch) -> list[Packet]:
-    """What the device hears and sends from now on: from, to, bytes."""
+    """Record the packets of the device from now on: from, to, bytes."""
     heard: list[Packet] = []
     control = (device.address, PORT)
     receive, send, frame = device._receive, device._send, device.sender._send
@@ -57,7 +57,7 @@ def capture(packets: list[Packet], file: Path) -> None:
 
 
 def judged(packets: list[Packet], file: Path) -> tuple[list[str], list[str]]:
-    """What tshark takes each packet for, and the packets that it calls malformed, in its words."""
+    """Dissection of each packet by tshark, and the packets that it calls malformed, in its words."""
     tshark = shutil.which("tshark")
     if tshark is None:
         pytest.skip("Wireshark (tshark) is not installed")

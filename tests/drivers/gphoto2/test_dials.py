@@ -101,7 +101,7 @@ def test_no_text_is_more_than_not_understood(text: str) -> None:
 
 
 def test_formats() -> None:
-    """Of Canon, Nikon, Sony and Fuji bodies."""
+    """Read formats of Canon, Nikon, Sony and Fuji bodies."""
     assert plain_raw(["Large Fine JPEG", "RAW + Large Fine JPEG", "mRAW", "RAW"]) == "RAW"
     assert plain_raw(["JPEG Basic", "NEF+Fine", "NEF (Raw)"]) == "NEF (Raw)"
     assert plain_raw(["JPEG Fine"]) is None

@@ -116,7 +116,7 @@ def test_a_bracket_of_the_body_is_faster_than_one_by_one(
     at_once: float,
     share: float,
 ) -> None:
-    """By much where an order takes 0.3 s, as it does on many; of one that takes no time by its rate."""
+    """Compare bodies of which an order takes 0.3 s, as on many, and none."""
     seconds, alone = shot(toy, model, times)
     assert seconds < at_once * alone
     slow = replace(profiles.PROFILES[model], lag=0.3)
@@ -128,7 +128,7 @@ def test_a_bracket_of_the_body_is_faster_than_one_by_one(
 def test_four_frames_take_less_than_half_the_time_of_one_by_one(
     toy: SimulatedRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a body that shoots 10 frames a second, and takes 0.3 s from an order to the exposure.
+    """Use a body that shoots 10 frames a second, and takes 0.3 s from an order to the exposure.
 
     Nikon's shoots 5.5, and five of them for four.
     """

@@ -1,4 +1,4 @@
-"""What a Canon tells of its files: records with sizes of 32 and of 64 bits, with a name and without one."""
+"""Records of files by Canon bodies: with sizes of 32 and of 64 bits, with a name and without one."""
 
 import struct
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def test_records_of_64_bits(size: int) -> None:
 
 
 def test_a_record_of_an_r5_mark_ii() -> None:
-    """As one of its users printed it: a picture of 44,440,788 bytes without a name."""
+    """Read a record that one of its users printed: a picture of 44,440,788 bytes without a name."""
     payload = bytes.fromhex("40c03214 08b10000 00000000 d41ca602 00000000 00c03214 06000000")
     file = unpack_object(0xC1B8, payload)
     assert (file.handle, file.info.format, file.info.size) == (0x1432C040, 0xB108, 44_440_788)
@@ -114,7 +114,7 @@ def _refuses(code: int) -> Callable[[Request], Reply]:
 def test_pieces_come_by_whatever_operation_the_body_does_not_refuse(
     lists: tuple[int, ...], code: int, toy: SimulatedRig
 ) -> None:
-    """Of those that it lists, the last alone works."""
+    """Let the last alone of those that it lists work."""
     bench = Bench(toy, R7)
     handlers = bench.devices[0].responder._handlers
     for reader in (

@@ -23,7 +23,7 @@ from imaging.exposure import Exposure
 
 OUT, IN, INTERRUPT = 0x02, 0x81, 0x83
 MOST_SECONDS = 600.0
-"""Of the clock, for one call; the longest are a shot that never comes, and time-outs in a row."""
+"""Seconds of the clock for one call; the longest are a shot that never comes, and time-outs in a row."""
 MOST_COMMANDS = 20_000
 """For one call: a shot is asked for 20 times a second."""
 

@@ -49,7 +49,7 @@ def test_what_cannot_be_set_or_is_not_known_offers_none() -> None:
 
 
 def test_a_program_that_is_the_only_one_need_not_be_set() -> None:
-    """As of a D5100 and a D5500."""
+    """Act as a D5100 and a D5500."""
     step = described(NikonProperty.BRACKET_STEP, RangeForm(0, 7, 1))
     for number in (2, 4):
         program = described(

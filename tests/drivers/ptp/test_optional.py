@@ -80,7 +80,7 @@ def test_a_camera_that_refuses_any_one_operation_is_still_identified(
 
 
 def test_a_camera_that_lists_one_storage_at_a_time_shoots(toy: SimulatedRig) -> None:
-    """As uMTP-Responder does: it answers 0x2008 to the storage 0xFFFFFFFF."""
+    """Act as uMTP-Responder: it answers 0x2008 to the storage 0xFFFFFFFF."""
     bench = Bench(toy, "generic")
     whole = bench.responder._handlers[Operation.GET_OBJECT_HANDLES]
 
@@ -100,7 +100,7 @@ def test_a_camera_that_lists_one_storage_at_a_time_shoots(toy: SimulatedRig) -> 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_camera_that_cannot_be_triggered_says_so_and_is_left_out(toy: SimulatedRig, name: str) -> None:
-    """As a Canon PowerShot SX200 IS, which lists no operation that exposes."""
+    """Act as a Canon PowerShot SX200 IS, which lists no operation that exposes."""
     bench = Bench(toy, name)
     able = bench.listed()
     assert able.capabilities is not None

@@ -21,7 +21,7 @@ from imaging.exposure import Exposure
 
 CAMERAS, TIMES = 3, (1 / 1000, 1 / 60, 1 / 4, 2.0, 1 / 60, 1 / 250)
 ATTEMPTS = 3
-"""As often as a capture takes an exposure of which nothing came."""
+"""Attempts of a capture at an exposure without a frame."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What the simulated rig shows: range, texture, geometry and exposure of the demo's 24 views."""
+"""Range, texture, geometry and exposure of the demo's 24 simulated views."""
 
 import math
 

@@ -18,7 +18,7 @@ from imaging.cfa import Cfa
 
 @dataclass
 class Bench:
-    """What is plugged together, and a second camera that shoots the same without any USB."""
+    """Connected devices, and a second camera that shoots the same without any USB."""
 
     clock: VirtualClock
     bus: VirtualBus

@@ -20,7 +20,7 @@ from .test_camera import LABEL, shoot
 
 
 def right(bench: Bench, camera: U3vCamera) -> bool:
-    """Whether the next shot is what the camera without USB takes at the same take."""
+    """Return whether the next shot equals that of the camera without USB at the same take."""
     return np.array_equal(shoot(camera).pixels, shoot(bench.twin).pixels)
 
 

@@ -55,7 +55,7 @@ class Trio:
         return [camera.collect() for camera in self.cameras]
 
     def right(self, frames: Sequence[RawMosaic], exposure: Exposure) -> bool:
-        """Whether they are what the cameras take that have no USB."""
+        """Return whether they equal the shots of cameras without USB."""
         for frame, twin in zip(frames, self.twins, strict=True):
             twin.set_exposure(exposure)
             twin.arm()

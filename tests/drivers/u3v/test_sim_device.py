@@ -174,7 +174,7 @@ COMMANDS = st.tuples(
 def test_no_packet_ends_the_camera(
     make_bench: MakeBench, commands: Sequence[tuple[int, int, int, bytes, str, int]]
 ) -> None:
-    """Of any code and length, at and across the borders of registers, whole or damaged, read or not."""
+    """Send any code and length, at and across the borders of registers, whole or damaged, read or not."""
     bench = make_bench()
     session = opened(bench)
     before = bytes(session.control.read(Abrm.MANUFACTURER, 64))

@@ -22,7 +22,7 @@ from .test_camera import LABEL, shoot
 
 @pytest.fixture
 def openings(monkeypatch: pytest.MonkeyPatch) -> list[Opening | None]:
-    """What the driver made of each stamp, uncertainty and all."""
+    """Openings by the driver for each stamp, uncertainty and all."""
     found: list[Opening | None] = []
 
     def spy(*given: Any) -> Opening | None:

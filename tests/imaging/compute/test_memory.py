@@ -151,7 +151,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, float, float]]:
-    """What a process with little memory says of every file, with MB and seconds that each took."""
+    """Report of a process with little memory on every file, with MB and seconds of each."""
     folder = tmp_path_factory.mktemp("bombs")
     for name, (data, _) in BOMBS.items():
         (folder / name).write_bytes(data())

@@ -34,7 +34,7 @@ def marked(folder: Path, number: int) -> int:
 
 
 def unsendable(number: int) -> object:
-    """What no process can send."""
+    """Function that cannot be pickled."""
     return lambda: number
 
 

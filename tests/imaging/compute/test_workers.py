@@ -76,7 +76,7 @@ def test_what_leaves_less_than_a_share_runs_alone_on_all_cores(four: LocalWorker
 
 
 def test_a_task_larger_than_the_machine_runs_alone(four: LocalWorkers) -> None:
-    """What it lacks is its own to say: a forecast may be wrong."""
+    """Leave the report of a lack to the task: a forecast may be wrong."""
     assert four.submit(Task(1000), lambda share: share.pinned).result(LONG) is None
     four.close()
 

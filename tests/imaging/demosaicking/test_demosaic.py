@@ -17,7 +17,7 @@ other_tables = pytest.mark.parametrize("cfa", TABLES)
 
 
 def seen_by(cfa: Cfa, light: np.ndarray) -> np.ndarray:
-    """What the channels of a table see of light [H, W, 3]; W half of the sum."""
+    """Response of the channels of a table to light [H, W, 3]; W half of the sum."""
     return np.concatenate([light, light.sum(-1, keepdims=True) / 2], -1)[..., : len(cfa.letters)]
 
 

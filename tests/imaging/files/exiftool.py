@@ -1,4 +1,4 @@
-"""What ExifTool reads of a file."""
+"""Reading of a file by ExifTool."""
 
 import json
 import shutil

@@ -57,7 +57,7 @@ def test_channels_are_named_as_others_expect(tmp_path: Path) -> None:
     ],
 )
 def test_the_space_is_told_by_its_interop_id_alone(tmp_path: Path, primaries: str | None, told: str) -> None:
-    """As OpenColorIO knows it, and without the older tags, which might contradict it."""
+    """Compare with OpenColorIO, without the older tags, which might contradict it."""
     write_exr(tmp_path / "a.exr", RGB, primaries=primaries)
     attributes = read_exr_header(tmp_path / "a.exr").attributes
     assert attributes["colorInteropID"] == told

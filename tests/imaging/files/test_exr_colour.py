@@ -1,4 +1,4 @@
-"""What an EXR says of its colour, against OpenColorIO, and what counts where it says two things."""
+"""Colour of an EXR, against OpenColorIO, and the precedence of contradicting statements."""
 
 import numpy as np
 import PyOpenColorIO as ocio

@@ -23,7 +23,7 @@ def with_segment(jpeg: bytes, marker: int, body: bytes) -> bytes:
 
 
 def ultra_hdr() -> bytes:
-    """As Android writes it: XMP in both pictures, an MPF index, the map behind the picture."""
+    """Write it as Android does: XMP in both pictures, an MPF index, the map behind the picture."""
     return with_segment(
         with_segment(encode_jpeg(PIXELS), 0xE2, b"MPF\0II*\0\x08\0\0\0"), 0xE1, XAP + ADOBE
     ) + (with_segment(encode_jpeg(PIXELS[::4, ::4, 0]), 0xE1, XAP + ADOBE))
@@ -34,7 +34,7 @@ def iso() -> bytes:
 
 
 def apple() -> bytes:
-    """As iPhones write JPEG: nothing but the index in the picture, XMP in the map behind it."""
+    """Write it as iPhones do: nothing but the index in the picture, XMP in the map behind it."""
     picture = with_segment(encode_jpeg(PIXELS), 0xE2, b"MPF\0MM\0*\0\0\0\x08")
     return picture + with_segment(encode_jpeg(PIXELS[::4, ::4, 0]), 0xE1, XAP + APPLE)
 

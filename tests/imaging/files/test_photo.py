@@ -28,7 +28,7 @@ RGB16 = RNG.integers(0, 65536, (21, 30, 3), dtype=np.uint16)
 
 
 def codes(path: Path, data: bytes) -> np.ndarray:
-    """What is read of a file with this content, as whole code values again."""
+    """Code values of a file with this content, as whole numbers again."""
     path.write_bytes(data)
     seen = read_photo(path)
     assert seen.pixels.dtype == np.float32

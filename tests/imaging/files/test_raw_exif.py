@@ -21,7 +21,7 @@ LIBRAW = SimpleNamespace(
 
 
 def raf() -> bytes:
-    """As Fuji's files begin: a head that says where the photograph with the EXIF lies."""
+    """Begin as Fuji's files do: a head with the place of the photograph that has the EXIF."""
     picture = encode_jpeg(np.zeros((8, 8, 3), np.uint8), metadata=SAID)
     head = b"FUJIFILMCCD-RAW 0201FF" + bytes(62) + struct.pack(">II", 148, len(picture))
     return head.ljust(148, b"\0") + picture

@@ -1,4 +1,4 @@
-"""What drones say in XMP, in both forms that a packet may have, and what is not theirs."""
+"""XMP of drones, in both forms that a packet may have, and foreign packets."""
 
 import struct
 import zlib

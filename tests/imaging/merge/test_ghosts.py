@@ -1,4 +1,4 @@
-"""What moves is found and shown once; noise that stands still is not; a camera that moves is told how far."""
+"""Motion is detected and shown once; noise that stands still is not; the shift of a camera is measured."""
 
 from dataclasses import replace
 
@@ -149,7 +149,7 @@ def test_what_is_not_valid_moves_no_shift(cfa: Cfa | None, step: float) -> None:
 
 @PHASES
 def test_no_ghost_is_looked_for_where_masks_ask_not_to(cfa: Cfa | None) -> None:
-    """What moves behind a mask is no ghost, and its noise, over most of the picture, not that of the rest."""
+    """Expect no ghost behind a mask, and no influence of its noise on the rest of the picture."""
     rng, hidden = np.random.default_rng(11), np.zeros(SIZE, bool)
     hidden[:120] = True
     frames = [expose(np.where(hidden, scene(20 + i), scene(0)), k, rng, cfa) for i, k in enumerate(SCALES)]

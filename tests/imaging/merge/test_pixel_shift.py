@@ -34,7 +34,7 @@ def toy() -> SimulatedRig:
 
 
 def shot(rig: SimulatedRig, order: Sequence[Shift], cfa: Cfa = Cfa.RGGB) -> list[RawMosaic]:
-    """What a camera delivers whose sensor moves by these rows and columns."""
+    """Frame of a camera whose sensor moves by these rows and columns."""
     view, frames = rig.radiance(0, 0), []
     for step, (row, column) in enumerate(order):
         body = replace(rig.bodies[0], cfa=cfa)
@@ -140,7 +140,7 @@ def test_a_scene_that_moves_as_a_whole_is_refused(toy: SimulatedRig) -> None:
 
 @pytest.mark.parametrize("time", [1 / 250, 1 / 60, 1 / 15])
 def test_groups_by_half_photosites_are_refused_with_what_to_do(toy: SimulatedRig, time: float) -> None:
-    """As bodies of 8 and 16 exposures take them."""
+    """Use groups of 8 and 16 exposures."""
     frames = []
     for step, by in enumerate(((0.0, 0.0), (0.0, 0.5), (0.5, 0.5), (0.5, 0.0))):
         camera = SimulatedCamera(toy.bodies[0], partial(displaced, toy, 0, by))

@@ -27,7 +27,7 @@ def mask(path: Path, number: int) -> np.ndarray:
 
 
 def seen(dataset: Dataset) -> dict[str, np.ndarray]:
-    """What counts of each view, by the name of its photograph."""
+    """Mask of each view, by the name of its photograph."""
     source = {shot.file: shot.source for shot in Session.open(dataset.session).shots()}
     return {Path(str(source[view.shots[0].file])).name: view.seen for view in dataset.views}
 

@@ -1,4 +1,4 @@
-"""What of a decoded shot is held in memory."""
+"""Parts of a decoded shot that are held in memory."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a budget may be, what is refused, and what is predicted of one."""
+"""Parsing of budgets, refusals, and predictions."""
 
 from itertools import combinations
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which corrections a training may make: by what is known, else by a trial."""
+"""Corrections that a training may make: by known errors, else by a trial."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def settings(**changed) -> Settings:
 
 
 def rungs_of(dataset, wanted):
-    """As decided where there is time enough."""
+    """Rungs of the decision without a time limit."""
     return rungs_by_evidence(dataset, wanted, reason_against_trials(dataset, wanted), unreported)
 
 

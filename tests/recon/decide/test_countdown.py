@@ -64,7 +64,7 @@ def test_a_time_that_cannot_do_is_refused_with_one_that_would() -> None:
 
 
 def test_no_scene_of_three_iterations_is_made_in_silence(session_copy, monkeypatch) -> None:
-    """Where every look at the clock takes a second, twenty have no room for fifty iterations."""
+    """Let every reading of the clock take a second, so that twenty have no room for fifty iterations."""
     monkeypatch.setitem(QUALITIES, "draft", Quality(1000, 400, 64))
     clock = Clock()
 

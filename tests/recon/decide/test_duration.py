@@ -1,4 +1,4 @@
-"""How long a reconstruction takes is said before it begins, from counts of what it does."""
+"""Duration of a reconstruction, stated before it begins, from counts of its work."""
 
 import shutil
 
@@ -13,7 +13,7 @@ from recon.train import trainer
 
 @pytest.fixture
 def counted(monkeypatch):
-    """What was forecast, the megapixels of files that were read, and how many iterations there were."""
+    """Forecast, the megapixels of files that were read, and the number of iterations."""
     found = {"work": [], "files": [], "iterations": []}
     read, loss = pixels._read, trainer._loss
 

@@ -1,4 +1,4 @@
-"""What a training is forecast to take, against what it says itself when it has read its first views."""
+"""Memory forecast of a training, against its own figure when it has read its first views."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whether measured depth is used: where it fits the scene points, and where held-out views gain."""
+"""Use of measured depth: where it fits the scene points, and where held-out views gain."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What is modelled of a session is told before training, from its calibration alone."""
+"""Model of a session, chosen before training, from its calibration alone."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
 def test_photographs_exposed_one_by_one_get_a_curve_where_they_tell_more_light_than_one_does(
     photographs, k, method
 ):
-    """Of the first shot of each view, developed as calibration found it."""
+    """Use the first shot of each view, developed as calibration found it."""
 
     def single(view, number):
         shot = replace(view.shots[0], k=k[number % 2])

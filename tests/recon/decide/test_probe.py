@@ -25,7 +25,7 @@ SHORT, LONG = Plan(20, DensityRules(400), 0), Plan(2000, DensityRules(400), 0)
 
 @pytest.fixture
 def begin(toy_dataset):
-    """What begins a training of the toy, each time the same."""
+    """Function that begins a training of the toy, each time the same."""
     images = [radiance_image(view) for view in toy_dataset.train]
     light = light_of(toy_dataset, images)
     points = start_points(toy_dataset, images, 200, np.random.default_rng(0))

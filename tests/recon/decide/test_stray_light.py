@@ -1,4 +1,4 @@
-"""What dark points before a lamp tell of the glare: its share, and nothing where there is none."""
+"""Glare from dark points before a lamp: its share, and 0 without any."""
 
 import numpy as np
 import pytest

@@ -16,7 +16,7 @@ Reports = list[tuple[str, int, int]]
 
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> Reports:
-    """What is shown of trials; all of them are short."""
+    """Progress that is shown of trials; all of them are short."""
     monkeypatch.setattr(corrections, "TRIAL_LOOKS", 1)
     monkeypatch.setattr(corrections, "TRIAL_GAUSSIANS", 100)
     monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 3)

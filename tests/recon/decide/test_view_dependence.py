@@ -1,4 +1,4 @@
-"""What harmonics of the direction would gain, from looks at scene points."""
+"""Gain by harmonics of the direction, from samples of scene points."""
 
 import numpy as np
 import pytest

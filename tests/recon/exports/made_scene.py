@@ -23,7 +23,7 @@ from recon.scene.environment import Environment
 STOPS = 18.0
 WORLD = WorldTransform(origin=(3.0, -2.0, 1.5), unit=2.5)
 TILT = Rotation.from_euler("xyz", [0.2, -0.1, 0.15])
-"""How far the cameras are from level."""
+"""Angle of the cameras from level."""
 
 
 def write_made(

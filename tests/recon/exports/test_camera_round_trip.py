@@ -79,7 +79,7 @@ def in_stage(scene: Scene, view: SceneView, path: Path) -> np.ndarray:
 def test_a_camera_made_in_the_stage_by_a_program_of_other_axes_and_units(
     placed: Scene, z_up: bool, metres: float, tmp_path: Path
 ) -> None:
-    """As Blender exports: everything below a root, turned and scaled; or the new camera alone."""
+    """Write as Blender does: everything below a root, turned and scaled; or the new camera alone."""
     view, path = placed.views[3], tmp_path / "scene.usdc"
     export(placed, path)
     was_z_up = UsdGeom.GetStageUpAxis(Usd.Stage.Open(str(path))) == "Z"

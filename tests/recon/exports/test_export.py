@@ -74,7 +74,7 @@ def test_an_empty_scene_is_refused(name: str, scene: Scene, tmp_path: Path) -> N
 
 
 def test_opaque_stays_opaque(scene: Scene) -> None:
-    """What is behind a wall is not seen, however bright: single precision has to say 1."""
+    """Hide what is behind a wall, however bright: single precision has to yield 1."""
     splats = linear_splats(changed(scene, opacity_logits=(0, 60.0)), 1.0, with_dome=False)
     assert float(splats.gaussians().opacities()[0]) == 1.0
     assert splats.opacities.astype(np.float32)[0] == 1.0

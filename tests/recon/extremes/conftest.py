@@ -1,4 +1,4 @@
-"""What the extremes share: the rasteriser's scenes, planes that fill the image, and both executions."""
+"""Shared parts of the extremes: the rasteriser's scenes, planes that fill the image, and both executions."""
 
 import importlib.util
 import sys

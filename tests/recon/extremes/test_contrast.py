@@ -69,7 +69,7 @@ def test_layer_that_crosses_the_cut_off_counts(sheets: Sheets, dtype: torch.dtyp
 
 
 def test_cut_off_of_a_scene_is_a_hundredth_of_its_dimmest(sheets: Sheets, dtype: torch.dtype) -> None:
-    """Whatever is left when a pixel is finished, the brightest light behind it adds at most 1 % of 1."""
+    """Bound the light behind a finished pixel: the brightest adds at most 1 % of 1."""
     contrast = 2.0**20
     limits = Limits.for_scene(1.0, contrast)
     assert limits.t_min <= 1e-8
@@ -133,7 +133,7 @@ def test_dim_layer_between_bright_ones_keeps_its_gradient(dtype: torch.dtype) ->
 
 
 def test_floor_follows_luminance(dot: Any, axial_camera: SplatCamera, dtype: torch.dtype) -> None:
-    """What is cut off a bright Gaussian is dimmer than tau times the reference; without it, it is not."""
+    """Bound what is cut off a bright Gaussian by tau times the reference; without it, it is larger."""
 
     def image(dtype: torch.dtype, limits: Limits) -> torch.Tensor:
         tensors = dot(dtype, opacity=0.9, light=1e6)

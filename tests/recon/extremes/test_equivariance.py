@@ -1,4 +1,4 @@
-"""What may not change the picture: the unit of light, a motion of the world, order, threads."""
+"""Invariances of the picture: the unit of light, a motion of the world, order, threads."""
 
 import math
 from dataclasses import replace

@@ -31,7 +31,9 @@ VALUES += [
 
 
 def degenerate(field: str, value: float, whole: bool) -> bool:
-    """Whether a Gaussian with this in one component, or in all, is culled; those not finite always are."""
+    """Return whether a Gaussian with this in one component, or in all, is culled; those not finite always
+    are.
+    """
     if not math.isfinite(value):
         return True
     if field == "quats":
@@ -44,7 +46,7 @@ def degenerate(field: str, value: float, whole: bool) -> bool:
 
 
 def small(scene: Any, dtype: torch.dtype) -> Any:
-    """Of twelve Gaussians and few pixels for the oracle, which is slow; the victim in the middle."""
+    """Scene of twelve Gaussians and few pixels for the oracle, which is slow; the victim in the middle."""
     if dtype == torch.float64:
         for name in NAMES:
             setattr(scene, name, getattr(scene, name)[:12])

@@ -49,7 +49,7 @@ def test_near_plane(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> 
 
 @pytest.mark.parametrize("light", [1.0, 2.0**10])
 def test_alpha_floor(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype, light: float) -> None:
-    """Of any light, and of a Gaussian 2^10 brighter than the reference, whose floor is 2^-10 lower."""
+    """Use any light, and a Gaussian 2^10 brighter than the reference, whose floor is 2^-10 lower."""
     limits = Limits(alpha_min=2.0**-8, luminance_reference=1.0, tau=2.0**-8)
     found = [
         visible(dot(dtype, opacity=opacity, light=light), axial_camera, limits)
@@ -133,7 +133,7 @@ def test_largest_deviation(dot: Dot, dtype: torch.dtype) -> None:
 
 
 def test_edge_of_the_clamped_field_of_view(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> None:
-    """Where the Jacobian's clamp begins it is continuous, and so is the image."""
+    """Require continuity of the image at the clamp of the Jacobian."""
     limits = Limits(tangent_margin=0.3)
     edge = axial_camera.tangent_bounds(0.3)[1]
     images = []

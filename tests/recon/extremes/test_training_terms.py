@@ -1,4 +1,4 @@
-"""What training adds to the rasteriser, at high contrast: losses, pruning, growth, storage."""
+"""Training's additions to the rasteriser, at high contrast: losses, pruning, growth, storage."""
 
 import importlib
 from typing import Any
@@ -79,7 +79,7 @@ def veil(opacities: list[float], light: list[float]) -> Gaussians:
 
 
 def test_pruning_takes_only_what_is_dim(axial_camera: Any) -> None:
-    """What goes showed less than the least opacity times the reference; a faint veil of a lamp stays."""
+    """Prune what showed less than the least opacity times the reference; a faint veil of a lamp stays."""
     reference, rules = 1e-3, DensityRules(cap=8)
     light = torch.tensor([1e3, 1.0, 1e-3, 1e-5, 1e-3, 1e3])
     gaussians = veil([1e-3, 1e-3, 5e-3, 5e-3, 0.5, 1e-9], light.tolist())

@@ -149,7 +149,9 @@ def trained(session: Path, method: stage.MethodName = "auto", seed: int = 0) -> 
 
 
 SEEDS = 3
-"""Of one training the stops scatter by 1 to 4 % with its last bits, and by 1 to 4 % from seed to seed."""
+"""Number of seeds. The stops of one training scatter by 1 to 4 % with its last bits, and by 1 to 4 % from
+seed to seed.
+"""
 
 
 def mean_stops(session: Path, method: stage.MethodName = "auto", seeds: int = SEEDS) -> float:

@@ -18,7 +18,7 @@ MODELS_LIGHT = EACH[:3]
 
 @pytest.mark.parametrize(("name", "method"), EACH)
 def test_the_usual_session_is_right(studio, train, name, method):
-    """What the others are measured against."""
+    """Measure the reference of the others."""
     assert train(studio.session(name), method).stops() < (0.45 if (name, method) in MODELS_LIGHT else 0.8)
 
 
@@ -64,7 +64,7 @@ def test_saturated_frames_give_a_scene_as_bright_as_they_prove(studio, train, na
 
 @pytest.mark.parametrize(("name", "method"), MODELS_LIGHT)
 def test_radiance_of_2_to_the_20(studio, train, tmp_path, name, method):
-    """That many times the light, seen at exposure scales that make the same files of it."""
+    """Multiply the light by that, at exposure scales that make the same files of it."""
     session = studio.session(name)
     scaled = in_other_units(session, tmp_path / "scaled", 2.0**20)
     assert mean_stops(scaled, method) < 1.1 * mean_stops(session, method)

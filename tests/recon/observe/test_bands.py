@@ -1,4 +1,4 @@
-"""What mono cameras behind filters make of a render, against the definition."""
+"""Renders seen by mono cameras behind filters, against the definition."""
 
 from types import SimpleNamespace
 from typing import Any

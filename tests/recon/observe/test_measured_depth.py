@@ -72,7 +72,7 @@ def test_light_is_drawn_as_without_depth():
 
 
 def test_a_render_of_its_own_has_the_same_depth(monkeypatch):
-    """As on GPUs, and where light has as many channels as there may be."""
+    """Use the path of GPUs, and of light with the most channels."""
     renderer, found = Renderer(LuminanceChromaticity(), limits_for(1e-3)), []
     for most in (16, 3):
         monkeypatch.setattr("recon.scene.gaussians.CHANNELS_MOST", most)

@@ -170,7 +170,7 @@ def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_d
 
 
 def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() -> None:
-    """From sRGB, which is flat where the true curve, a sigmoid, is not; the light is known here."""
+    """Begin at sRGB, which is flat where the true curve, a sigmoid, is not; the light is known here."""
     true, image = make_curve(0.5), ramp()
     view = make_view(true, image, (0.0, 1.0))
     nodes = Grid().nodes()

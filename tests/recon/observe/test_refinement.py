@@ -1,4 +1,4 @@
-"""What training corrects in the calibration: truth, gauges, gradients, resuming, records."""
+"""Corrections of the calibration by training: truth, gauges, gradients, resuming, records."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def trained(wrong):
 
 
 def pose_errors(dataset, true) -> np.ndarray:
-    """Of every training view, root mean square px that scene points are off, whatever the gauge, [V]."""
+    """Pose errors of every training view, root mean square px of scene points, whatever the gauge, [V]."""
     points = np.concatenate([view.centre + 2 * view.lens.cam_from_world[2, :3] for view in true.train])
     points = points.reshape(-1, 3) + np.random.default_rng(0).normal(scale=0.3, size=(len(true.train), 3))
     deltas = []
@@ -129,7 +129,7 @@ def test_a_wrong_calibration_is_brought_back(wrong, true, trained):
 
 
 def test_held_out_views_are_predicted_better(wrong, true, trained):
-    """Of the true pose up to the gauge, which is fitted on one half of the picture."""
+    """Know the true pose up to the gauge, which is fitted on one half of the picture."""
     plain, freed = (
         np.array([robust_score_db(one, view, ["poses"], wrong.extent) for view in wrong.held_out])
         for one in trained
@@ -149,7 +149,7 @@ def spoilt(view, share=0.02):
 
 
 def test_a_few_wrong_samples_do_not_drown_what_the_others_tell(wrong, trained):
-    """By plain squares they would take most of what a corrected calibration gains."""
+    """Compare with plain squares, which would lose most of the gain of a corrected calibration."""
 
     def gain(views):
         plain, freed = ([robust_score_db(one, view, (), wrong.extent) for view in views] for one in trained)
@@ -168,7 +168,9 @@ def test_nor_do_they_in_photographs(toy_ldr):
     off = torch.tensor([0.0] * 3 + [0.01, 0, 0] + [0.0] * 8)
 
     def gain(views):
-        """Of the right pose over a wrong one; a method keeps the codes of a view, so each has its own."""
+        """Gain of the right pose over a wrong one; a method keeps the codes of a view, so each has its
+        own.
+        """
         method = METHODS["hdr-gs"](dataset, light)
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
         training = Training.begin(method, light, gaussians, dataset.extent)

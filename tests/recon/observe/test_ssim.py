@@ -15,7 +15,7 @@ SHAPES = [(3, 48, 64), (1, 1, 1), (2, 7, 5), (4, 17, 3), (1, 130, 67), (2, 64, 1
 
 
 def ssim_map(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-    """By the textbook, with zeros outside, in float64."""
+    """Compute by the textbook, with zeros outside, in float64."""
     taps = torch.tensor(ssim_taps())
     weights = (taps[:, None] * taps)[None, None]
 
@@ -51,7 +51,7 @@ def test_value_and_gradient_equal_torch(shape: tuple[int, int, int], weight: flo
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_plain_operations_give_the_same(shape: tuple[int, int, int]) -> None:
-    """What a GPU runs, here on the CPU."""
+    """Run the operations of a GPU, here on the CPU."""
     x, y = pair(shape)
     ours, theirs = x.clone().requires_grad_(), x.clone().requires_grad_()
     dense, fused = dense_photometric_loss(ours, y, 0.3), photometric_loss(theirs, y, 0.3)

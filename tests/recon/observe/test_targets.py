@@ -1,4 +1,4 @@
-"""What is kept of views: made once, on the device as long as there is room. Torch's `meta` is the device."""
+"""Cache of views' targets: made once, on the device as long as it has room. Torch's `meta` is the device."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace

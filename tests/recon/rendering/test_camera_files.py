@@ -19,7 +19,7 @@ SCENE = scene(sheet((0, 0, 2), (0.5, 0, 0), (0, 0.5, 0), 1.0, 0.2))
 """Its views are 48x36 with a focal length of 40 px."""
 TURNS = Rotation.from_euler("xyz", [(10, 20, 30), (12, 25, 28), (-80, 5, 170)], degrees=True)
 PLACES = np.array([(1.0, 2.0, 3.0), (1.5, 2.5, 2.0), (-4.0, 0.5, 0.25)])
-"""Of Blender's axes: the camera looks along its -z axis, y up."""
+"""Places in Blender's axes: the camera looks along its -z axis, y up."""
 
 
 def matrices() -> np.ndarray:

@@ -20,7 +20,7 @@ def directions(camera: SplatCamera) -> np.ndarray:
 
 
 def placed(world: WorldTransform) -> SplatCamera:
-    """Where the scene's origin is, looking along its z axis."""
+    """Camera at the scene's origin, looking along its z axis."""
     return world.camera_in_world(view().splat_camera)
 
 
@@ -65,7 +65,9 @@ def test_where_nothing_is_depth_is_infinite_and_the_rest_zero() -> None:
 
 
 def test_trust_counts_views_that_saw_and_measured() -> None:
-    """Of a wall half behind a card: three see all of it, one from behind the card, one too dark, one away."""
+    """Put a wall half behind a card: three see all of it, one from behind the card, one too dark, one
+    away.
+    """
     card = sheet((0.0, 0, 2), (0.4, 0, 0), (0, 2, 0), 1.0, 0.08)
     wall = sheet((0, 0, 6), (6, 0, 0), (0, 6, 0), 4.0, 0.1)
     beyond = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, -3))  # past the card

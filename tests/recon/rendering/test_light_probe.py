@@ -19,7 +19,7 @@ PLACE = np.array([0.2, -0.1, 0.05])
 
 
 def solid_angles(rows: int) -> np.ndarray:
-    """Of the texels, [rows, 2 * rows]: they fill the sphere."""
+    """Solid angles of the texels, [rows, 2 * rows]: they fill the sphere."""
     edges = np.sin(np.pi * (0.5 - np.arange(rows + 1) / rows))
     return np.tile((-np.diff(edges) * np.pi / rows)[:, None], (1, 2 * rows))
 

@@ -1,4 +1,4 @@
-"""What viewers draw of splats.ply is what a display shows of the light."""
+"""Drawing of splats.ply by viewers, against a display of the light."""
 
 import shutil
 
@@ -102,7 +102,7 @@ def small(monkeypatch):
 
 
 def drawn(table, view) -> np.ndarray:
-    """As viewers do, through the view's own lens."""
+    """Draw as viewers do, through the view's own lens."""
     columns = [np.stack([table[f"{name}_{i}"] for i in range(count)], 1) for name, count in
                (("scale", 3), ("rot", 4), ("f_dc", 3))]  # fmt: skip
     rest = np.array([table[name] for name in table if name.startswith("f_rest")])

@@ -83,7 +83,7 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
 
 
 def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
-    """By the user, who finds both: the old scene, and how far the new one came."""
+    """Stop it by the user, who finds both: the old scene, and the state of the new one."""
     session, before, seen = scene.parent.parent, files(scene), []
 
     def progress(message: str, done: int, total: int) -> None:

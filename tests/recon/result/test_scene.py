@@ -30,7 +30,7 @@ def draft():
 
 
 def with_scale(session: Path) -> None:
-    """As if a spot meter had been read: light of 1 is 250 +- 10 cd/m2."""
+    """Add the scale of a spot meter: light of 1 is 250 +- 10 cd/m2."""
     path = session / "calibration" / "calibration.json"
     record = json.loads(path.read_text())
     reading = LuminanceReading(view="0000/cam0", area=(1, 1, 9, 9), luminance=50.0, error=0.04, source="spot")
@@ -45,7 +45,7 @@ def with_scale(session: Path) -> None:
 
 @pytest.fixture(scope="module")
 def trained(toy, tmp_path_factory, draft) -> Path:
-    """Of RAW, with its poses corrected, and a scale of light; not to be changed."""
+    """Scene from RAW, with its poses corrected, and a scale of light; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("scene") / "session")
     with_scale(session)
     overrides = stage.Overrides(refine="poses+exposures+vignetting")

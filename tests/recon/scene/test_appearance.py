@@ -104,7 +104,7 @@ def test_rates_fall_exponentially():
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_series_is_the_same_by_plain_operations(degree: int) -> None:
-    """What a GPU runs, against the kernel: value and gradients."""
+    """Compare the path of a GPU with the kernel: value and gradients."""
     rng = np.random.default_rng(3)
     directions = torch.tensor(sphere(20))
     found = []

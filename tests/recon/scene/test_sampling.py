@@ -80,7 +80,7 @@ def test_what_was_trained_looks_as_it_did(camera: SplatCamera) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 0.25, 2.0, 4.0])
 def test_another_width_holds_the_same_light(camera: SplatCamera, factor: float) -> None:
-    """What is smaller than a pixel is neither thicker in a small picture nor thinner in a large one."""
+    """Keep the thickness of what is smaller than a pixel in small and large pictures."""
     gaussians = scattered(0.3, opacity=0.1, count=800)
     whole = light(drawn(gaussians, camera, camera))
     other = resized(camera, factor)

@@ -185,7 +185,7 @@ def one_torch_thread() -> Iterator[None]:
 
 @pytest.fixture
 def device(monkeypatch: pytest.MonkeyPatch) -> str:
-    """Where the GPU's kernels run: on a GPU if there is one, else interpreted on the CPU."""
+    """Device of the GPU's kernels: a GPU if there is one, else interpreted on the CPU."""
     if torch.cuda.is_available():
         return "cuda"
     quick_interpreter(monkeypatch)

@@ -190,7 +190,7 @@ def test_wrong_shapes_and_dtypes_are_named(scene_of: Any) -> None:
 
 
 def test_what_was_not_drawn_counts_nothing(scene_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever its places in the tables held before."""
+    """Ignore what its places in the tables held before."""
     make = Buffers.array
 
     def soiled(buffers: Buffers, name: str, shape: Any, dtype: Any) -> Any:

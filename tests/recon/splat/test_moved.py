@@ -206,7 +206,7 @@ def test_wrong_deltas_are_named(scene_of: Any) -> None:
 
 
 def test_a_displaced_camera_finds_back(scene_of: Any) -> None:
-    """What the gradient is for: pose and focal lengths from a picture, within a hundredth of the error."""
+    """Use the gradient: pose and focal lengths from a picture, within a hundredth of the error."""
     scene = scene_of("many")
     scene.limits = Limits(alpha_min=1e-4)
     tensors = scene.tensors(torch.float32, grad=False)

@@ -1,4 +1,4 @@
-"""What an environment starts from, and when geometry suggests one: a world of light by direction."""
+"""Start of an environment, and its suggestion by geometry: a world of light by direction."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from tests.recon.decide.test_corrections import settings
 
 
 def light(directions: np.ndarray) -> np.ndarray:
-    """Of a sky [..., 3]."""
+    """Light of a sky [..., 3]."""
     x, y, z = np.moveaxis(directions / np.linalg.norm(directions, axis=-1, keepdims=True), -1, 0)
     return 2.0 ** (3 * np.stack([np.sin(5 * x), np.cos(4 * y), np.sin(6 * z)], -1))
 
@@ -34,7 +34,7 @@ def ahead(view: View) -> np.ndarray:
 
 
 def pictures(dataset: Dataset, *, wall: float | None) -> list[tuple[np.ndarray, np.ndarray]]:
-    """What the training views see of the sky, or of a wall painted like it that many units away."""
+    """Training views of the sky, or of a wall painted like it that many units away."""
     made = []
     for view in dataset.train:
         towards = ahead(view)
@@ -119,7 +119,7 @@ def test_an_environment_cannot_be_maybe() -> None:
 
 
 def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
-    """Whatever the same light in the same directions suggests."""
+    """Ignore what the same light in the same directions suggests."""
     covered = tuple(
         replace(
             view,

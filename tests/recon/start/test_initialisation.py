@@ -1,4 +1,4 @@
-"""Where training starts from, against the simulator's true surfaces."""
+"""Start of training, against the simulator's true surfaces."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -122,7 +122,9 @@ def test_start_has_the_number_asked_for_and_the_colours_of_the_views(toy_dataset
 
 
 def test_nothing_starts_in_the_empty_space_before_a_black_background(toy_dataset, images):
-    """Where the depth of black pixels is a guess, Gaussians there would hide what is lit behind them."""
+    """Start nothing at the guessed depth of black pixels: Gaussians there would hide what is lit behind
+    them.
+    """
 
     def before_black(view, rgb):
         pixels = np.stack(np.meshgrid(*(np.arange(size) + 0.5 for size in rgb.shape[1::-1])), -1)

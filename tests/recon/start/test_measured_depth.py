@@ -1,4 +1,4 @@
-"""Where depth was measured a start takes it in place of a sweep."""
+"""Measured depth replaces a sweep at the start."""
 
 from dataclasses import replace
 

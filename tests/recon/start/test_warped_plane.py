@@ -1,4 +1,4 @@
-"""What a neighbour shows of a plane, against the projection and OpenCV's interpolation."""
+"""Neighbour's picture of a plane, against the projection and OpenCV's interpolation."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What is trained for a trade-off, and the front, against brute force."""
+"""Trainings of a trade-off, and the front, against brute force."""
 
 from dataclasses import replace
 

@@ -200,6 +200,6 @@ def test_a_training_that_fits_no_worker_is_noted(session_copy: Path) -> None:
 
 
 def same(trade: Trade) -> dict[str, dict[str, object]]:
-    """Of each point by its key, what does not depend on how it was run."""
+    """Values of each point by its key that do not depend on the way it was run."""
     rest = {"seconds", "processor_seconds", "at_once", "device"}
     return {point.key: point.model_dump(exclude=rest) for point in trade.points}

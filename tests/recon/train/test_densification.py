@@ -130,7 +130,7 @@ def test_broken_ones_go():
 
 
 def test_where_all_are_invisible_the_most_opaque_one_stays():
-    """Of a black scene; not one that is broken, however opaque."""
+    """Use a black scene; a broken Gaussian does not stay, however opaque."""
     training = make_training()
     with torch.no_grad():
         training.gaussians.parameters["ln_luminance"][:] = -20.0

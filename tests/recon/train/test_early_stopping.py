@@ -90,7 +90,7 @@ def test_a_time_is_kept_whatever_the_machine_does(begun, toy_dataset, cost, plan
 
 
 def test_a_schedule_that_turns_makes_no_progress_jump(begun, toy_dataset):
-    """How far it is only grows, out of a length that stays, though its iterations change at each turn."""
+    """Require growing progress, of a length that stays, though its iterations change at each turn."""
     training, clock, told = begun(), Clock(lambda t: 0.01 if t.iteration < 45 else 0.03), []
     train(
         training,

@@ -96,7 +96,7 @@ def test_what_all_views_share_is_not_blamed_on_one(begun, toy_dataset, what):
 
 
 def test_a_loss_on_a_gpu_is_read_when_asked_for(begun, toy_dataset):
-    """Of tensors that are not on the CPU nothing is read as they come."""
+    """Read no tensors off the CPU as they come."""
     losses = FiniteLosses(begun)
     losses.add(toy_dataset.train[0], torch.zeros((), device="meta"))  # a read of it would fail
     with pytest.raises((NotImplementedError, RuntimeError), match="meta"):

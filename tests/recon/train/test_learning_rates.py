@@ -79,7 +79,7 @@ def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
 
 
 def test_a_short_training_gets_further_at_the_rates_of_its_length(begun, toy_dataset):
-    """By more than 1 dB of held-out views, in 40 iterations."""
+    """Require more than 1 dB of held-out views, in 40 iterations."""
     usual, short = (
         run(begun(), toy_dataset, Plan(40, DensityRules(CAP), rate_factor=factor))
         for factor in (1.0, rate_factor(40))

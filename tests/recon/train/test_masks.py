@@ -75,7 +75,7 @@ EACH = [("toy", "nh-3dgs"), ("toy_ldr", "hdr-gs")]
 
 @pytest.mark.parametrize(("which", "name"), EACH)
 def test_what_is_masked_starts_nothing_and_moves_nothing(which, name, request):
-    """Whatever it looks like: the start is the same number for number, and no gradient comes from there."""
+    """Require the same start number for number, and no gradient from masked pixels."""
     dataset = load(request.getfixturevalue(which))
     one, other = (painted(dataset, masked=True, colours=colours) for colours in (0, 1))
     images, others = ([radiance_image(view) for view in painting.train] for painting in (one, other))

@@ -1,4 +1,4 @@
-"""Where a training is on its schedule, with turns and without."""
+"""Position of a training on its schedule, with turns and without."""
 
 from itertools import pairwise
 

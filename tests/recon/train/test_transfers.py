@@ -1,4 +1,4 @@
-"""What an iteration of a training on a GPU copies from and to the host, and what it waits for.
+"""Copies from and to the host in an iteration of a training on a GPU, and its waits.
 
 Counted where the tensors are (forward, loss, backward, step of the optimizer) on a device that is pretended.
 This sees copies between the devices, values that are read, and results whose size depends on values. It does

@@ -1,4 +1,4 @@
-"""What steps are forecast to take: more of larger photographs, of more of them, and of larger scenes."""
+"""Forecasts of steps: more of larger photographs, of more of them, and of larger scenes."""
 
 import shutil
 from pathlib import Path

@@ -50,7 +50,7 @@ def test_commands_end_as_they_do_here(cluster: RayWorkers, tmp_path: Path) -> No
 
 
 def given(share: Share) -> tuple[Share, dict[str, float]]:
-    """What a task is told of its share, and what the scheduler set aside for it."""
+    """Share that a task receives, and the resources that the scheduler set aside for it."""
     import ray
 
     return share, ray.get_runtime_context().get_assigned_resources()

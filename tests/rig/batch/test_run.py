@@ -46,7 +46,7 @@ class Recorder:
 
 @pytest.fixture(autouse=True)
 def forecast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of sessions that are empty folders."""
+    """Forecast of sessions that are empty folders."""
     monkeypatch.setattr(forecasts, "calibration", lambda session: Task(100))
     monkeypatch.setattr(forecasts, "training", lambda session, scene, workers: Task(scene.seed, gpu=True))
     monkeypatch.setattr(forecasts, "export", lambda reconstruction: Task(50))

@@ -20,7 +20,7 @@ FAST, SLOW = 1 / 1000, 1 / 100
 
 
 def light(centre) -> np.ndarray:
-    """What a camera at `centre` before the wall sees, [H, W, 3], linear, about 0.01 to 0.09."""
+    """Picture of a camera at `centre` before the wall, [H, W, 3], linear, about 0.01 to 0.09."""
     u, v = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
     x, y = centre[0] + AWAY * u / FOCAL, centre[1] + AWAY * v / FOCAL
     waves = [

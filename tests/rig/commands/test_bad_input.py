@@ -141,7 +141,9 @@ def test_images_without_overlap(rig, strangers: Path, tmp_path: Path, name: str)
 def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
     rig, toy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What calibration leaves out is exit 3. SfM itself is made to say so: 64x48 pixels are too few."""
+    """Expect exit 3 for what calibration leaves out. SfM itself is made to say so: 64x48 pixels are too
+    few.
+    """
     from imaging.session.calibration import read_calibration
 
     record = read_calibration(toy)

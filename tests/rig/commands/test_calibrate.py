@@ -11,7 +11,7 @@ UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def seconds(words: str) -> float:
-    """What `2 min 05 s` says."""
+    """Seconds of a text like `2 min 05 s`."""
     return sum(float(number) * UNITS[unit] for number, unit in re.findall(r"([\d.]+) (h|min|s)", words))
 
 

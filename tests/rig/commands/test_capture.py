@@ -213,7 +213,7 @@ def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
 
 
 def test_where_nobody_is_asked_a_move_is_a_remark(terminal: Terminal) -> None:
-    """Which --quiet keeps back; a person who has some seconds is asked nevertheless."""
+    """Suppress it by --quiet; a person who has some seconds is asked nevertheless."""
     asked: list[str] = []
     said: list[str] = []
     terminal.is_there = False

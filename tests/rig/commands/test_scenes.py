@@ -14,7 +14,7 @@ DRAFT = "nh-3dgs-draft"
 
 @pytest.fixture
 def two(scene: Path) -> list[str]:
-    """What a shell makes of S/reconstructions/*: two scenes."""
+    """Expansion of S/reconstructions/* by a shell: two scenes."""
     shutil.copytree(scene / "reconstructions" / DRAFT, scene / "reconstructions" / "other")
     return sorted(str(path) for path in (scene / "reconstructions").iterdir())
 

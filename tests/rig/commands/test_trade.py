@@ -44,7 +44,7 @@ def made(*points: Point, **change: object) -> Trade:
 
 
 DECIDED = {"gaussians": 20_000, "degree": 1, "refine": "poses"}
-"""What the scene decided of `standard`, which the trainings with one thing changed are given."""
+"""Decisions of the scene for `standard`, which the trainings with one thing changed are given."""
 POINTS = (
     point("draft", 35.0, 5.0, width=320),
     point("standard", 38.0, 20.0),

@@ -12,7 +12,7 @@ from rig.options.board import EXAMPLE, board_text
 
 
 def test_the_example_everywhere_is_the_board_that_simulated_cameras_see() -> None:
-    """Who copies it while trying things out gets a scene of the right scale."""
+    """Let users who copy it while trying things out get a scene of the right scale."""
     shown = Board.model_validate(drivers.sim.scene.board.SimulatedBoard().description())
     assert board_text(EXAMPLE).board() == shown
     assert shown == capture.rigfile.template.EXAMPLE

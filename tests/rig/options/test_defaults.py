@@ -94,7 +94,7 @@ def test_the_file_is_where_base_directories_have_it(tmp_path: Path, monkeypatch:
 
 
 def test_every_option_with_a_value_can_be_set(config: Path) -> None:
-    """By its name on the command line; the example of each is refused or taken for what it is."""
+    """Set it by its name on the command line; the example of each is refused or taken for what it is."""
     group = typer.main.get_command(app)
     for command in COMMANDS:
         for parameter in group.commands[command].params:

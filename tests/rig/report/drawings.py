@@ -1,4 +1,4 @@
-"""What the tests of a calibration's page share: how drawings are read, and records with something in them."""
+"""Shared parts of the tests of a calibration's page: reading of drawings, and filled records."""
 
 import re
 from pathlib import Path

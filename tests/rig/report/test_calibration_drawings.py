@@ -1,4 +1,4 @@
-"""What the calibration's page says of a whole: values, ladders, and sessions that lack much."""
+"""Calibration's page as a whole: values, ladders, and sessions that lack much."""
 
 import math
 import re
@@ -98,7 +98,7 @@ def test_a_calibration_of_nothing_has_a_page(toy: Path) -> None:
 
 
 def test_poses_that_were_not_asked_for_are_not_missed(toy: Path) -> None:
-    """As after `rig calibrate --only sensor`: nothing was to be placed."""
+    """Act as after `rig calibrate --only sensor`: nothing was to be placed."""
     shutil.rmtree(toy / "calibration" / "colmap")
     record = changed(read_calibration(toy), views=(), points=0, reprojection_px=None)
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))

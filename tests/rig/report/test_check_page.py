@@ -50,7 +50,7 @@ def test_check_writes_every_shot_with_its_three_exposures(rig, toy: Path) -> Non
 
 
 def test_the_bound_of_a_skew_that_is_unknown_is_told(rig, toy: Path) -> None:
-    """Of two cameras that stamp no frames, b had opened its shutter at the latest after 0.31 s."""
+    """Use two cameras that stamp no frames; b had opened its shutter at the latest after 0.31 s."""
     path = toy / "shots.jsonl"
     shots = [json.loads(line) for line in path.read_text().splitlines()]
     for shot in shots:

@@ -1,4 +1,4 @@
-"""What a photograph's file shows, against its own samples in float64."""
+"""Statistics of a photograph's file, against its own samples in float64."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What TensorBoard shows of a training is its log, and what its held-out views look like."""
+"""TensorBoard shows the log of a training, and its held-out views."""
 
 from io import BytesIO
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Whether a calibration is good enough, what in it stands out, and what to shoot next."""
+"""Verdict on a calibration, its outliers, and advice for the next shots."""
 
 from pathlib import Path
 from typing import get_args

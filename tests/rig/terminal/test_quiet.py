@@ -52,7 +52,7 @@ COLOUR = re.compile(rb"\x1b\[(?:\d+;)*(?:3\d|4\d|9\d|10\d)(?:;\d+)*m")
 
 
 def on_a_terminal(environment: dict[str, str]) -> bytes:
-    """What a live status line writes."""
+    """Output of a live status line."""
     code = (
         "import sys, time; from rig.terminal.progress import status_line\n"
         "with status_line(sys.stderr) as status:\n"

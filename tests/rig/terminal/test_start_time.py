@@ -1,4 +1,4 @@
-"""When the command was given."""
+"""Start time of the command."""
 
 import subprocess
 import sys

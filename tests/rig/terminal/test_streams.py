@@ -18,7 +18,7 @@ CLOSED = [
     "2> >(exec true)",
     "> >(exec true)",
 ]
-"""What a shell does with the streams; the last two are pipes whose readers have gone."""
+"""Redirections of the streams by a shell; the last two are pipes whose readers have gone."""
 
 
 def shell(command: str, streams: str, **environment: str) -> "subprocess.CompletedProcess[str]":

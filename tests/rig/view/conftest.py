@@ -50,7 +50,7 @@ class Window:
             self.tab.wait_for_timeout(20)
 
     def canvas(self) -> np.ndarray:
-        """What the browser shows of the scene, [H, W, 3] in 0..255."""
+        """Canvas of the scene in the browser, [H, W, 3] in 0..255."""
         shot = Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB")
         return np.asarray(shot, np.float64)[:, : self.width]
 
@@ -59,7 +59,9 @@ class Window:
         return int(self.page.client.camera.image_width)
 
     def shows(self, picture: Callable[[], np.ndarray]) -> bool:
-        """Whether the lower half of the canvas, where nothing lies over it, is a picture, but for JPEG."""
+        """Return whether the lower half of the canvas, where nothing lies over it, is a picture, but for
+        JPEG.
+        """
         truth, seen = np.asarray(picture(), np.float64), self.canvas()
         if truth.shape != seen.shape:
             truth = np.asarray(Image.fromarray(truth.astype(np.uint8)).resize(seen.shape[1::-1]), np.float64)

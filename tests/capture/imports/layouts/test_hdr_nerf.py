@@ -38,7 +38,7 @@ def axes(centre) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def expected_pixels(centre, focal=70.0, middle=(32.0, 24.0)) -> np.ndarray:
-    """By the definition of a pinhole, with no matrix that a convention could hide in."""
+    """Project by the definition of a pinhole, with no matrix that a convention could hide in."""
     right, up, back = axes(centre)
     away = POINTS - centre
     depth = -(away @ back)
@@ -46,7 +46,7 @@ def expected_pixels(centre, focal=70.0, middle=(32.0, 24.0)) -> np.ndarray:
 
 
 def rendered(folder: Path, lit: bool = True) -> Path:
-    """As the authors' loader of rendered scenes reads it."""
+    """Write a scene for the authors' loader of rendered scenes."""
     angle = 2 * np.arctan(32 / 70.0)
     number = 0
     for split, centres in (("train", CENTRES[:2]), ("test", CENTRES[2:])):
@@ -86,7 +86,7 @@ def table() -> np.ndarray:
 
 
 def photographed(folder: Path, rows=None) -> Path:
-    """As the authors' loader of photographed scenes reads it."""
+    """Write a scene for the authors' loader of photographed scenes."""
     for view in range(len(CENTRES)):
         for step in range(len(TIMES)):
             path = folder / "input_images" / f"{view:03d}_{step}.png"
@@ -97,7 +97,7 @@ def photographed(folder: Path, rows=None) -> Path:
 
 
 def handed_on(folder: Path, lit=(0, 1, 2, 3)) -> Path:
-    """As HDR-GS reads it: a COLMAP model of the second exposure of every view."""
+    """Write a scene for HDR-GS: a COLMAP model of the second exposure of every view."""
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 4, 30
     options.camera_width, options.camera_height = 64, 48
@@ -175,7 +175,7 @@ def test_what_the_data_set_tests_on_is_what_training_does_not_see(tmp_path, form
 
 
 def test_views_take_turns_in_the_order_of_names_as_text(tmp_path):
-    """As in the loader of HDR-GS, which sorts `10_0` before `1_0`."""
+    """Sort as the loader of HDR-GS, which has `10_0` before `1_0`."""
     folder = handed_on(tmp_path / "h")
     for old, new in (("3", "10"), ("2", "3"), ("1", "2"), ("0", "1")):
         for path in sorted((folder / "images").glob(f"{old}_?.png")):

@@ -18,7 +18,7 @@ def row(x: float) -> np.ndarray:
 
 
 def scene(folder: Path, picture, put, names=None, apart=False) -> Path:
-    """As the loader of HDR-Plenoxels reads it; apart: the lens in a file of its own."""
+    """Write a scene for the loader of HDR-Plenoxels; apart: the lens in a file of its own."""
     for number, name in enumerate(names or [f"{n:03d}.png" for n in range(COUNT)]):
         put(folder / "images" / name, picture(number))
     lens = np.array([[96.0], [128.0], [140.0]])  # twice the size of the photos

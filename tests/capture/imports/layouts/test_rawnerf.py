@@ -22,7 +22,7 @@ from recon.data.load import load
 
 SIZE = (48, 64)
 NAMES = [f"IMG_{number}" for number in (9, 10, 11, 12, 13, 14, 15, 16, 17, 18)]
-"""As text, IMG_10 comes before IMG_9."""
+"""Names as text: IMG_10 comes before IMG_9."""
 
 
 def dng(seed: int, time: float = 1 / 45) -> bytes:
@@ -32,7 +32,7 @@ def dng(seed: int, time: float = 1 / 45) -> bytes:
 
 
 def sidecar(time: str = "1/45") -> str:
-    """As exiftool -json writes it: a list of one, vectors as text."""
+    """Write it as exiftool -json does: a list of one, vectors as text."""
     told = {"SourceFile": "x.dng", "ShutterSpeed": time, "ISO": 2000, "FNumber": 1.8, "BlackLevel": 528}
     return json.dumps([told | {"AsShotNeutral": "0.8357477784 1 0.3002712429"}])
 

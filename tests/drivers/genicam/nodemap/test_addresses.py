@@ -1,4 +1,4 @@
-"""Where a description puts its registers, by the committee's own node map, and what is no number."""
+"""Addresses of registers, by the committee's own node map, and invalid numbers."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How a camera at an address is connected to, paired with, and found again after its connection broke."""
+"""Connection to a camera at an address, pairing, and reconnection after a break."""
 
 import struct
 import threading

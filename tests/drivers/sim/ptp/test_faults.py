@@ -88,7 +88,7 @@ def test_a_full_store_refuses_until_something_is_deleted(plug: Plug) -> None:
 
 
 def transfers(plug: Plug, fault: Fault) -> list[bytes]:
-    """What GetDeviceInfo brings, read by read."""
+    """Transfers of GetDeviceInfo, read by read."""
     host = plug("generic", fault)
     out = host.pipe.endpoint(into_host=False)
     host.pipe.write(out, Command(Operation.GET_DEVICE_INFO, 1).pack(), 1.0)

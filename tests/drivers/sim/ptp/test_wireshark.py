@@ -24,7 +24,7 @@ from imaging.exposure import Exposure
 
 TSHARK = shutil.which("tshark")
 _RAW_IP = 101
-"""Of pcap: packets begin with an IP header."""
+"""Link type of pcap: packets begin with an IP header."""
 _MOST = 1400
 """Bytes of a TCP segment."""
 

@@ -30,7 +30,7 @@ def run(clock: VirtualClock, jobs: dict[str, Callable[[], None]]) -> None:
 
 
 def story(seed: int) -> list[tuple[float, str]]:
-    """What six workers, events and a barrier between the workers wrote down."""
+    """Log of six workers, events and a barrier between the workers."""
     clock, log, arrived = VirtualClock(), [], []
 
     def job(name: str) -> None:

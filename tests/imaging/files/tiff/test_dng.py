@@ -1,4 +1,4 @@
-"""What `imaging.files.tiff.dng` writes is what other people's readers read."""
+"""Files of `imaging.files.tiff.dng` in other programs' readers."""
 
 import shutil
 import subprocess

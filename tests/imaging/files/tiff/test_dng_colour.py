@@ -1,4 +1,4 @@
-"""Which matrix the colour of a DNG comes from."""
+"""Choice of the matrix for the colour of a DNG."""
 
 from collections.abc import Callable
 from pathlib import Path

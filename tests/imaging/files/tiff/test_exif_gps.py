@@ -1,4 +1,4 @@
-"""Where a photograph was taken, and which tags of its GPS directory say that it is not known."""
+"""Place of a photograph, and tags of its GPS directory that make it unknown."""
 
 import pytest
 

@@ -30,7 +30,7 @@ READ = """(() => {
   return [canvas.width, canvas.height, btoa(text)];
 })()"""
 FAINT = 2.0**-20
-"""Of radiance in the scenes here, whose `reference` times `normaliser` it is about."""
+"""Radiance in the scenes here that counts as faint, about their `reference` times `normaliser`."""
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_views_have_the_light_that_rig_draws(
 def test_colours_by_direction_are_those_of_plain_harmonics(
     opened: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """What the page adds to the loss of harmonics, which all files of splats have in common."""
+    """Bound what the page adds to the loss of harmonics, which all files of splats have in common."""
     scene = open_scene(write_made(tmp_path / "shiny", degree=2, seed=1, bent=False))
     splats = linear_splats(scene, scene.exposure, with_dome=False)
     tab = opened(scene, 48, 36)

@@ -45,7 +45,7 @@ def test_at_the_scenes_own_exposure_it_is_its_own_splats_ply(made: Path, tmp_pat
 
 
 def test_another_exposure_is_fitted_anew(made_sky: Path, tmp_path: Path) -> None:
-    """What is shown is brighter by as much, and is the same light."""
+    """Expect the same light, brighter by as much."""
     scene = open_scene(made_sky)
     told = [export(scene, tmp_path / f"{stops}.ply", exposure=stops) for stops in (0.0, 1.0)]
     colours = [0.5 + 0.28209479 * gsply.plyread(str(one.files[0])).sh0 for one in told]

@@ -41,7 +41,7 @@ def test_gsply_reads_the_gaussians_that_are_told(name: str, request: pytest.Fixt
 
 
 def near(held: Splats, splats: Splats) -> None:
-    """What is held is what was to be written, within the steps of the format."""
+    """Compare with the intended values, within the steps of the format."""
     step = np.ptp(np.sign(splats.means) * np.log1p(np.abs(splats.means)), axis=0) / 65535
     assert (np.abs(held.means - splats.means) <= 0.501 * step * (1 + np.abs(splats.means)) + 1e-6).all()
     assert np.abs(np.log(held.scales / splats.scales)).max() < 0.05

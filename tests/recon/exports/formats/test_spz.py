@@ -21,7 +21,7 @@ from tests.splat_transform import needs_splat_transform, splat_transform
 
 @pytest.fixture(scope="module")
 def shown(made_shiny: Path) -> Splats:
-    """Of degree 2, in sRGB."""
+    """Colours of degree 2, in sRGB."""
     return display_splats(open_scene(made_shiny), None, unreported)
 
 

@@ -25,7 +25,7 @@ def written(scene: Scene, path: Path) -> Usd.Stage:
 
 
 def read_back(stage: Usd.Stage, scene: Scene) -> Splats:
-    """By the schema of OpenUSD, value by value."""
+    """Read by the schema of OpenUSD, value by value."""
     field = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/World/Splats"))
     quats = [(q.real, *q.imaginary) for q in field.GetOrientationsAttr().Get()]
     degree = field.GetRadianceSphericalHarmonicsDegreeAttr().Get()

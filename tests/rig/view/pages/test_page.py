@@ -104,7 +104,7 @@ def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
 
 def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
     def told() -> np.ndarray | None:
-        """Where the camera stands by the address; None while that is not where it stands."""
+        """Place of the camera by the address; None while it differs from the true one."""
         start = State.of(window.tab.evaluate("location.hash.slice(1)"), Look()).start
         stands = np.array(window.page.client.camera.position)
         return None if start is None or np.abs(stands - start.position).max() > 1e-3 else stands
@@ -149,7 +149,7 @@ def test_a_tap_measures_and_a_finger_that_moves_turns(open_window, viewer) -> No
 
 
 def test_a_wide_window_begins_with_its_controls_unfolded(open_window, viewer) -> None:
-    """Whatever its shape and its pixels are."""
+    """Begin so with any shape and any pixels."""
     window = open_window(viewer, width=640, height=860, **PHONE)
     window.until(window.tab.get_by_text("Photographs", exact=True).is_visible)
 

@@ -94,7 +94,7 @@ def test_the_page_has_a_contact_sheet_and_the_rig(session: Path, open_window) ->
         window.until(lambda: len(page.seen) == len(page.photographs))
 
         def developed(stops: float) -> bool:
-            """Whether the lower half is the sheet, which is a few pixels that the browser enlarges."""
+            """Return whether the lower half is the sheet, which is a few pixels that the browser enlarges."""
             sheet = page.frame.in_window(Look(stops, "AgX").shown(page.frame.light, page._scale))
             seen = cv2.resize(window.canvas(), sheet.shape[1::-1], interpolation=cv2.INTER_AREA)
             return bool(np.abs(seen - sheet)[sheet.shape[0] // 2 :].mean() < 12)

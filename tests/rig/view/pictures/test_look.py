@@ -128,7 +128,7 @@ def test_agx_is_the_curve_of_its_author() -> None:
 
 
 def test_filmic_is_hables_curve() -> None:
-    """Of his article: ((x(Ax+CB)+DE)/(x(Ax+B)+DF))-E/F of twice the light, over that of 11.2."""
+    """Compare with his article: ((x(Ax+CB)+DE)/(x(Ax+B)+DF))-E/F of twice the light, over that of 11.2."""
     light = np.linspace(0, 6, 50)
 
     def curve(x: float | np.ndarray) -> float | np.ndarray:

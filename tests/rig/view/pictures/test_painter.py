@@ -1,4 +1,4 @@
-"""What is drawn of one scene, and of two: against the scene's own renders."""
+"""Drawing of one scene, and of two: against the scene's own renders."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +35,7 @@ def scene(scene_template: Path) -> Scene:
 
 @pytest.fixture(scope="module")
 def brighter(scene: Scene) -> Scene:
-    """By a stop."""
+    """Multiply by two."""
     return replace(scene, record=scene.record.model_copy(update={"normaliser": 2 * scene.record.normaliser}))
 
 

@@ -1,4 +1,4 @@
-"""Who may connect, over loopback: by a client that we did not write."""
+"""Access control over loopback: by a client that we did not write."""
 
 import socket
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from rig.view.serving.server import Viewer
 
 @pytest.fixture(scope="module")
 def open_to_all() -> Iterator[Viewer]:
-    """As on an address that other machines reach."""
+    """Serve as on an address that other machines reach."""
     with Viewer("toy", 0, host="0.0.0.0") as found:
         yield found
 

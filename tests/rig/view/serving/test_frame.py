@@ -1,4 +1,4 @@
-"""Where a picture lies in the window of a browser."""
+"""Place of a picture in the window of a browser."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""What is no websocket, or no message of the viewer: the terminal stays as it is, and others are served."""
+"""Invalid websockets, and invalid messages of the viewer: the terminal stays as it is, and others are
+served.
+"""
 
 import os
 import socket
