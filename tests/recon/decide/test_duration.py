@@ -28,7 +28,7 @@ def counted(monkeypatch):
 
     monkeypatch.setattr(pixels, "_read", reading)
     monkeypatch.setattr(trainer, "_loss", step)
-    monkeypatch.setattr(Work, "told", lambda self, *_, **__: found["work"].append(self))
+    monkeypatch.setattr(Work, "in_words", lambda self, *_, **__: found["work"].append(self))
     return found
 
 
