@@ -135,10 +135,10 @@ def is_fisheye(camera: Any) -> bool:
 
 def opencv_parameters(camera: Any) -> list[float]:
     """The eight `Lens.terms` of a pycolmap camera of one of our models."""
-    own = [float(value) for value in camera.params]
+    parameters = [float(value) for value in camera.params]
     if camera.model_name in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE"):
-        return [*own, 0.0, 0.0, 0.0, 0.0][:8]
-    focal, cx, cy, *radial = own
+        return [*parameters, 0.0, 0.0, 0.0, 0.0][:8]
+    focal, cx, cy, *radial = parameters
     return [focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0][:8]
 
 
@@ -165,26 +165,26 @@ class Misses:
 
 def misses(reconstruction: Any) -> Misses:
     """Compute the residuals of all observations, in order of images and features."""
-    seen = observations(reconstruction)
-    error = np.full(len(seen.image), np.inf)
-    for index, rows in seen.of_images():
+    table = observations(reconstruction)
+    error = np.full(len(table.image), np.inf)
+    for index, rows in table.of_images():
         image = reconstruction.image(index)
         motion = image.cam_from_world().matrix()
-        camera = seen.world[seen.point[rows]] @ motion[:, :3].T + motion[:, 3]
+        camera = table.world[table.point[rows]] @ motion[:, :3].T + motion[:, 3]
         front = np.flatnonzero(camera[:, 2] > 1e-9)
         if len(front):
             projected = reconstruction.cameras[image.camera_id].img_from_cam(camera[front])
-            miss = np.linalg.norm(projected - seen.seen[rows][front], axis=1)
+            miss = np.linalg.norm(projected - table.seen[rows][front], axis=1)
             error[rows.start + front] = np.where(np.isfinite(miss), miss, np.inf)
-    return Misses(seen.image, seen.feature, error)
+    return Misses(table.image, table.feature, error)
 
 
 def drop_outliers(reconstruction: Any, least: float) -> float:
     """Drop observations that miss by CUT times the median, and by `least` px; returns the median."""
-    found = misses(reconstruction)
-    far = found.error > max(CUT * found.typical, least)
-    for image, feature in zip(found.image[far].tolist(), found.feature[far].tolist(), strict=True):
+    residuals = misses(reconstruction)
+    far = residuals.error > max(CUT * residuals.typical, least)
+    for image, feature in zip(residuals.image[far].tolist(), residuals.feature[far].tolist(), strict=True):
         # Dropping the last but one observation of a point has dropped the point, and the other with it.
         if reconstruction.image(image).point2D(feature).has_point3D():
             reconstruction.delete_observation(image, feature)
-    return found.typical
+    return residuals.typical

@@ -44,8 +44,8 @@ def add_focal_priors(
         covariance = np.eye(len(parameters)) * _OPEN**2
         mean = np.array(parameters, np.float64)
         focal = list(camera.focal_length_idxs())
-        own, apart = spread**2, (_ASPECT * prior.px) ** 2
-        covariance[np.ix_(focal, focal)] = own
+        variance, apart = spread**2, (_ASPECT * prior.px) ** 2
+        covariance[np.ix_(focal, focal)] = variance
         if len(focal) == 2:
             covariance[np.ix_(focal, focal)] += apart * np.array([[1.0, -1.0], [-1.0, 1.0]])
         mean[focal] = prior.px

@@ -57,32 +57,32 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
             if number not in columns:
                 columns[number] = width
                 width += count
-    seen = observations(reconstruction)
+    table = observations(reconstruction)
     blocks: list[Any] = []
     parts: list[tuple[Array, Array]] = []
-    for index, rows in seen.of_images():
+    for index, rows in table.of_images():
         image = reconstruction.image(index)
-        world = seen.world[seen.point[rows]]
+        world = table.world[table.point[rows]]
         cam, rig = image.cam_from_world().matrix(), image.frame.rig_from_world.matrix()
         local, held = world @ cam[:, :3].T + cam[:, 3], world @ rig[:, :3].T + rig[:, 3]
         camera = reconstruction.cameras[image.camera_id]
         projection = _fisheye if is_fisheye(camera) else _projection
         projected, by_ray, by_lens = projection(local, opencv_parameters(camera))
-        own = [(frames[image.frame_id], by_ray @ (cam[:, :3] @ rig[:, :3].T) @ _motion(held))]
+        terms = [(frames[image.frame_id], by_ray @ (cam[:, :3] @ rig[:, :3].T) @ _motion(held))]
         if image.camera_id in sensors and not is_reference(reconstruction, image):
-            own.append((sensors[image.camera_id], by_ray @ _motion(local)))
+            terms.append((sensors[image.camera_id], by_ray @ _motion(local)))
         if image.camera_id in lenses:
-            own.append((lenses[image.camera_id], _tied(by_lens, free)))
-        blocks.append(_sparse(own, width))
-        parts.append((projected - seen.seen[rows], by_ray @ cam[:, :3]))
+            terms.append((lenses[image.camera_id], _tied(by_lens, free)))
+        blocks.append(_sparse(terms, width))
+        parts.append((projected - table.seen[rows], by_ray @ cam[:, :3]))
     residuals, points = zip(*parts, strict=True)
     return Linear(
         np.concatenate(residuals),
-        seen.seen,
+        table.seen,
         sparse.vstack(blocks).tocsr(),
         np.concatenate(points),
-        seen.point,
-        seen.image,
+        table.point,
+        table.image,
         frames,
         sensors,
         lenses,

@@ -149,10 +149,10 @@ def _held_out(sample: Any, free: Free, scale: float, threads: int) -> Array:
         if frame.has_pose():
             testing.frames[index].rig_from_world = frame.rig_from_world
     adjust(testing, free, scale, threads, points_only=True)
-    found = misses(testing)
-    loss = np.log1p(np.minimum(found.error / scale, 1e3) ** 2)
+    residuals = misses(testing)
+    loss = np.log1p(np.minimum(residuals.error / scale, 1e3) ** 2)
     views = np.array(sorted(sample.reg_image_ids()))
-    place = np.searchsorted(views, found.image)
+    place = np.searchsorted(views, residuals.image)
     count = np.bincount(place, minlength=len(views))
     total = np.bincount(place, weights=loss, minlength=len(views))
     # A view that sees none of the held-out points says nothing for or against a lens.

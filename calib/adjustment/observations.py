@@ -39,21 +39,21 @@ def observations(reconstruction: Any) -> Observations:
     """All of them, of the images that have a pose."""
     world = {number: point.xyz for number, point in reconstruction.points3D.items()}
     numbers = np.array(sorted(world), np.int64)
-    image, feature, owner, seen = [], [], [], []
+    image, feature, owner, places = [], [], [], []
     for index in sorted(reconstruction.reg_image_ids()):
         view = reconstruction.image(index)
         # Asked of the image as a whole: a look at each of its features takes many times as long.
-        found = view.get_observation_points2D()
-        image.append(np.full(len(found), index, np.int64))
+        points_of_view = view.get_observation_points2D()
+        image.append(np.full(len(points_of_view), index, np.int64))
         feature.append(np.array(view.get_observation_point2D_idxs(), np.int64))
-        owner.append(np.array([point.point3D_id for point in found], np.int64))
-        seen.append(np.array([point.xy for point in found], np.float64).reshape(-1, 2))
+        owner.append(np.array([point.point3D_id for point in points_of_view], np.int64))
+        places.append(np.array([point.xy for point in points_of_view], np.float64).reshape(-1, 2))
     nothing = np.zeros(0, np.int64)
     return Observations(
         np.concatenate([nothing, *image]),
         np.concatenate([nothing, *feature]),
         np.searchsorted(numbers, np.concatenate([nothing, *owner])),
-        np.concatenate([np.zeros((0, 2)), *seen]),
+        np.concatenate([np.zeros((0, 2)), *places]),
         numbers,
         np.array([world[number] for number in numbers.tolist()], np.float64).reshape(-1, 3),
     )

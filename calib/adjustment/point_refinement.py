@@ -69,26 +69,28 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
     names = {image: ViewId.of_image(reconstruction.image(int(image)).name) for image in images}
     templates = np.zeros((int(sights.point.max()) + 1, len(_GRID)), np.float32)
     for image in images:
-        own = np.unique(reference[sights.image[reference] == image])
+        rows = np.unique(reference[sights.image[reference] == image])
         picture = _decoded(pictures[names[image]])
-        still = np.broadcast_to(np.eye(2), (len(own), 2, 2))
-        templates[sights.point[own]] = _unit(_sample(picture, still, sights.place[own]))
+        still = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
+        templates[sights.point[rows]] = _unit(_sample(picture, still, sights.place[rows]))
 
-    def found(number: int) -> tuple[Index, Array, Array]:
+    def matched(number: int) -> tuple[Index, Array, Array]:
         """The sights of an image, where they belong, and how much that looks like their points."""
         image = images[number]
-        own = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
+        rows = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
         picture = _decoded(pictures[names[image]])
-        return own, *_search(picture, templates[sights.point[own]], warps[own], sights.place[own])
+        return rows, *_search(picture, templates[sights.point[rows]], warps[rows], sights.place[rows])
 
-    for done, (own, places, likeness) in enumerate(in_turn(len(images), found)):
+    for done, (rows, places, likeness) in enumerate(in_turn(len(images), matched)):
         progress("aligning patches", done, len(images))
         image = int(images[done])
         view = reconstruction.image(image)
-        moved = np.linalg.norm(places - sights.place[own], axis=1)
+        moved = np.linalg.norm(places - sights.place[rows], axis=1)
         good = (likeness > LEAST_LIKENESS) & (moved < FARTHEST)
-        for feature, place, kept in zip(sights.feature[own].tolist(), places, good.tolist(), strict=True):
-            if kept:
+        for feature, place, accepted in zip(
+            sights.feature[rows].tolist(), places, good.tolist(), strict=True
+        ):
+            if accepted:
                 view.point2D(feature).xy = place
             elif view.point2D(feature).has_point3D():  # a point that lost all but one went with the last
                 reconstruction.delete_observation(image, feature)
@@ -116,8 +118,8 @@ def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
     for image in np.unique(sights.image):
         motion = reconstruction.image(int(image)).cam_from_world().matrix()
         motions[image] = motion
-        seen = sights.image == image
-        toward[seen] = -motion[:, :3].T @ motion[:, 3] - sights.world[seen]
+        in_image = sights.image == image
+        toward[in_image] = -motion[:, :3].T @ motion[:, 3] - sights.world[in_image]
     distance = np.linalg.norm(toward, axis=1, keepdims=True)
     toward /= distance
     normal = np.zeros((int(sights.point.max()) + 1, 3))
@@ -130,15 +132,17 @@ def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
     sides = (across, np.cross(facing, across))
     slopes = np.empty((len(sights.image), 2, 2))
     for image, motion in motions.items():
-        seen = sights.image == image
+        in_image = sights.image == image
         camera = reconstruction.cameras[reconstruction.image(int(image)).camera_id]
-        step = 1e-4 * float(np.median(distance[seen]))
+        step = 1e-4 * float(np.median(distance[in_image]))
         for column, side in enumerate(sides):
             ends = [
-                camera.img_from_cam((sights.world[seen] + way * side[seen]) @ motion[:, :3].T + motion[:, 3])
+                camera.img_from_cam(
+                    (sights.world[in_image] + way * side[in_image]) @ motion[:, :3].T + motion[:, 3]
+                )
                 for way in (step, -step)
             ]
-            slopes[seen, :, column] = (ends[0] - ends[1]) / (2 * step)
+            slopes[in_image, :, column] = (ends[0] - ends[1]) / (2 * step)
     return slopes, (toward * facing).sum(1)
 
 
@@ -174,19 +178,19 @@ def _search(
     """Places [N, 2] in a picture where patches look like templates [N, P], and how much they do, [N]."""
     steps = _steps(templates)
     warps, places, likeness = warps.copy(), places.copy(), np.zeros(len(places))
-    left = np.arange(len(places))
+    remaining = np.arange(len(places))
     for _ in range(ITERATIONS):
-        if not len(left):
+        if not len(remaining):
             break
-        patches = _unit(_sample(picture, warps[left], places[left]))
-        likeness[left] = (patches * templates[left]) @ _WEIGHT
-        apart = patches / np.maximum(likeness[left], 0.3)[:, None] - templates[left]
-        step = np.einsum("nap,np->na", steps[left], apart)
+        patches = _unit(_sample(picture, warps[remaining], places[remaining]))
+        likeness[remaining] = (patches * templates[remaining]) @ _WEIGHT
+        apart = patches / np.maximum(likeness[remaining], 0.3)[:, None] - templates[remaining]
+        step = np.einsum("nap,np->na", steps[remaining], apart)
         shift, bend = np.clip(step[:, :2], -1, 1), np.clip(step[:, 2:].reshape(-1, 2, 2), -0.1, 0.1)
         # The step was found as if the template had moved: the warp takes it the other way.
-        warps[left] = warps[left] @ np.linalg.inv(np.eye(2) + bend)
-        places[left] -= np.einsum("nij,nj->ni", warps[left], shift)
-        left = left[np.linalg.norm(shift, axis=1) > STILL]
+        warps[remaining] = warps[remaining] @ np.linalg.inv(np.eye(2) + bend)
+        places[remaining] -= np.einsum("nij,nj->ni", warps[remaining], shift)
+        remaining = remaining[np.linalg.norm(shift, axis=1) > STILL]
     return places, likeness
 
 

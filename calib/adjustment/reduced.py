@@ -48,9 +48,9 @@ def reduced(linear: Linear, scale: float) -> Reduced:
     pull = 1 / (1 + squares / scale**2)
     weight = pull**2
     count, many = len(squares), int(linear.owner.max()) + 1
-    own = np.zeros((many, 3, 3))
-    np.add.at(own, linear.owner, weight[:, None, None] * (linear.points.mT @ linear.points))
-    inverse = _by_blocks(np.linalg.pinv(own, rcond=1e-9, hermitian=True))
+    blocks = np.zeros((many, 3, 3))
+    np.add.at(blocks, linear.owner, weight[:, None, None] * (linear.points.mT @ linear.points))
+    inverse = _by_blocks(np.linalg.pinv(blocks, rcond=1e-9, hermitian=True))
     rows = np.repeat(np.arange(2 * count), 3)
     columns = np.repeat(3 * linear.owner, 6) + np.tile(np.arange(3), 2 * count)
     points = sparse.csr_matrix((linear.points.ravel(), (rows, columns)), shape=(2 * count, 3 * many))

@@ -54,7 +54,9 @@ class StandardErrors:
 
     def without_lenses(self, cameras: Collection[str]) -> "StandardErrors":
         """The same where nothing was measured of these cameras' lenses."""
-        return replace(self, lenses={name: own for name, own in self.lenses.items() if name not in cameras})
+        return replace(
+            self, lenses={name: errors for name, errors in self.lenses.items() if name not in cameras}
+        )
 
 
 def standard_errors(
@@ -90,8 +92,8 @@ def standard_errors(
         lenses[name] = dict(zip(terms, errors.tolist(), strict=True))
     progress("measuring how sure it is", 1, 1)
     return StandardErrors(
-        rotation={view: float(np.degrees(_widest(own))) for view, own in turns.items()},
-        translation={view: _widest(own) for view, own in shifts.items()},
+        rotation={view: float(np.degrees(_widest(covariance))) for view, covariance in turns.items()},
+        translation={view: _widest(covariance) for view, covariance in shifts.items()},
         lenses=lenses,
         mounted={
             names[number]: (
@@ -114,11 +116,11 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     summed = sparse.csr_matrix(
         (drawn, (np.repeat(group[linear.owner], 2), np.arange(2 * count))), shape=(groups, 2 * count)
     )
-    left = sparse.csr_matrix(
+    eliminated = sparse.csr_matrix(
         (inverse @ (part.points.T @ drawn), (np.repeat(group, 3), np.arange(3 * many))),
         shape=(groups, 3 * many),
     )
-    pulls = summed @ linear.cameras - left @ shared.T
+    pulls = summed @ linear.cameras - eliminated @ shared.T
     # What a fit follows, its residuals do not show.
     spare = 2 * count - 3 * many
     more = np.sqrt(spare / max(spare - len(curvature), 0.1 * spare) * groups / max(groups - 1, 1))
@@ -133,9 +135,11 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
     drawings = (DRAWS, groups + len(columns) + stated.shape[1])
     signs = np.random.default_rng(0).choice([-1.0, 1.0], drawings)
-    own, built, stated_signs = np.split(signs, [groups, groups + len(columns)], axis=1)
+    point_signs, built, stated_signs = np.split(signs, [groups, groups + len(columns)], axis=1)
     # Pulls less their mean, and never as a table: groups times parameters grow by the square of the views.
-    drawn = more * ((pulls.T @ own.T).T - own.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel())
+    drawn = more * (
+        (pulls.T @ point_signs.T).T - point_signs.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel()
+    )
     drawn[:, columns] += built * (precision * errors)
     drawn += stated_signs * np.sqrt(weights) @ stated.T
     return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
@@ -154,12 +158,12 @@ def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tu
         width = reconstruction.cameras[image.camera_id].width
         weight = variance_of_place(int(image.num_points3D), width, scale)
         turn = image.frame.rig_from_world.rotation.matrix()
-        own = np.zeros((linear.cameras.shape[1], 3 if place.turn is None else 6))
-        own[at + 3 : at + 6, :3] = -turn / place.spread
+        pull = np.zeros((linear.cameras.shape[1], 3 if place.turn is None else 6))
+        pull[at + 3 : at + 6, :3] = -turn / place.spread
         if place.turn is not None:
-            own[at : at + 3, 3:] = np.linalg.cholesky(np.linalg.inv(place.turn_covariance()))
-        columns.append(np.sqrt(weight) * own)
-        weights += [weight] * own.shape[1]
+            pull[at : at + 3, 3:] = np.linalg.cholesky(np.linalg.inv(place.turn_covariance()))
+        columns.append(np.sqrt(weight) * pull)
+        weights += [weight] * pull.shape[1]
     if not columns:
         return np.zeros((linear.cameras.shape[1], 0)), np.zeros(0)
     return np.concatenate(columns, axis=1), np.array(weights)

@@ -142,10 +142,10 @@ def _refined(picture: Picture, points: Any, margin: float) -> npt.NDArray[np.flo
     half = int(np.clip(margin - 1, *_HALF))
     picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _SMOOTH)
     steps = np.arange(-half, half + 1.0)
-    v, u = (own.ravel() for own in np.meshgrid(steps, steps, indexing="ij"))
+    v, u = (axis.ravel() for axis in np.meshgrid(steps, steps, indexing="ij"))
     fit = np.linalg.pinv(np.stack([u * u, u * v, v * v, u, v, np.ones_like(u)], axis=1))[:5]
-    found = np.array(points, np.float64)
-    for place, point in enumerate(found.copy()):
+    refined = np.array(points, np.float64)
+    for place, point in enumerate(refined.copy()):
         at = point
         for _ in range(_ROUNDS):
             around = cv2.getRectSubPix(picture, (2 * half + 1, 2 * half + 1), (float(at[0]), float(at[1])))
@@ -158,6 +158,6 @@ def _refined(picture: Picture, points: Any, margin: float) -> npt.NDArray[np.flo
             if np.linalg.norm(at - point) > half:
                 break
             if np.abs(step).max() < _SETTLED:
-                found[place] = at
+                refined[place] = at
                 break
-    return found
+    return refined

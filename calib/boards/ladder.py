@@ -32,7 +32,7 @@ def richest(free: Free) -> Free:
 
 
 def climb(
-    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, progress: Progress
+    board: Board, corners: Mapping[ViewId, Corners], solved: Solved, progress: Progress
 ) -> tuple[Free, tuple[Rung, ...]]:
     """The lens model to take for all cameras, and why; corners are those that `clean` left.
 
@@ -40,18 +40,18 @@ def climb(
     corners have to fit. The gain is in px^2 of mean squared miss, paired by frame. Where a camera sees
     far from its axis, a fisheye is tried last against what was taken.
     """
-    frames = sorted({view.frame for view in seen})
+    frames = sorted({view.frame for view in corners})
     if len(frames) < FEWEST_FRAMES:
         reason = f"{len(frames)} frames of the board cannot judge distortion beyond one radial term"
         return _STEPS[0][1], (Rung(name="lens_terms", taken=False, reason=reason),)
-    taken, below = _BASE, _held_out(board, seen, solved, _BASE, frames)
+    taken, below = _BASE, _held_out(board, corners, solved, _BASE, frames)
     rungs = []
     steps = list(_STEPS)
     if any(may_be_fisheye(lens) for lens in solved.lenses.values()):
         steps.append(("lens_fisheye", FISHEYE, "a fisheye: terms of the angle from the axis instead"))
     for done, (name, free, what) in enumerate(steps):
         progress("judging the lens", done, len(steps))
-        above = _held_out(board, seen, solved, free, frames)
+        above = _held_out(board, corners, solved, free, frames)
         gain = below - above
         error = float(gain.std(ddof=1) / np.sqrt(len(gain)))
         rung = Rung.judged(
@@ -65,20 +65,26 @@ def climb(
 
 
 def _held_out(
-    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, free: Free, frames: list[int]
+    board: Board, corners: Mapping[ViewId, Corners], solved: Solved, free: Free, frames: list[int]
 ) -> npt.NDArray[np.float64]:
     """Mean squared miss of each frame when it is held out, px^2 [frames]."""
     losses: dict[int, float] = {}
     for fold in range(FOLDS):
         out = set(frames[fold::FOLDS])
-        fitted = solve(board, {view: seen[view] for view in seen if view.frame not in out}, solved, free)
+        fitted = solve(
+            board, {view: corners[view] for view in corners if view.frame not in out}, solved, free
+        )
         # The poses of the held-out frames are those of the start, in whose rig they were found.
         begin = replace(fitted, rig_from_board=dict(solved.rig_from_board))
         tested = solve(
-            board, {view: seen[view] for view in seen if view.frame in out}, begin, free, boards_only=True
+            board,
+            {view: corners[view] for view in corners if view.frame in out},
+            begin,
+            free,
+            boards_only=True,
         )
         squares: dict[int, list[float]] = {}
         for (view, _), miss in zip(tested.places, tested.misses, strict=True):
             squares.setdefault(view.frame, []).append(float(miss) ** 2)
-        losses |= {frame: float(np.mean(own)) for frame, own in squares.items()}
+        losses |= {frame: float(np.mean(frame_squares)) for frame, frame_squares in squares.items()}
     return np.array([losses[frame] for frame in frames])

@@ -75,8 +75,8 @@ def measure_board(session: Session, board: Board | None, progress: Progress) -> 
             f"nothing describes it: run `rig calibrate {shlex.quote(str(session.folder))} --board {EXAMPLE}` "
             "with the squares and sizes of your own."
         )
-    seen, printed = find_all(board, list(views), lambda view: picture_of(session, views[view]), progress)
-    sizes = {view.camera: (views[view].shots[0].width, views[view].shots[0].height) for view in seen}
+    detected, printed = find_all(board, list(views), lambda view: picture_of(session, views[view]), progress)
+    sizes = {view.camera: (views[view].shots[0].width, views[view].shots[0].height) for view in detected}
     groups: dict[str, list[str]] = {}
     for camera in session.record.cameras:
         if camera.name in sizes:
@@ -84,13 +84,13 @@ def measure_board(session: Session, board: Board | None, progress: Progress) -> 
     solved = [
         solve_group(
             board,
-            {view: corners for view, corners in seen.items() if view.camera in names},
+            {view: corners for view, corners in detected.items() if view.camera in names},
             {name: sizes[name] for name in names},
             progress,
         )
         for names in groups.values()
     ]
-    return _joined(board, str(printed), seen, solved)
+    return _joined(board, str(printed), detected, solved)
 
 
 def picture_of(session: Session, view: View) -> Picture:
@@ -114,24 +114,26 @@ class Group:
 
 
 def solve_group(
-    board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
+    board: Board, corners: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
 ) -> Group:
     """Everything about cameras that are mounted together."""
     names = tuple(sizes)
     try:
-        begun = start.first_guess(board, seen, sizes)
-        kept, solved = rig.drop_outliers(board, seen, begun, ladder.RICHEST)
-        free, rungs = ladder.climb(board, kept, solved, progress)
+        begun = start.first_guess(board, corners, sizes)
+        inliers, solved = rig.drop_outliers(board, corners, begun, ladder.RICHEST)
+        free, rungs = ladder.climb(board, inliers, solved, progress)
         if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now
-            kept, solved = rig.drop_outliers(board, seen, solved, free)
-        solved = rig.solve(board, kept, solved, free)
+            inliers, solved = rig.drop_outliers(board, corners, solved, free)
+        solved = rig.solve(board, inliers, solved, free)
     except CalibrationError as error:
         return Group(names, None, None, (), refused=str(error))
-    doubt = uncertainty.bootstrap(board, kept, solved, free, 0, progress)
+    doubt = uncertainty.bootstrap(board, inliers, solved, free, 0, progress)
     return Group(names, solved, doubt, rungs, begun.isolated)
 
 
-def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: list[Group]) -> MeasuredBoard:
+def _joined(
+    board: Board, printed: str, corners: Mapping[ViewId, Corners], groups: list[Group]
+) -> MeasuredBoard:
     good = [group for group in groups if group.solved is not None and group.doubt is not None]
     if not good:
         raise CalibrationError(groups[0].refused)
@@ -183,8 +185,8 @@ def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: 
     evidence = BoardEvidence(
         board=board,
         printed=printed,
-        frames=len({view.frame for view in seen}),
-        views=len(seen),
+        frames=len({view.frame for view in corners}),
+        views=len(corners),
         corners=len(every),
         rms_px=float(np.sqrt(np.mean(every**2))),
         outliers=tuple(outliers),
@@ -200,9 +202,9 @@ def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: 
 
 def places_of(solved: rig.Solved) -> list[BoardPlace]:
     """Return where the board stood at every frame that has a corner which fits."""
-    seen: dict[int, set[str]] = {}
+    cameras_at: dict[int, set[str]] = {}
     for view, _ in solved.places:
-        seen.setdefault(view.frame, set()).add(view.camera)
+        cameras_at.setdefault(view.frame, set()).add(view.camera)
     return [
         BoardPlace(
             frame=frame,
@@ -211,7 +213,7 @@ def places_of(solved: rig.Solved) -> list[BoardPlace]:
                 pycolmap.Rigid3d((solved.cam_from_rig[min(names)] @ solved.rig_from_board[frame])[:3])
             ),
         )
-        for frame, names in sorted(seen.items())
+        for frame, names in sorted(cameras_at.items())
     ]
 
 
@@ -245,7 +247,7 @@ def _sure_rig(lenses: Mapping[str, Lens], errors: Mapping[str, PoseError]) -> tu
 
 def _named(solved: rig.Solved) -> list[str]:
     """A sentence for each camera, and each view, that fits much worse than the typical one."""
-    found = []
+    words = []
     by: tuple[Callable[[ViewId], str], ...] = (
         lambda view: f"camera {view.camera}",
         lambda view: f"view {view}",
@@ -256,9 +258,9 @@ def _named(solved: rig.Solved) -> list[str]:
             squares.setdefault(name_of(view), []).append(float(miss) ** 2)
         errors = {name: float(np.sqrt(np.mean(misses))) for name, misses in squares.items()}
         typical = float(np.median(list(errors.values())))
-        found += [
+        words += [
             f"the board misses by {rms:.2f} px in {name}, {typical:.2f} px in the others."
             for name, rms in errors.items()
             if rms > OUTLIER * typical
         ]
-    return found
+    return words

@@ -44,7 +44,7 @@ class Solved:
 
 def solve(
     board: Board,
-    seen: Mapping[ViewId, Corners],
+    corners: Mapping[ViewId, Corners],
     start: Start | Solved,
     free: Free,
     *,
@@ -55,27 +55,27 @@ def solve(
     Least squares, since what was no corner is left out before (`drop_outliers`). Views of cameras or frames
     that the start does not place are ignored. CalibrationError when the corners lead to no lens at all.
     """
-    model, rows = _model(board, seen, start, free)
+    model, rows = _model(board, corners, start, free)
     _adjust(model, free, boards_only=boards_only, robust=None)
     return _read(board, model, rows, start)
 
 
 def drop_outliers(
-    board: Board, seen: Mapping[ViewId, Corners], start: Start | Solved, free: Free
+    board: Board, detected: Mapping[ViewId, Corners], start: Start | Solved, free: Free
 ) -> tuple[dict[ViewId, Corners], Solved]:
     """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""
-    kept = {view: corners for view, corners in seen.items() if _placed(view, start)}
+    inliers = {view: corners for view, corners in detected.items() if _placed(view, start)}
     solved: Start | Solved = start
     for scale in (2.0, 0.3):
-        model, rows = _model(board, kept, solved, free)
+        model, rows = _model(board, inliers, solved, free)
         _adjust(model, free, boards_only=False, robust=scale)
         fitted = _read(board, model, rows, solved)
         worst = max(CUT * float(np.median(fitted.misses)), LEAST_CUT)
         good = {place for place, miss in zip(fitted.places, fitted.misses, strict=True) if miss <= worst}
-        kept = {view: _only(corners, view, good) for view, corners in kept.items()}
-        kept = {view: corners for view, corners in kept.items() if len(corners.ids) >= 4}
+        inliers = {view: _only(corners, view, good) for view, corners in inliers.items()}
+        inliers = {view: corners for view, corners in inliers.items() if len(corners.ids) >= 4}
         solved = fitted
-    return kept, solve(board, kept, solved, free)
+    return inliers, solve(board, inliers, solved, free)
 
 
 def _placed(view: ViewId, start: "Start | Solved") -> bool:
@@ -92,11 +92,11 @@ Rows = list[tuple[ViewId, int, npt.NDArray[np.int64], Array]]
 
 
 def _model(
-    board: Board, seen: Mapping[ViewId, Corners], start: "Start | Solved", free: Free
+    board: Board, detected: Mapping[ViewId, Corners], start: "Start | Solved", free: Free
 ) -> tuple[Any, Rows]:
     """A pycolmap reconstruction in the board's coordinates."""
     flat = board.corners()
-    seen = _twice({view: corners for view, corners in seen.items() if _placed(view, start)})
+    detected = _twice({view: corners for view, corners in detected.items() if _placed(view, start)})
     model = pycolmap.Reconstruction()
     names = sorted(start.cam_from_rig)
     number = {name: index + 1 for index, name in enumerate(names)}
@@ -113,7 +113,7 @@ def _model(
         else:
             rig.add_sensor(sensor, pycolmap.Rigid3d(start.cam_from_rig[name][:3]))
     model.add_rig(rig)
-    views = sorted(seen)
+    views = sorted(detected)
     rows: Rows = []
     image_of = {view: index + 1 for index, view in enumerate(views)}
     for place, frame in enumerate(sorted({view.frame for view in views}), start=1):
@@ -124,7 +124,7 @@ def _model(
             one.add_data_id(pycolmap.data_t(sensor, image_of[view]))
         model.add_frame(one)
         for view in (view for view in views if view.frame == frame):
-            corners = seen[view]
+            corners = detected[view]
             # All corners at once: one by one they would take as long as the adjustment.
             image = pycolmap.Image(
                 view.image_name,
@@ -147,15 +147,17 @@ def _model(
     return model, rows
 
 
-def _twice(seen: Mapping[ViewId, Corners]) -> dict[ViewId, Corners]:
+def _twice(detected: Mapping[ViewId, Corners]) -> dict[ViewId, Corners]:
     """The corners without those that only one view shows: pycolmap takes no point that is seen once."""
-    ids, counts = np.unique(np.concatenate([corners.ids for corners in seen.values()]), return_counts=True)
+    ids, counts = np.unique(
+        np.concatenate([corners.ids for corners in detected.values()]), return_counts=True
+    )
     often = ids[counts > 1]
-    kept = {}
-    for view, corners in seen.items():
+    shared = {}
+    for view, corners in detected.items():
         keep = np.isin(corners.ids, often)
-        kept[view] = Corners(corners.ids[keep], corners.points[keep])
-    return kept
+        shared[view] = Corners(corners.ids[keep], corners.points[keep])
+    return shared
 
 
 def _adjust(model: Any, free: Free, *, boards_only: bool, robust: float | None) -> None:

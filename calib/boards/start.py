@@ -35,29 +35,31 @@ class Start:
     isolated: tuple[str, ...]
 
 
-def first_guess(board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]]) -> Start:
+def first_guess(
+    board: Board, detected: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]]
+) -> Start:
     """Guess from corners; CalibrationError when no camera has views enough.
 
-    seen: corners by view. sizes: (width, height) of each camera's pictures.
+    detected: corners by view. sizes: (width, height) of each camera's pictures.
     """
     flat = board.corners()
     lenses: dict[str, Lens] = {}
     for name, size in sizes.items():
-        own = [corners for view, corners in seen.items() if view.camera == name]
-        if len(own) >= FEWEST_VIEWS:
-            lenses[name] = _lens(flat, own, size)
+        of_camera = [corners for view, corners in detected.items() if view.camera == name]
+        if len(of_camera) >= FEWEST_VIEWS:
+            lenses[name] = _lens(flat, of_camera, size)
     if not lenses:
-        most = max((sum(view.camera == name for view in seen) for name in sizes), default=0)
+        most = max((sum(view.camera == name for view in detected) for name in sizes), default=0)
         raise CalibrationError(
             f"No camera sees the board in {FEWEST_VIEWS} frames or more (the best of them in {most}): "
             "show it in about 25 frames, tilted up to 45 degrees, to several cameras at once."
         )
     poses = {
         view: _pose(flat, corners, lenses[view.camera])
-        for view, corners in seen.items()
+        for view, corners in detected.items()
         if view.camera in lenses
     }
-    return _joined(lenses, poses, {view: len(corners.ids) for view, corners in seen.items()})
+    return _joined(lenses, poses, {view: len(corners.ids) for view, corners in detected.items()})
 
 
 def _lens(flat: Array, views: list[Corners], size: tuple[int, int]) -> Lens:
@@ -129,17 +131,17 @@ def _joined(lenses: dict[str, Lens], poses: dict[ViewId, Array], count: dict[Vie
 def _groups(names: list[str], shared: dict[frozenset[str], list[int]]) -> list[list[str]]:
     """The cameras that views of one board connect."""
     groups: list[list[str]] = []
-    left = set(names)
+    remaining = set(names)
     for name in names:
-        if name not in left:
+        if name not in remaining:
             continue
         group, queue = [], deque([name])
-        left.discard(name)
+        remaining.discard(name)
         while queue:
             here = queue.popleft()
             group.append(here)
-            near = sorted(other for other in left if shared[frozenset((here, other))])
-            left -= set(near)
+            near = sorted(other for other in remaining if shared[frozenset((here, other))])
+            remaining -= set(near)
             queue.extend(near)
         groups.append(group)
     return groups

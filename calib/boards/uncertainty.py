@@ -53,7 +53,12 @@ class Uncertainty:
 
 
 def bootstrap(
-    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, taken: Free, seed: int, progress: Progress
+    board: Board,
+    corners: Mapping[ViewId, Corners],
+    solved: Solved,
+    taken: Free,
+    seed: int,
+    progress: Progress,
 ) -> Uncertainty:
     """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
 
@@ -61,11 +66,11 @@ def bootstrap(
     """
     free = richest(taken)
     try:
-        middle = solve(board, seen, solved, free)
+        middle = solve(board, corners, solved, free)
     except CalibrationError:
         return Uncertainty({}, {}, {}, {}, {}, draws=0, failed=DRAWS)
     rng = np.random.default_rng(seed)
-    frames = sorted({view.frame for view in seen})
+    frames = sorted({view.frame for view in corners})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
     turns: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
     shifts: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
@@ -74,10 +79,10 @@ def bootstrap(
         progress("measuring how sure it is", draw, DRAWS)
         chosen = rng.choice(frames, len(frames))
         again = {
-            ViewId(place, name): seen[ViewId(frame, name)]
+            ViewId(place, name): corners[ViewId(frame, name)]
             for place, frame in enumerate(chosen.tolist())
             for name in solved.cam_from_rig
-            if ViewId(frame, name) in seen
+            if ViewId(frame, name) in corners
         }
         boards = {place: middle.rig_from_board[frame] for place, frame in enumerate(chosen.tolist())}
         if {view.camera for view in again} != set(solved.cam_from_rig):
@@ -94,42 +99,44 @@ def bootstrap(
             turns[name].append(np.ravel(cv2.Rodrigues(apart[:3, :3])[0]))
             shifts[name].append(apart[:3, 3])
     progress("measuring how sure it is", DRAWS, DRAWS)
-    maps = {name: projection_map(middle.lenses[name], own) for name, own in lenses.items()}
+    maps = {name: projection_map(middle.lenses[name], draws) for name, draws in lenses.items()}
     return Uncertainty(
         lenses={
-            name: {term: _spread([getattr(lens, term) for lens in own]) for term in middle.lenses[name].names}
-            for name, own in lenses.items()
+            name: {
+                term: _spread([getattr(lens, term) for lens in draws]) for term in middle.lenses[name].names
+            }
+            for name, draws in lenses.items()
         },
-        rotation={name: float(np.degrees(_widest(own))) for name, own in turns.items()},
-        translation={name: _widest(own) for name, own in shifts.items()},
+        rotation={name: float(np.degrees(_widest(draws))) for name, draws in turns.items()},
+        translation={name: _widest(draws) for name, draws in shifts.items()},
         map=maps,
-        halves=_halves(board, seen, middle, free, maps),
+        halves=_halves(board, corners, middle, free, maps),
         draws=len(next(iter(lenses.values()))),
         failed=failed,
     )
 
 
 def _halves(
-    board: Board, seen: Mapping[ViewId, Corners], middle: Solved, free: Free, maps: Mapping[str, Array]
+    board: Board, detected: Mapping[ViewId, Corners], middle: Solved, free: Free, maps: Mapping[str, Array]
 ) -> dict[str, float]:
     """The disagreement of two halves is twice what is expected of the whole: each has half of the frames."""
-    frames = sorted({view.frame for view in seen})
+    frames = sorted({view.frame for view in detected})
     sides = []
     for start in (0, 1):
-        half = {view: corners for view, corners in seen.items() if view.frame in set(frames[start::2])}
+        half = {view: corners for view, corners in detected.items() if view.frame in set(frames[start::2])}
         if {view.camera for view in half} != set(middle.cam_from_rig):
             return {}
         try:
             sides.append(solve(board, half, middle, free).lenses)
         except CalibrationError:
             return {}
-    found = {}
-    for name, own in maps.items():
+    ratios = {}
+    for name, whole in maps.items():
         apart = projection_map(sides[0][name], [sides[1][name]])
-        known = np.isfinite(own) & np.isfinite(apart)
-        if known.any() and own[known].mean() > 0:
-            found[name] = float(apart[known].mean() / (2.0 * own[known].mean()))
-    return found
+        known = np.isfinite(whole) & np.isfinite(apart)
+        if known.any() and whole[known].mean() > 0:
+            ratios[name] = float(apart[known].mean() / (2.0 * whole[known].mean()))
+    return ratios
 
 
 def _spread(values: list[float]) -> float:

@@ -98,9 +98,9 @@ def measure_patches(
     """
     rgb, sigma, usable = np.zeros((PATCHES, 3)), np.ones((PATCHES, 3)), np.zeros(PATCHES, bool)
     for index, outline in enumerate(outlines):
-        found = _patch(merged, outline)
-        if found is not None:
-            rgb[index], sigma[index] = found
+        patch = _patch(merged, outline)
+        if patch is not None:
+            rgb[index], sigma[index] = patch
             usable[index] = True
     height, width = merged.radiance.shape
     away = outlines.mean(axis=1) - np.array((width, height)) / 2
@@ -137,14 +137,14 @@ def _patch(merged: Merged, outline: Array) -> tuple[Array, Array] | None:
     )
     values, errors = np.zeros(3), np.zeros(3)
     for channel in range(3):
-        own = known & (channels == channel)
-        sites = light[own].astype(np.float64)
+        sites_of = known & (channels == channel)
+        sites = light[sites_of].astype(np.float64)
         if len(sites) < LEAST_SITES:
             return None
         values[channel], errors[channel] = _median(sites)
         if not values[channel] > LEAST_SNR * errors[channel]:
             return None
-        parts = [_median(light[own & (quarter == part)].astype(np.float64)) for part in range(4)]
+        parts = [_median(light[sites_of & (quarter == part)].astype(np.float64)) for part in range(4)]
         middles, spread = np.array(parts).T
         limit = UNEVEN * values[channel] + 4 * np.max(spread)
         if not np.ptp(middles) < limit:
@@ -196,8 +196,8 @@ def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
     if len(greys) < 3 or np.any(np.diff(green) > 0):
         return Missed("the greys of a chart-like find do not fall from white to black")
     reference = chart()
-    (found,) = fit([patches], reference, ColourModel(shaded=True))
-    error = float(delta_e(found.colours(patches), reference)[patches.usable].mean())
+    (fitted,) = fit([patches], reference, ColourModel(shaded=True))
+    error = float(delta_e(fitted.colours(patches), reference)[patches.usable].mean())
     if not error < MOST_DELTA_E:
         return Missed(
             f"the colours of a chart-like find are not the chart's (delta E {error:.1f} after the best fit)"

@@ -115,32 +115,32 @@ def held_out(cameras: Sequence[ChartPatches], reference: Array, model: ColourMod
     errors = [np.full(len(reference), np.nan) for _ in cameras]
     for patch in range(len(reference)):
         rest = [one.without(patch) for one in cameras]
-        for error, own, found in zip(errors, cameras, fit(rest, reference, model), strict=True):
-            if own.usable[patch]:
-                error[patch] = delta_e(found.colours(own)[patch], reference[patch])
+        for error, patches, fitted in zip(errors, cameras, fit(rest, reference, model), strict=True):
+            if patches.usable[patch]:
+                error[patch] = delta_e(fitted.colours(patches)[patch], reference[patch])
     return errors
 
 
 def _lit(fit: Fit, patches: ChartPatches, reference: Array, model: ColourModel) -> Fit:
     """White, and the light's slope, under a matrix that is given."""
-    own = patches.usable
+    usable = patches.usable
     expected = reference @ np.linalg.inv(fit.matrix).T
     ratio = np.maximum(patches.rgb, 1e-12) / np.maximum(expected, 1e-4)
     slope = fit.slope
     if model.shaded:
         # Green alone tells of brightness; in it, one patch is as far off as another.
-        design = np.column_stack([np.ones(own.sum()), patches.place[own]])
-        weight = 1.0 / (0.02 + patches.sigma[own, 1] / np.maximum(patches.rgb[own, 1], 1e-12))
-        target = np.log(ratio[own, 1])
+        design = np.column_stack([np.ones(usable.sum()), patches.place[usable]])
+        weight = 1.0 / (0.02 + patches.sigma[usable, 1] / np.maximum(patches.rgb[usable, 1], 1e-12))
+        target = np.log(ratio[usable, 1])
         for _ in range(3):
-            found = np.linalg.lstsq(design * weight[:, None], target * weight, rcond=None)[0]
-            residual = np.abs(target - design @ found)
+            solution = np.linalg.lstsq(design * weight[:, None], target * weight, rcond=None)[0]
+            residual = np.abs(target - design @ solution)
             weight = np.minimum(weight, weight * 0.05 / np.maximum(residual, 0.05))
-        slope = found[1:]
+        slope = solution[1:]
     light = np.exp(patches.place @ slope)[:, None]
-    grey = own & np.isin(np.arange(len(own)), NEUTRAL)
+    grey = usable & np.isin(np.arange(len(usable)), NEUTRAL)
     if model.white is not None or not grey.any():
-        grey = own
+        grey = usable
     noise = (patches.sigma / np.maximum(patches.rgb, 1e-12))[grey]
     variance = PATCH_ERROR**2 + (FLARE / np.maximum(expected[grey], 1e-4)) ** 2 + noise**2
     weight = 1.0 / variance
@@ -154,10 +154,12 @@ def _lit(fit: Fit, patches: ChartPatches, reference: Array, model: ColourModel) 
 def _matrix(fits: Sequence[Fit], cameras: Sequence[ChartPatches], reference: Array) -> Array:
     """The matrix whose rows sum to 1 that brings all cameras' patches nearest to the reference in Lab."""
     balanced = np.concatenate(
-        [one._balanced(own)[own.usable] for one, own in zip(fits, cameras, strict=True)]
+        [one._balanced(patches)[patches.usable] for one, patches in zip(fits, cameras, strict=True)]
     )
-    noise = np.concatenate([(own.sigma / np.maximum(own.rgb, 1e-12))[own.usable].max(1) for own in cameras])
-    target = lab(np.concatenate([reference[own.usable] for own in cameras]))
+    noise = np.concatenate(
+        [(patches.sigma / np.maximum(patches.rgb, 1e-12))[patches.usable].max(1) for patches in cameras]
+    )
+    target = lab(np.concatenate([reference[patches.usable] for patches in cameras]))
     # A relative error of light is about a third of it in lightness, which runs to 100.
     weight = LIGHTNESS_ERROR / np.hypot(LIGHTNESS_ERROR, 33.0 * noise)
 
@@ -165,10 +167,10 @@ def _matrix(fits: Sequence[Fit], cameras: Sequence[ChartPatches], reference: Arr
         return np.asarray(((lab(balanced @ _unit_rows(free).T) - target) * weight[:, None]).ravel())
 
     start = fits[0].matrix
-    found = optimize.least_squares(
+    solution = optimize.least_squares(
         residual, start[~np.eye(3, dtype=bool)], x_scale=0.1, loss="soft_l1", f_scale=3.0
     )
-    return _unit_rows(found.x)
+    return _unit_rows(solution.x)
 
 
 def _unit_rows(free: Array) -> Array:

@@ -41,11 +41,11 @@ class Charts:
     evidence: dict[str, ChartEvidence] = field(default_factory=dict)
     rungs: tuple[Rung, ...] = ()
 
-    def applied(self, found: Mapping[str, CameraSensor]) -> dict[str, CameraSensor]:
+    def applied(self, sensors: Mapping[str, CameraSensor]) -> dict[str, CameraSensor]:
         """The cameras with the colours that the charts gave them."""
         return {
             name: replace(sensor, camera_from_rec709=self.matrices.get(name, sensor.camera_from_rec709))
-            for name, sensor in found.items()
+            for name, sensor in sensors.items()
         }
 
 
@@ -78,7 +78,7 @@ class _Trial:
 def measure_charts(
     session: Session,
     views: Sequence[View],
-    found: Mapping[str, CameraSensor],
+    sensors: Mapping[str, CameraSensor],
     light: Radiometry,
     earlier: CalibrationRecord | None,
     progress: Progress,
@@ -98,22 +98,22 @@ def measure_charts(
         name: earlier.camera(name).vignetting
         if earlier is not None
         else NO_FALLOFF
-        if (flat := found[name].measured.falloff) is None
+        if (flat := sensors[name].measured.falloff) is None
         else flat.vignetting
         for name in names
     }
-    seen: dict[str, tuple[View, Found]] = {}
+    detected: dict[str, tuple[View, Found]] = {}
     missed: list[Missed] = []
     for done, name in enumerate(names):
         progress("searching the colour chart", done, len(names))
         for view in _searched([view for view in raw if view.camera.name == name]):
             verdict = _look(session, view, falls[name], light)
             if isinstance(verdict, Found):
-                seen[name] = (view, verdict)
+                detected[name] = (view, verdict)
                 break
             missed.append(verdict)
     progress("searching the colour chart", len(names), len(names))
-    if not seen:
+    if not detected:
         worst = next((one for one in missed if one.near), missed[0])
         raise CalibrationError(
             f"{session.folder}: no colour chart found (views searched: {len(missed)}; {worst.reason}): "
@@ -121,7 +121,7 @@ def measure_charts(
             "--chart out."
         )
     models = {view.camera.name: f"{view.camera.make} {view.camera.model}" for view in raw}
-    return colours(seen, {name: found[name].camera_from_rec709 for name in names}, models)
+    return colours(detected, {name: sensors[name].camera_from_rec709 for name in names}, models)
 
 
 def _searched(views: Sequence[View]) -> Iterator[View]:
@@ -156,7 +156,7 @@ def _look(
 
 
 def colours(
-    seen: Mapping[str, tuple[View, Found]],
+    detected: Mapping[str, tuple[View, Found]],
     files: Mapping[str, Matrix | None],
     models: Mapping[str, str],
 ) -> Charts:
@@ -166,7 +166,7 @@ def colours(
     A camera that saw no chart gets the matrix of one of its model that did.
     """
     reference = chart()
-    patches = {name: view_found[1].patches for name, view_found in seen.items()}
+    patches = {name: view_found[1].patches for name, view_found in detected.items()}
     trial, rungs, errors = _climb(patches, files, models, reference)
     fits = trial.fits(patches, reference)
     matrices = {
@@ -185,9 +185,14 @@ def colours(
     }
     evidence = {
         name: _evidence(
-            view, found, fits[name].colours(found.patches), reference, errors[name], balanced.get(name)
+            view,
+            chart_found,
+            fits[name].colours(chart_found.patches),
+            reference,
+            errors[name],
+            balanced.get(name),
         )
-        for name, (view, found) in seen.items()
+        for name, (view, chart_found) in detected.items()
     }
     return Charts(matrices, evidence, rungs)
 
@@ -213,14 +218,14 @@ def _climb(
 
     def climb(name: str, taller: _Trial, what: str) -> None:
         nonlocal trial, errors
-        found = taller.errors(patches, reference)
+        trial_errors = taller.errors(patches, reference)
         # Cameras err alike on a patch, so that a patch is one sample, however many see it.
-        gains = _patchwise(errors) - _patchwise(found)
+        gains = _patchwise(errors) - _patchwise(trial_errors)
         gains = gains[np.isfinite(gains)]
         error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
         rungs.append(Rung.judged(name, float(gains.mean()), error, UNIT, what))
         if rungs[-1].taken:
-            trial, errors = taller, found
+            trial, errors = taller, trial_errors
 
     climb(
         "chart_white",
@@ -260,11 +265,11 @@ def _of_twin(matrix: Matrix, files_twin: Matrix | None, files_own: Matrix | None
 
 
 def _evidence(
-    view: View, found: Found, measured: Array, reference: Array, errors: Array, files: Array | None
+    view: View, chart: Found, measured: Array, reference: Array, errors: Array, files: Array | None
 ) -> ChartEvidence:
-    used = np.flatnonzero(found.patches.usable)
+    used = np.flatnonzero(chart.patches.usable)
     known = errors[used]
-    corners = tuple((float(x), float(y)) for x, y in found.outlines[[0, 5, 23, 18], [0, 1, 2, 3]])
+    corners = tuple((float(x), float(y)) for x, y in chart.outlines[[0, 5, 23, 18], [0, 1, 2, 3]])
     return ChartEvidence(
         frame=view.frame,
         chart=EDITION,

@@ -28,7 +28,7 @@ CHART_RUNGS = frozenset({"chart_white", "chart_shading", "chart_matrix", "chart_
 def balance(
     model: SceneModel,
     colours: Mapping[ViewId, Array],
-    found: Mapping[str, CameraSensor],
+    sensors: Mapping[str, CameraSensor],
     falloff: Falloff,
     anchors: Sequence[str],
 ) -> Balance:
@@ -37,7 +37,7 @@ def balance(
     anchors: cameras whose white is from a chart.
     """
     placed = sorted(model.lenses)
-    matrices = {name: found[name].camera_from_rec709 for name in placed}
+    matrices = {name: sensors[name].camera_from_rec709 for name in placed}
     known = [name for name in placed if matrices[name] is not None]
     if len(known) < 2:
         return Balance({}, {}, ())
@@ -45,24 +45,26 @@ def balance(
         view: np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in known)
         for view, colour in colours.items()
     }
-    seen = sightings(model, usable)
-    camera = np.array([known.index(view.camera) if view.camera in known else -1 for view in seen.views])
-    terms = np.array([falloff.vignetting[name] for name in known])[camera[seen.view]]
-    fall = light_left(terms, seen.radius)
-    light = seen.values({view: colour[:, :3] for view, colour in colours.items()})
+    observations = sightings(model, usable)
+    camera = np.array(
+        [known.index(view.camera) if view.camera in known else -1 for view in observations.views]
+    )
+    terms = np.array([falloff.vignetting[name] for name in known])[camera[observations.view]]
+    fall = light_left(terms, observations.radius)
+    light = observations.values({view: colour[:, :3] for view, colour in colours.items()})
     colour = light - np.log(np.maximum(fall, DARKEST))[:, None]
-    sights = Sights(seen.point, camera[seen.view], colour)
+    sights = Sights(observations.point, camera[observations.view], colour)
     return estimate(sights, known, [np.array(matrices[name])[:3] for name in known], anchors)
 
 
-def with_balance(record: CalibrationRecord, found: Balance) -> CalibrationRecord:
+def with_balance(record: CalibrationRecord, balance_of: Balance) -> CalibrationRecord:
     """The record with the white balance between its cameras folded into matrices and gains."""
-    cameras = tuple(_balanced(camera, found) for camera in record.cameras)
-    return record.model_copy(update={"cameras": cameras, "rungs": (*record.rungs, *found.rungs)})
+    cameras = tuple(_balanced(camera, balance_of) for camera in record.cameras)
+    return record.model_copy(update={"cameras": cameras, "rungs": (*record.rungs, *balance_of.rungs)})
 
 
-def _balanced(camera: CameraCalibration, found: Balance) -> CameraCalibration:
-    channels = found.channels.get(camera.name)
+def _balanced(camera: CameraCalibration, balance_of: Balance) -> CameraCalibration:
+    channels = balance_of.channels.get(camera.name)
     if channels is None or camera.camera_from_rec709 is None:
         return camera
     matrix, relative, gain = folded(np.array(camera.camera_from_rec709[:3]), channels)
@@ -70,7 +72,7 @@ def _balanced(camera: CameraCalibration, found: Balance) -> CameraCalibration:
         update={
             "camera_from_rec709": as_matrix(with_rgb(camera.camera_from_rec709, matrix)),
             "white_balance": relative,
-            "white_balance_error": found.errors[camera.name],
+            "white_balance_error": balance_of.errors[camera.name],
             "gain": gain,
         }
     )
@@ -123,8 +125,8 @@ def charts_of(record: CalibrationRecord) -> Charts:
     for camera in record.cameras:
         if camera.camera_from_rec709 is not None:
             balance = np.array(camera.white_balance)[:, None]
-            own = np.array(camera.camera_from_rec709)
-            matrices[camera.name] = as_matrix(with_rgb(own, own[:3] / balance))
+            matrix = np.array(camera.camera_from_rec709)
+            matrices[camera.name] = as_matrix(with_rgb(matrix, matrix[:3] / balance))
     return Charts(matrices, evidence, tuple(rung for rung in record.rungs if rung.name in CHART_RUNGS))
 
 
@@ -141,7 +143,7 @@ def rebalanced(record: CalibrationRecord) -> CalibrationRecord:
         relative = np.ones(3) if camera.chart is not None else np.array(camera.white_balance) / middle
         update: dict[str, object] = {"white_balance": tuple(relative.tolist())}
         if camera.camera_from_rec709 is not None:
-            own = np.array(camera.camera_from_rec709)
-            update["camera_from_rec709"] = as_matrix(with_rgb(own, relative[:, None] * own[:3]))
+            matrix = np.array(camera.camera_from_rec709)
+            update["camera_from_rec709"] = as_matrix(with_rgb(matrix, relative[:, None] * matrix[:3]))
         cameras.append(camera.model_copy(update=update))
     return record.model_copy(update={"cameras": tuple(cameras)})

@@ -43,17 +43,17 @@ def measured(
 
     InputError for a missing or damaged file.
     """
-    found = dict(sensors)
+    updated = dict(sensors)
     for name, sensor in sensors.items():
-        own = [view for view in views if view.camera.name == name]
-        if sensor.camera_from_rec709 is None or len(sensor.camera_from_rec709) != 4 or not own:
+        camera_views = [view for view in views if view.camera.name == name]
+        if sensor.camera_from_rec709 is None or len(sensor.camera_from_rec709) != 4 or not camera_views:
             continue
         rows = np.asarray(sensor.camera_from_rec709, np.float64)
-        places = np.unique(np.linspace(0, len(own) - 1, VIEWS).round().astype(int))
+        places = np.unique(np.linspace(0, len(camera_views) - 1, VIEWS).round().astype(int))
         found_cells = [
             smooth_cells(frame)
             for place in places
-            for frame in read_view(session, own[place], light.scale, light.responses[name])
+            for frame in read_view(session, camera_views[place], light.scale, light.responses[name])
         ]
         cells, noise = (np.concatenate(parts) for parts in zip(*found_cells, strict=True))
         if len(cells) >= FEWEST:
@@ -62,8 +62,8 @@ def measured(
             white = (after @ rows[:3])[None]
             change = float(np.linalg.norm(white - rows[3:]) / np.linalg.norm(rows[3]))
             matrix = as_matrix(np.concatenate([rows[:3], white]))
-            found[name] = replace(sensor, camera_from_rec709=matrix, white_change=change)
-    return found
+            updated[name] = replace(sensor, camera_from_rec709=matrix, white_change=change)
+    return updated
 
 
 def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
@@ -117,6 +117,6 @@ def mixture(cells: Array, noise: Array, before: Array) -> Array:
         # In units of what noise adds to the squares, they show which mixtures of R, G and B it hides.
         unit = np.sqrt(np.maximum((added * weight[:, None]).sum(0), 1e-6 * np.diag(squares)))
         power, axes = np.linalg.eigh(squares / np.outer(unit, unit))
-        seen = axes.T @ (weighted.T @ target / unit) / np.maximum(power - 1, 1e-9)
-        shares = axes @ np.where(power > CLEAR, seen, axes.T @ (unit * before)) / unit
+        shares_seen = axes.T @ (weighted.T @ target / unit) / np.maximum(power - 1, 1e-9)
+        shares = axes @ np.where(power > CLEAR, shares_seen, axes.T @ (unit * before)) / unit
     return shares

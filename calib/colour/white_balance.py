@@ -68,9 +68,9 @@ def estimate(
     cameras: names, in the order of `Sights.camera`; matrices: camera_from_rec709 [3, 3] of each; anchors:
     cameras whose white is known, as from a chart: theirs stays in the mean. Without any the rig's does.
     """
-    _, own = np.unique(sights.point, return_inverse=True)
+    _, track = np.unique(sights.point, return_inverse=True)
     shared = np.isin(np.arange(len(cameras)), sights.camera)
-    if len(np.unique(own)) < FEWEST_TRACKS or shared.sum() < 2:
+    if len(np.unique(track)) < FEWEST_TRACKS or shared.sum() < 2:
         reason = (
             f"fewer than {FEWEST_TRACKS} scene points are seen well, in every channel, by several cameras"
         )
@@ -120,8 +120,8 @@ def folded(
 
 def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
     """Gain of three sensitivities a camera over one in predicting held-out tracks, and its error."""
-    _, own = np.unique(sights.point, return_inverse=True)
-    fold = own % FOLDS
+    _, number = np.unique(sights.point, return_inverse=True)
+    fold = number % FOLDS
     differences = []
     for held in range(FOLDS):
         rest, test = sights.part(fold != held), sights.part(fold == held)
@@ -141,19 +141,19 @@ def _solve(sights: Sights, matrices: Array) -> tuple[Array, Array]:
     count = len(matrices)
     logs = np.zeros((count, 3))
     covariance = np.zeros((3, count, count))
-    _, own = np.unique(sights.point, return_inverse=True)
+    _, track = np.unique(sights.point, return_inverse=True)
     weight = np.ones(sights.colour.shape)
     columns = (sights.camera[:, None] == np.arange(count)).astype(np.float64)
     for _ in range(ROUNDS):
         target = _as_one_camera(sights, matrices, logs)
         for channel in range(3):
             residual = demeaned(
-                (target[:, channel] - logs[sights.camera, channel])[:, None], weight[:, channel], own
+                (target[:, channel] - logs[sights.camera, channel])[:, None], weight[:, channel], track
             )
             scale = max(robust_scale(residual), 1e-6)
             weight[:, channel] = huber_weight(residual[:, 0], HUBER * scale)
-            design = demeaned(columns, weight[:, channel], own)
-            value = demeaned(target[:, [channel]], weight[:, channel], own)[:, 0]
+            design = demeaned(columns, weight[:, channel], track)
+            value = demeaned(target[:, [channel]], weight[:, channel], track)[:, 0]
             normal = design.T @ (design * weight[:, [channel]])
             # A camera that shares no point, and the gauge of all, are left at zero.
             inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
@@ -170,21 +170,23 @@ def _as_one_camera(sights: Sights, matrices: Array, logs: Array) -> Array:
 
 def _residual(sights: Sights, matrices: Array, logs: Array) -> Array:
     """Return what the sensitivities leave between the views of each track, [N, 3]."""
-    _, own = np.unique(sights.point, return_inverse=True)
-    left = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
-    return np.stack([demeaned(left[:, [c]], np.ones(len(left)), own)[:, 0] for c in range(3)], axis=1)
+    _, track = np.unique(sights.point, return_inverse=True)
+    residual = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
+    return np.stack(
+        [demeaned(residual[:, [c]], np.ones(len(residual)), track)[:, 0] for c in range(3)], axis=1
+    )
 
 
 def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
     """ln of what each point becomes in its camera, over what it becomes in the mean camera, [N, 3]."""
-    _, own = np.unique(sights.point, return_inverse=True)
+    _, track = np.unique(sights.point, return_inverse=True)
     scene = np.linalg.solve(matrices[sights.camera], np.exp(sights.colour - logs[sights.camera])[..., None])[
         ..., 0
     ]
     # The brightness of a point drops out, so its views count alike whatever their exposure says.
     scene /= np.maximum(np.abs(scene).sum(axis=1, keepdims=True), 1e-12)
-    mean = np.stack([np.bincount(own, column) for column in scene.T], axis=1) / np.bincount(own)[:, None]
-    point = mean[own]
+    mean = np.stack([np.bincount(track, column) for column in scene.T], axis=1) / np.bincount(track)[:, None]
+    point = mean[track]
     here = np.einsum("nij,nj->ni", matrices[sights.camera], point)
     there = point @ matrices.mean(axis=0).T
     floor = 1e-3 * np.abs(point).sum(axis=1, keepdims=True)

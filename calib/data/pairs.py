@@ -35,7 +35,7 @@ def pairs_to_match(
     views = list(descriptors)
     every = list(combinations(range(len(views)), 2))
     if len(views) > ALL_PAIRS:
-        chosen = _alike([unit(own) for own in descriptors.values()])
+        chosen = _alike([unit(rows) for rows in descriptors.values()])
         chosen |= {pair for pair in every if _together(views[pair[0]], views[pair[1]], rigs)}
         every = sorted(chosen)
     return [(views[one], views[other]) for one, other in every]
@@ -69,15 +69,15 @@ def _signatures(descriptors: Sequence[Float]) -> Float:
     in Arandjelovic and Zisserman, "All about VLAD", 2013).
     """
     share = max(SAMPLE // len(descriptors), 1)
-    sample = np.concatenate([own[:: max(len(own) // share, 1)] for own in descriptors])
+    sample = np.concatenate([rows[:: max(len(rows) // share, 1)] for rows in descriptors])
     cv2.setRNGSeed(0)
     stop = (cv2.TERM_CRITERIA_COUNT, 15, 0.0)
     words = min(WORDS, len(sample))
     _, _, centres = cv2.kmeans(sample, words, None, stop, 1, cv2.KMEANS_PP_CENTERS)
     signatures = np.zeros((len(descriptors), words, sample.shape[1]), np.float32)
-    for signature, own in zip(signatures, descriptors, strict=True):
-        nearest = np.argmax(own @ centres.T - 0.5 * (centres**2).sum(axis=1), axis=1)
-        np.add.at(signature, nearest, own - centres[nearest])
+    for signature, rows in zip(signatures, descriptors, strict=True):
+        nearest = np.argmax(rows @ centres.T - 0.5 * (centres**2).sum(axis=1), axis=1)
+        np.add.at(signature, nearest, rows - centres[nearest])
         signature /= np.linalg.norm(signature, axis=1, keepdims=True) + 1e-9
     flat = signatures.reshape(len(descriptors), -1)
     return np.asarray(flat / (np.linalg.norm(flat, axis=1, keepdims=True) + 1e-9), np.float32)

@@ -122,8 +122,8 @@ def _mean_of_channels(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDAr
         known = merged.valid[rows] | merged.clipped[rows] | merged.dark[rows]
         brightness[rows] = np.where(known, merged.radiance[rows], 0.0) @ _THIRDS
         if merged.sigma is not None:
-            own = np.where(np.isfinite(merged.sigma[rows]), merged.sigma[rows], 0.0)
-            sigma[rows] = np.sqrt((own**2) @ _THIRDS / 3)
+            finite = np.where(np.isfinite(merged.sigma[rows]), merged.sigma[rows], 0.0)
+            sigma[rows] = np.sqrt((finite**2) @ _THIRDS / 3)
     return brightness, sigma
 
 

@@ -49,19 +49,19 @@ class Unfinished:
         """Return a stored result that takes seconds and much room, or None."""
         return None if self._folder is None else _read(self._file(name))
 
-    def keep_large(self, name: str, found: Arrays) -> None:
+    def keep_large(self, name: str, arrays: Arrays) -> None:
         """Keep such a thing: in a file of its own, and none of it in memory."""
         if self._folder is not None:
-            store.write_bytes(self._file(name), _written(found))
+            store.write_bytes(self._file(name), _written(arrays))
 
     def small(self, name: str) -> npt.NDArray[Any] | None:
         """Return a stored result that is one of many, or None."""
         return self._known.get(name)
 
-    def keep(self, name: str, found: npt.NDArray[Any]) -> None:
+    def keep(self, name: str, array: npt.NDArray[Any]) -> None:
         """Keep what is one of many: in memory, and written some at a time; `flush` writes the rest."""
         if name not in self._known:
-            self._known[name] = self._few[name] = found
+            self._known[name] = self._few[name] = array
             if time.monotonic() - self._since > EVERY:
                 self.flush()
 
@@ -91,7 +91,7 @@ def _written(arrays: Arrays) -> bytes:
 def _read(file: Path) -> Arrays | None:
     """None of a file that is not there, or not whole."""
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
         return None

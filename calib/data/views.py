@@ -61,7 +61,7 @@ def steady_cameras(views: Sequence[View]) -> set[str]:
     exposures: dict[str, set[tuple[Exposure | None, ...]]] = {}
     for view in views:
         exposures.setdefault(view.camera.name, set()).add(tuple(shot.exposure for shot in view.shots))
-    return {name for name, own in exposures.items() if len(own) == 1 and None not in next(iter(own))}
+    return {name for name, stated in exposures.items() if len(stated) == 1 and None not in next(iter(stated))}
 
 
 def of_one_band(views: Sequence[View]) -> list[View]:

@@ -111,23 +111,25 @@ def merge(
         factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, on_progress)
     placed = () if calibration is None else calibration.views
     developed = {view.id: view.white_balance for view in placed}
-    found = []
+    results = []
     parts = [
-        (view, out / f"{view}{suffix}.exr", own)
+        (view, out / f"{view}{suffix}.exr", band_shots)
         for view, shots in groups.items()
-        for suffix, own in _of_one_band(shots).items()
+        for suffix, band_shots in _of_one_band(shots).items()
     ]
     for done, (view, path, shots) in enumerate(parts):
         on_progress("merging", done, len(parts))
-        own = None if calibration is None else calibration.camera(view.camera)
+        band_shots = None if calibration is None else calibration.camera(view.camera)
         white = developed.get(view) if opened.camera(view.camera).kind == "ldr" else None
         scales = None if calibration is None else calibration.exposure_scale
         scale = None if calibration is None else calibration.luminance
         absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
-        found.append(merge_view(opened, path, view, shots, own, scales, space, factor, absolute, white))
+        results.append(
+            merge_view(opened, path, view, shots, band_shots, scales, space, factor, absolute, white)
+        )
     on_progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
-    return Merged(out, tuple(found), factor, calibration)
+    return Merged(out, tuple(results), factor, calibration)
 
 
 def _exposed(
@@ -135,14 +137,14 @@ def _exposed(
 ) -> dict[ViewId, list[tuple[ShotRecord, float, Response]]]:
     """Brackets with the exposure scale and the response of each shot."""
     scales = None if calibration is None else calibration.exposure_scale
-    found = {}
+    exposed = {}
     for view, shots in groups.items():
         kind = session.camera(view.camera).kind
-        own = assumed_response(kind) if calibration is None else calibration.camera(view.camera).response
+        response = assumed_response(kind) if calibration is None else calibration.camera(view.camera).response
         with suppress(InputError):  # what has no exposure tells no light, and is refused where it is merged
             k = exposure_scales(session, shots, scales)
-            found[view] = [(shot, scale, own) for shot, scale in zip(shots, k, strict=True)]
-    return found
+            exposed[view] = [(shot, scale, response) for shot, scale in zip(shots, k, strict=True)]
+    return exposed
 
 
 def _of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:

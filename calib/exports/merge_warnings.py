@@ -40,9 +40,9 @@ def _mislabelled(frames: Sequence[LinearFrame]) -> float | None:
     overlap.
     """
     ordered = sorted(frames, key=lambda frame: frame.k)
-    found = []
+    departures = []
     for shorter, longer in pairwise(ordered):
         edge = ratio([overlap(longer, shorter)])
         if edge is not None:
-            found.append(abs(edge.log - float(np.log(longer.k / shorter.k))))
-    return max(found, default=None)
+            departures.append(abs(edge.log - float(np.log(longer.k / shorter.k))))
+    return max(departures, default=None)

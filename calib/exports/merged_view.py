@@ -109,8 +109,8 @@ def merge_view(
     picture = picture_of(best, frames[0].cfa, camera, space, white_balance)
     moved = alignment.shifts(told_by)
     shift = max((one.size for one in moved), default=None)
-    seen = picture.mask if behind is None or behind.all() else picture.mask[~behind]
-    clipped, dark, ghost = (float(np.mean(seen & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
+    shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
+    clipped, dark, ghost = (float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
     hidden = 0.0 if behind is None else float(behind.mean())
     shares = (clipped, dark, ghost)
     warnings = warnings_of(told_by, shares, shift, check_labels=scales is None)
@@ -150,16 +150,16 @@ def _masked(
     empty).
     """
     counts = [mask_of(session, shot, *frames[0].signal.shape[:2]) for shot in shots]
-    seen = [without(frame, own) for frame, own in zip(frames, counts, strict=True)]
-    masks = [own for own in counts if own is not None]
+    visible = [without(frame, counted) for frame, counted in zip(frames, counts, strict=True)]
+    masks = [counted for counted in counts if counted is not None]
     if not masks:
-        return list(frames), seen, None
+        return list(frames), visible, None
     hidden = ~np.logical_or.reduce(masks) if len(masks) == len(counts) else np.zeros(masks[0].shape, bool)
     merged = [
-        without(frame, None if own is None else own | hidden)
-        for frame, own in zip(frames, counts, strict=True)
+        without(frame, None if counted is None else counted | hidden)
+        for frame, counted in zip(frames, counts, strict=True)
     ]
-    return merged, seen, hidden
+    return merged, visible, hidden
 
 
 def assumed_response(kind: str) -> Response:

@@ -79,11 +79,11 @@ class PointColours:
         """Add the points' colours in the model's image of this name."""
         height, width = shown.shape[:2]
         image = self.model.find_image_with_name(name)
-        for seen in image.points2D if image is not None else ():
-            if seen.has_point3D():
-                x, y = np.ravel(seen.xy).astype(int)
+        for observation in image.points2D if image is not None else ():
+            if observation.has_point3D():
+                x, y = np.ravel(observation.xy).astype(int)
                 code = shown[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
-                self.sums.setdefault(seen.point3D_id, np.zeros(4))[:] += (*code, 1)
+                self.sums.setdefault(observation.point3D_id, np.zeros(4))[:] += (*code, 1)
 
     def apply(self) -> None:
         """Give every point that was seen its mean colour."""

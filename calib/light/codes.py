@@ -105,8 +105,8 @@ def sample(exposures: Sequence[Patches], log_k: Array, count: int) -> Samples:
 
 def _over_exposures(values: npt.NDArray[np.floating]) -> Array:
     """Mean [h, w] of values [S, h, w] over the exposures that no mask hides; 0 where all are."""
-    seen = np.isfinite(values)
-    return np.asarray(np.where(seen, values, 0.0).sum(0) / np.maximum(seen.sum(0), 1), np.float64)
+    finite = np.isfinite(values)
+    return np.asarray(np.where(finite, values, 0.0).sum(0) / np.maximum(finite.sum(0), 1), np.float64)
 
 
 def pedestal(codes: Array, log_k: Array) -> float:
@@ -122,14 +122,14 @@ def pedestal(codes: Array, log_k: Array) -> float:
     pairs = np.isfinite(long) & np.isfinite(short) & (apart > 0.2)
     rise = np.log(np.maximum(long, 1.0) / np.maximum(short, 1.0))[pairs] / np.minimum(apart[pairs], 2.0)
     level = long[pairs]
-    found = 0.0
+    base = 0.0
     for low in range(0, 128, 2):
         here = rise[(level >= low) & (level < low + 2)]
         if len(here) >= 20 and np.median(here) > FLATTEST:
             break
         if len(here) >= 20:
-            found = low + 2.0
-    return found
+            base = low + 2.0
+    return base
 
 
 def _evenly(level: Array, sites: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:

@@ -106,15 +106,17 @@ def sights_of(
     usable: dict[ViewId, npt.NDArray[np.bool_]] = {}
     for view, colour in colours.items():
         usable[view] = np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in photographs)
-    seen = sightings(model, usable)
-    light = seen.values(colours)
+    observations = sightings(model, usable)
+    light = observations.values(colours)
     if falloff is not None:
-        names = [view.camera for view in seen.views]
-        terms = np.array([falloff.vignetting[name] for name in names])[seen.view]
-        fall = light_left(terms, seen.radius)
-        gain = np.array([falloff.gain[name] for name in names])[seen.view]
+        names = [view.camera for view in observations.views]
+        terms = np.array([falloff.vignetting[name] for name in names])[observations.view]
+        fall = light_left(terms, observations.radius)
+        gain = np.array([falloff.gain[name] for name in names])[observations.view]
         light -= np.log(np.maximum(fall, DARKEST) * gain)[:, None]
-    return PhotographSights(seen.point, seen.view, light, seen.direction, seen.region), seen.views
+    return PhotographSights(
+        observations.point, observations.view, light, observations.direction, observations.region
+    ), observations.views
 
 
 def estimate(
@@ -234,12 +236,14 @@ class _Trial:
         gains = np.concatenate(differences) if differences else np.zeros(2)
         error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
         rung = Rung.judged(name, float(gains.mean()), error, UNIT, reason, 3 * self.count, ONE_OF_SEVERAL)
-        left, where = self._left_over(simple, freer)
-        if left is None:
+        remaining, where = self._left_over(simple, freer)
+        if remaining is None:
             few = f"{reason}; too few points of each region are in two photographs to tell it from sheen"
             return rung.model_copy(update={"taken": False, "reason": few})
-        explained = f"{reason}, which leaves {100 * left:.0f} % of what regions differ by between {where}"
-        return rung.model_copy(update={"taken": rung.taken and left <= LEFT_OVER, "reason": explained})
+        explained = (
+            f"{reason}, which leaves {100 * remaining:.0f} % of what regions differ by between {where}"
+        )
+        return rung.model_copy(update={"taken": rung.taken and remaining <= LEFT_OVER, "reason": explained})
 
     def _left_over(self, simple: _Reading, freer: _Reading) -> tuple[float | None, str]:
         """Return what is left of the differences of held-out regions between photographs, and between which.
@@ -249,9 +253,9 @@ class _Trial:
         for one_side, where in ((True, "views of one side"), (False, "all views")):
             before, after = list[Array](), list[Array]()
             for test, near, logs in self.folds:
-                seen = near if one_side else test
-                before += _medians(seen, _residual(seen, simple(logs)), self.count)
-                after += _medians(seen, _residual(seen, freer(logs)), self.count)
+                chosen = near if one_side else test
+                before += _medians(chosen, _residual(chosen, simple(logs)), self.count)
+                after += _medians(chosen, _residual(chosen, freer(logs)), self.count)
             if len(before) >= FEWEST_MEDIANS:
                 # Only what the freer reading is freer by.
                 sizes = [np.median(np.abs(freer(m) - simple(m))) for m in map(np.array, (before, after))]
@@ -271,8 +275,8 @@ def _medians(sights: PhotographSights, residual: Array, count: int) -> list[Arra
 
 def _shared(sights: PhotographSights) -> PhotographSights:
     """The points that two photographs see or more."""
-    _, point, seen = np.unique(sights.point, return_inverse=True, return_counts=True)
-    return sights.part(seen[point] >= 2)
+    _, point, counts = np.unique(sights.point, return_inverse=True, return_counts=True)
+    return sights.part(counts[point] >= 2)
 
 
 def _solved(sights: PhotographSights, count: int) -> Array:
@@ -287,8 +291,8 @@ def _solved(sights: PhotographSights, count: int) -> Array:
             cross = sparse.coo_matrix((weight, (point, sights.view)), (points, count)).tocsr()
             total = np.bincount(point, weight, points)
             share = sparse.diags(1 / np.maximum(total, 1e-12)) @ cross
-            own = np.bincount(sights.view, weight, count)
-            normal = np.diag(own) - (cross.T @ share).toarray()
+            diagonal = np.bincount(sights.view, weight, count)
+            normal = np.diag(diagonal) - (cross.T @ share).toarray()
             right = np.bincount(sights.view, weight * value, count)
             right -= share.T @ np.bincount(point, weight * value, points)
             # A photograph that shares no point, and the gauge of all, are left at zero.
@@ -296,14 +300,16 @@ def _solved(sights: PhotographSights, count: int) -> Array:
             left = value - logs[sights.view, channel]
             left -= (np.bincount(point, weight * left, points) / np.maximum(total, 1e-12))[point]
             weight = huber_weight(left, HUBER * max(robust_scale(left), 1e-6))
-    seen = np.bincount(sights.view, minlength=count) > 0
-    logs[seen] -= logs[seen].mean(axis=0)
+    observed = np.bincount(sights.view, minlength=count) > 0
+    logs[observed] -= logs[observed].mean(axis=0)
     return logs
 
 
 def _residual(sights: PhotographSights, logs: Array) -> Array:
     """Return what is left between the photographs of each point, [N, 3]."""
     _, point = np.unique(sights.point, return_inverse=True)
-    left = sights.colour - logs[sights.view]
-    middle = np.stack([np.bincount(point, column) for column in left.T], axis=1) / np.bincount(point)[:, None]
-    return np.asarray(left - middle[point])
+    residual = sights.colour - logs[sights.view]
+    middle = (
+        np.stack([np.bincount(point, column) for column in residual.T], axis=1) / np.bincount(point)[:, None]
+    )
+    return np.asarray(residual - middle[point])

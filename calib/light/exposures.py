@@ -94,13 +94,13 @@ def estimate(session: Session, views: Sequence[View], progress: Progress) -> Exp
         progress("comparing exposures", done, len(parts))
         done += 1
 
-    for key, own in by_camera.items():
-        steps = _measure(session, own, step)
-        result = _solve(steps, list(own))
+    for key, camera_views in by_camera.items():
+        steps = _measure(session, camera_views, step)
+        result = _solve(steps, list(camera_views))
         if result is None:
             continue
         solved[key] = result
-        for frame, view in own.items():
+        for frame, view in camera_views.items():
             for shot in view.shots:
                 scale[shot.file] = float(np.exp(result.scale[frame, _key(shot)]))
     lines = {name: result.linearity for (name, _), result in solved.items() if result.linearity is not None}
@@ -112,13 +112,13 @@ def _key(shot: ShotRecord) -> Key:
     return float(shot.step) if shot.exposure is None else round(float(np.log(shot.exposure.scale)), 6)
 
 
-def _measure(session: Session, own: Mapping[int, View], step: Callable[[], None]) -> _Steps:
+def _measure(session: Session, views: Mapping[int, View], step: Callable[[], None]) -> _Steps:
     """Overlaps of every pair of steps; where a label lacks, the brightness of the image stands in."""
-    known = all(shot.exposure is not None for view in own.values() for shot in view.shots)
+    known = all(shot.exposure is not None for view in views.values() for shot in view.shots)
     labels: dict[Key, float] = {}
     brightness: dict[Key, list[float]] = {}
     overlaps: dict[tuple[Key, Key], list[tuple[int, Overlap]]] = {}
-    for frame, view in own.items():
+    for frame, view in views.items():
         step()
         steps = {_key(shot): shot for shot in view.shots}
         if known:
@@ -148,7 +148,7 @@ def _brightness(frame: LinearFrame) -> float:
 
 def _solve(steps: _Steps, frames: Sequence[int]) -> _Solved | None:
     """Scales of one camera; None where no two exposures share enough photosites."""
-    edges = {pair: ratio([o for _, o in found]) for pair, found in steps.overlaps.items()}
+    edges = {pair: ratio([o for _, o in overlaps]) for pair, overlaps in steps.overlaps.items()}
     pooled = {pair: edge for pair, edge in edges.items() if edge is not None}
     if not pooled:
         return None
@@ -158,16 +158,16 @@ def _solve(steps: _Steps, frames: Sequence[int]) -> _Solved | None:
     value = dict(zip(keys, values.tolist(), strict=True))
     scale = {(frame, key): value[key] for frame in frames for key in keys}
     alone: dict[int, dict[tuple[Key, Key], Ratio]] = {}
-    for pair, found in steps.overlaps.items():
-        for frame, one in found:
+    for pair, overlaps in steps.overlaps.items():
+        for frame, one in overlaps:
             edge = ratio([one]) if pair in pooled else None
             if edge is not None:
                 alone.setdefault(frame, {})[pair] = edge
     scatter, significant = _scatter(alone, value)
     per_shot = significant and scatter is not None and scatter > JITTER
     if per_shot and scatter is not None:
-        for frame, own in alone.items():
-            own_values, _ = solve(values, _indexed(own, keys), scatter)
+        for frame, edges_alone in alone.items():
+            own_values, _ = solve(values, _indexed(edges_alone, keys), scatter)
             scale |= {(frame, key): float(v) for key, v in zip(keys, own_values, strict=True)}
     stated = [
         (steps.labels[pair[0]] - steps.labels[pair[1]], [one for _, one in steps.overlaps[pair]])
@@ -194,14 +194,14 @@ def _scatter(
     """Scatter of the frames' own ratios beyond their errors, natural log, and whether it is significant."""
     departures = [
         (edge.log - (value[a] - value[b]), edge.error)
-        for own in alone.values()
-        for (a, b), edge in own.items()
+        for edges in alone.values()
+        for (a, b), edge in edges.items()
     ]
     if len(alone) < 3:
         return None, False
-    found = np.array(departures)
-    excess = float(np.mean(found[:, 0] ** 2 - found[:, 1] ** 2))
-    whitened = float(np.mean((found[:, 0] / found[:, 1]) ** 2))
+    departed = np.array(departures)
+    excess = float(np.mean(departed[:, 0] ** 2 - departed[:, 1] ** 2))
+    whitened = float(np.mean((departed[:, 0] / departed[:, 1]) ** 2))
     return float(np.sqrt(max(excess, 0.0))), whitened > 2.0
 
 

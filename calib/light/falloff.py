@@ -54,8 +54,8 @@ class Tracks:
         """Split the points by the group of the cameras, as many as `camera` counts, that see them: those that
         look through different filters see different light.
         """
-        own = np.array(groups, np.int64)[self.camera]
-        return replace(self, point=self.point * (max(groups, default=0) + 1) + own)
+        group = np.array(groups, np.int64)[self.camera]
+        return replace(self, point=self.point * (max(groups, default=0) + 1) + group)
 
     def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
         """The observations that `keep` [N] names."""
@@ -94,9 +94,9 @@ class Fit:
 def track_losses(tracks: Tracks, fit: Fit, terms: Terms, scale: float) -> Array:
     """Mean Huber loss of each track under a fit."""
     residual = _residual(tracks, fit, terms)
-    _, own = np.unique(tracks.point, return_inverse=True)
-    loss = huber_loss(demeaned(residual[:, None], np.ones(len(residual)), own)[:, 0] / scale, HUBER)
-    return np.asarray(np.bincount(own, loss) / np.bincount(own))
+    _, track = np.unique(tracks.point, return_inverse=True)
+    loss = huber_loss(demeaned(residual[:, None], np.ones(len(residual)), track)[:, 0] / scale, HUBER)
+    return np.asarray(np.bincount(track, loss) / np.bincount(track))
 
 
 def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
@@ -107,12 +107,12 @@ def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
     """
     lenses = max(terms.lenses, default=-1) + 1
     fit = Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
-    _, own = np.unique(tracks.point, return_inverse=True)
-    weight = np.ones(len(own))
+    _, track = np.unique(tracks.point, return_inverse=True)
+    weight = np.ones(len(track))
     powers = radial_powers(tracks.radius) @ FROM_SLOPES.T
     lens = np.array(terms.lenses or [0] * cameras)[tracks.camera]
     for _ in range(ROUNDS):
-        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, own)[:, 0]
+        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, track)[:, 0]
         scale = max(robust_scale(residual), 1e-6)
         weight = huber_weight(residual, HUBER * scale)
         columns = []
@@ -123,13 +123,13 @@ def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
             columns.append((tracks.camera[:, None] == np.arange(cameras)).astype(np.float64))
         if not columns:
             return Fit(fit.polynomials, fit.log_gain, scale)
-        design = demeaned(np.concatenate(columns, axis=1), weight, own)
-        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, own)[:, 0]
+        design = demeaned(np.concatenate(columns, axis=1), weight, track)
+        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, track)[:, 0]
         normal = design.T @ (design * weight[:, None])
         # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
         normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
         step = _falling(normal, design.T @ (weight * residual), fit.polynomials)
-        taken = _stepped(tracks, replace(fit, scale=scale), terms, step, weight, own)
+        taken = _stepped(tracks, replace(fit, scale=scale), terms, step, weight, track)
         if taken is None:
             return replace(fit, scale=scale)
         fit = taken
@@ -151,13 +151,13 @@ def _falling(normal: Array, right: Array, polynomials: Array) -> Array:
 
 
 def _stepped(
-    tracks: Tracks, fit: Fit, terms: Terms, step: Array, weight: Array, own: npt.NDArray[np.int64]
+    tracks: Tracks, fit: Fit, terms: Terms, step: Array, weight: Array, track: npt.NDArray[np.int64]
 ) -> Fit | None:
     """The fit after a step that is halved until it does no harm; None if it always does."""
 
     def cost(one: Fit) -> float:
         return float(
-            (weight * demeaned(_residual(tracks, one, terms)[:, None], weight, own)[:, 0] ** 2).sum()
+            (weight * demeaned(_residual(tracks, one, terms)[:, None], weight, track)[:, 0] ** 2).sum()
         )
 
     numbers, before = fit.polynomials.size, cost(fit)
@@ -189,8 +189,8 @@ def log_light(fit: Fit, terms: Terms) -> Array:
 def _falloff(tracks: Tracks, fit: Fit, terms: Terms) -> Array:
     if not terms.lenses:
         return np.ones(len(tracks.radius))
-    own = fit.polynomials[np.array(terms.lenses)[tracks.camera]]
-    return light_left(own, tracks.radius)
+    polynomials = fit.polynomials[np.array(terms.lenses)[tracks.camera]]
+    return light_left(polynomials, tracks.radius)
 
 
 def _residual(tracks: Tracks, fit: Fit, terms: Terms) -> Array:
@@ -209,10 +209,12 @@ def light_left(polynomials: Array, radius: Array) -> Array:
     return np.asarray(1.0 + square * (second + square * (fourth + square * sixth)))
 
 
-def demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:
-    """Values [N, C] less the weighted mean of their track; own: its number, of each value [N]."""
-    total = np.bincount(own, weight)
-    left = np.empty(values.shape)
+def demeaned(values: Array, weight: Array, track: npt.NDArray[np.int64]) -> Array:
+    """Values [N, C] less the weighted mean of their track; track: its number, of each value [N]."""
+    total = np.bincount(track, weight)
+    residual = np.empty(values.shape)
     for column in range(values.shape[1]):
-        left[:, column] = values[:, column] - (np.bincount(own, weight * values[:, column]) / total)[own]
-    return left
+        residual[:, column] = (
+            values[:, column] - (np.bincount(track, weight * values[:, column]) / total)[track]
+        )
+    return residual

@@ -45,12 +45,12 @@ def measure_light(session: Session, views: Sequence[View], progress: Progress) -
     measured = False
     raw = [view for view in views if view.camera.kind == "raw"]
     if raw:
-        found = exposures.estimate(session, raw, progress)
-        scale |= found.scale
+        estimated = exposures.estimate(session, raw, progress)
+        scale |= estimated.scale
         for name in {view.camera.name for view in raw}:
-            responses[name] = _linear(found.linearity.get(name), found.powers.get(name))
-        rungs += [*found.rungs, _straight(found.linearity), *_left_on(found.powers)]
-        measured = found.measured
+            responses[name] = _linear(estimated.linearity.get(name), estimated.powers.get(name))
+        rungs += [*estimated.rungs, _straight(estimated.linearity), *_left_on(estimated.powers)]
+        measured = estimated.measured
     for view in views:
         if view.camera.kind == "hdr":
             responses[view.camera.name] = Response(kind="linear", evidence="EXR, taken as linear radiance")
@@ -173,19 +173,19 @@ def _developed(
     parts = _samples(session, views, labels, progress)
     if not parts:
         return response.estimate(sample_tracks(session, views, labels, progress)), labels
-    estimate = response.estimate(Samples.joined([own for _, own in parts]))
+    estimate = response.estimate(Samples.joined([samples for _, samples in parts]))
     if len(parts) < 2 or estimate.response.residual is None:
         return estimate, labels
     right, corrections, corrected = dict(labels), [], []
-    for view, own in parts:
-        log_k = own.log_k.copy()
-        for column, away in enumerate(departures(own, estimate.response, estimate.shift).tolist()):
+    for view, samples in parts:
+        log_k = samples.log_k.copy()
+        for column, away in enumerate(departures(samples, estimate.response, estimate.shift).tolist()):
             if abs(away) > WRONG:
                 file = view.shots[column].file
                 label = _nearest(labels[file] * float(np.exp(away)), list(labels.values()))
                 log_k[:, column], right[file] = np.log(label), label
                 corrections.append(f"the exposure of {file} is {label / labels[file]:.2g} times its label")
-        corrected.append(replace(own, log_k=log_k))
+        corrected.append(replace(samples, log_k=log_k))
     if not corrections:
         return estimate, labels
     estimate = response.estimate(Samples.joined(corrected))
@@ -229,5 +229,5 @@ def _trained_on(session: Session, views: Sequence[View]) -> list[View]:
     if split is None:
         return list(views)
     used = set(split.train)
-    kept = [replace(view, shots=tuple(shot for shot in view.shots if shot.file in used)) for view in views]
-    return [view for view in kept if view.shots]
+    trained = [replace(view, shots=tuple(shot for shot in view.shots if shot.file in used)) for view in views]
+    return [view for view in trained if view.shots]

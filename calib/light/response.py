@@ -159,8 +159,8 @@ def estimate(samples: Samples | None) -> Estimate:
     # What the preference for a simple curve may hide: how far the keenest of its kind is from it.
     others = fit(channels, rival.shape, noise, labels_hold=not freed)
     sigmas = tuple(
-        tuple(np.hypot(own, model.curve(NODES) - other.curve(NODES)).round(6).tolist())
-        for own, model, other in zip(sigma, fitted, others, strict=True)
+        tuple(np.hypot(deviation, model.curve(NODES) - other.curve(NODES)).round(6).tolist())
+        for deviation, model, other in zip(sigma, fitted, others, strict=True)
     )
     return Estimate(response.model_copy(update={"sigma": sigmas}), tuple(rungs), shift)
 
@@ -270,8 +270,8 @@ def held_out(
             continue
         models = fit(training, shape, noise, labels_hold=labels_hold)
         rises &= all(model.rises() for model in models)
-        for channel, model, own in zip(testing, models, noise, strict=True):
-            sigma = own.of(channel)
+        for channel, model, codes_noise in zip(testing, models, noise, strict=True):
+            sigma = codes_noise.of(channel)
             owner = channel.group[channel.site]
             loss = huber_loss(model.residuals(channel, sigma) / sigma, HUBER)
             losses += np.bincount(owner, weights=loss, minlength=groups)

@@ -39,11 +39,11 @@ def standard_errors(
     rng = np.random.Generator(np.random.PCG64(0x8E5))
     groups = np.unique(np.concatenate([channel.group for channel in channels]))
     blocks = [
-        [_equations(channel, model, own, group) for group in groups]
-        for channel, model, own in zip(channels, models, noise, strict=True)
+        [_equations(channel, model, channel_noise, group) for group in groups]
+        for channel, model, channel_noise in zip(channels, models, noise, strict=True)
     ]
-    normals = [np.stack([block.normal for block in own]) for own in blocks]
-    rights = [np.stack([block.right for block in own]) for own in blocks]
+    normals = [np.stack([block.normal for block in channel_noise]) for channel_noise in blocks]
+    rights = [np.stack([block.right for block in channel_noise]) for channel_noise in blocks]
     labels = channels[0].steps
     trust = np.full(len(labels), FIRM) if labels_hold else label_trust(labels, models[0].shift)
     drawn = []

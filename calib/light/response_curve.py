@@ -199,17 +199,17 @@ def channel_of(samples: Samples, index: int) -> Channel:
     darkest = np.where(used, samples.log_k, np.inf).min(1)
     used &= (brightest - darkest > 0.05)[:, None]
     rows, column = np.nonzero(used)
-    kept, site = np.unique(rows, return_inverse=True)
+    chosen, site = np.unique(rows, return_inverse=True)
     steps = np.unique(samples.log_k.round(6))
     step = np.searchsorted(steps, samples.log_k[rows, column].round(6))
-    return Channel(code[rows, column], step, site, samples.group[kept], steps)
+    return Channel(code[rows, column], step, site, samples.group[chosen], steps)
 
 
 def fit(
     channels: Sequence[Channel], shape: Shape, noise: Sequence[CodeNoise], *, labels_hold: bool = False
 ) -> list[CurveModel]:
     """The curves of the channels, robustly; the exposures are common to them, free or those of the labels."""
-    sigmas = [own.of(channel) for channel, own in zip(channels, noise, strict=True)]
+    sigmas = [channel_noise.of(channel) for channel, channel_noise in zip(channels, noise, strict=True)]
     shift = np.zeros(len(channels[0].steps))
     models = [CurveModel(shape, shape.start, shift) for _ in channels]
     trust = np.full(len(shift), FIRM if labels_hold else 1.0)
@@ -240,12 +240,12 @@ def moved(
     count = free * len(models) + steps
     normal, right = np.zeros((count, count)), np.zeros(count)
     for index, (model, part) in enumerate(zip(models, parts, strict=True)):
-        own = np.r_[index * free : (index + 1) * free]
-        columns = np.r_[own, count - steps : count]
+        shape_columns = np.r_[index * free : (index + 1) * free]
+        columns = np.r_[shape_columns, count - steps : count]
         normal[np.ix_(columns, columns)] += part.normal
         right[columns] += part.right
-        normal[np.ix_(own, own)] += shape.penalty
-        right[own] -= shape.penalty @ model.theta
+        normal[np.ix_(shape_columns, shape_columns)] += shape.penalty
+        right[shape_columns] -= shape.penalty @ model.theta
     prior = np.diag(trust) / LABEL_SIGMA**2 + _gauge(labels, trust)
     normal[count - steps :, count - steps :] += prior
     right[count - steps :] -= prior @ shift

@@ -42,10 +42,10 @@ def stated_by(session: Session, views: Sequence[View]) -> Stated:
     for view in views:
         if view.camera.kind == "ldr":
             by_camera.setdefault(view.camera.name, []).append(view)
-    for name, own in by_camera.items():
-        if said := _exposure(own):
+    for name, views_of in by_camera.items():
+        if said := _exposure(views_of):
             exposure[name] = said
-        files = [read_metadata(session.file(shot)) for view in own for shot in view.shots]
+        files = [read_metadata(session.file(shot)) for view in views_of for shot in view.shots]
         if said := _white_balance(files):
             white_balance[name] = said
     return Stated(exposure, white_balance)

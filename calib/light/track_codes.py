@@ -64,13 +64,13 @@ def sample_tracks(
         small = _reduced(pixels)
         picture = preview(merge_bracket([from_codes(small, labels[shot.file], GUESS)]))
         height, width = picture.shape
-        found = extract(picture)
+        extracted = extract(picture)
         counts = mask_of(session, shot, *pixels.shape[:2])
         if counts is not None:
-            found = unmasked(found, counts, width, height)
-        features.append(found)
-        codes.append(_codes_at(pixels, found.points * pixels.shape[1] / width, counts))
-        column, row = np.clip(found.points * CELLS / (width, height), 0, CELLS - 1).astype(np.int64).T
+            extracted = unmasked(extracted, counts, width, height)
+        features.append(extracted)
+        codes.append(_codes_at(pixels, extracted.points * pixels.shape[1] / width, counts))
+        column, row = np.clip(extracted.points * CELLS / (width, height), 0, CELLS - 1).astype(np.int64).T
         cells.append((len(cells) * CELLS + row) * CELLS + column)
     tracks = _tracks(features, progress)
     if not tracks:
@@ -106,16 +106,18 @@ def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | Non
     scaled = 255.0 * pixels
     rows = np.clip(points[:, 1].astype(int), 0, pixels.shape[0] - 1)
     columns = np.clip(points[:, 0].astype(int), 0, pixels.shape[1] - 1)
-    seen = None if counts is None else ndimage.minimum_filter(counts, size)[rows, columns]
-    found = np.empty((len(points), 3))
+    unmasked_there = None if counts is None else ndimage.minimum_filter(counts, size)[rows, columns]
+    codes = np.empty((len(points), 3))
     for channel in range(3):
         plane = scaled[..., channel]
         mean = ndimage.uniform_filter(plane, size)[rows, columns]
         low = ndimage.minimum_filter(plane, size)[rows, columns]
         high = ndimage.maximum_filter(plane, size)[rows, columns]
         inside = (mean >= LOWEST) & (low >= CLIPPED[0]) & (mean <= HIGHEST) & (high <= CLIPPED[1])
-        found[:, channel] = np.where(inside if seen is None else inside & seen, mean, np.nan)
-    return found
+        codes[:, channel] = np.where(
+            inside if unmasked_there is None else inside & unmasked_there, mean, np.nan
+        )
+    return codes
 
 
 def _agreeing(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> Bool:
@@ -129,7 +131,7 @@ def _agreeing(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) ->
 
 def _tracks(features: Sequence[Features], progress: Progress) -> list[list[tuple[int, int]]]:
     """Features of several views that are one point: lists of (view, feature), one feature a view."""
-    first = np.cumsum([0, *(len(own.points) for own in features)])
+    first = np.cumsum([0, *(len(of_view.points) for of_view in features)])
     parent = np.arange(first[-1])
 
     def root(node: int) -> int:
@@ -153,8 +155,8 @@ def _tracks(features: Sequence[Features], progress: Progress) -> list[list[tuple
             parent[root(int(first[a] + i))] = root(int(first[b] + j))
     progress("matching", len(pairs), len(pairs))
     members: dict[int, list[tuple[int, int]]] = {}
-    for view, own in enumerate(features):
-        for index in range(len(own.points)):
+    for view, of_view in enumerate(features):
+        for index in range(len(of_view.points)):
             members.setdefault(root(int(first[view] + index)), []).append((view, index))
     return [
         track

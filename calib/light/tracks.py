@@ -45,8 +45,8 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     an edge, where a single pixel says more about its place than about its brightness."""
     if merged.radiance.ndim == 2:
         assert merged.cfa is not None
-        seen, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
-        rgb, known = balanced(seen, None), np.asarray(each.all(axis=-1))
+        interpolated, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
+        rgb, known = balanced(interpolated, None), np.asarray(each.all(axis=-1))
         step, window = 1, WINDOW
     else:
         step = max(merged.radiance.shape[1] // WINDOWS // WINDOW, 1)
@@ -156,13 +156,13 @@ class Sightings:
         """Gather the values that views hold of each of their features, [K] or [K, C], at the observed ones:
         [N, ...].
         """
-        seen = self.views[self.view[0]] if len(self.view) else next(iter(of_features))
-        found = np.empty((len(self.point), *of_features[seen].shape[1:]))
+        first_view = self.views[self.view[0]] if len(self.view) else next(iter(of_features))
+        values = np.empty((len(self.point), *of_features[first_view].shape[1:]))
         for number, view in enumerate(self.views):
             rows = self.view == number
             if rows.any():
-                found[rows] = of_features[view][self.feature[rows]]
-        return found
+                values[rows] = of_features[view][self.feature[rows]]
+        return values
 
 
 def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]]) -> Sightings:
@@ -189,11 +189,19 @@ def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]])
     direction = np.array(towards, np.float64).reshape(-1, 3)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     point, view, feature = table[:, :3].astype(np.int64).T
-    seen = np.bincount(point, minlength=1)[point] >= 2
-    shared, own = np.unique(point[seen], return_inverse=True)
+    shared_rows = np.bincount(point, minlength=1)[point] >= 2
+    shared, place_of = np.unique(point[shared_rows], return_inverse=True)
     places = np.array([model.reconstruction.points3D[index].xyz for index in order])[shared]
-    region = regions_of(places.reshape(-1, 3))[own]
-    return Sightings(views, point[seen], view[seen], feature[seen], table[seen, 3], direction[seen], region)
+    region = regions_of(places.reshape(-1, 3))[place_of]
+    return Sightings(
+        views,
+        point[shared_rows],
+        view[shared_rows],
+        feature[shared_rows],
+        table[shared_rows, 3],
+        direction[shared_rows],
+        region,
+    )
 
 
 def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
@@ -202,10 +210,15 @@ def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Se
     brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
     `Tracks.camera` counts.
     """
-    seen = sightings(model, {view: np.isfinite(values) for view, values in brightness.items()})
-    camera = np.array([cameras.index(view.camera) for view in seen.views], np.int64)
+    observations = sightings(model, {view: np.isfinite(values) for view, values in brightness.items()})
+    camera = np.array([cameras.index(view.camera) for view in observations.views], np.int64)
     return Tracks(
-        seen.point, camera[seen.view], seen.radius, seen.values(brightness), seen.direction, seen.region
+        observations.point,
+        camera[observations.view],
+        observations.radius,
+        observations.values(brightness),
+        observations.direction,
+        observations.region,
     )
 
 

@@ -18,12 +18,12 @@ def by_side(point: Index, direction: Array) -> Index:
     next.
     """
     side = np.full(len(point), -1, np.int64)
-    left, begun = np.arange(len(point)), 0
-    while len(left):
-        points, first, own = np.unique(point[left], return_index=True, return_inverse=True)
-        cosine = (direction[left] * direction[left[first]][own]).sum(1)
+    remaining, begun = np.arange(len(point)), 0
+    while len(remaining):
+        points, first, group = np.unique(point[remaining], return_index=True, return_inverse=True)
+        cosine = (direction[remaining] * direction[remaining[first]][group]).sum(1)
         near = cosine >= np.cos(np.radians(ASIDE))
         near[first] = True  # whatever rounding does
-        side[left[near]] = begun + own[near]
-        left, begun = left[~near], begun + len(points)
+        side[remaining[near]] = begun + group[near]
+        remaining, begun = remaining[~near], begun + len(points)
     return side

@@ -121,19 +121,19 @@ def estimate(
     }
     refused = {"vignetting": "falloff" in without, "camera_gain": "gain" in without}
     rungs += [Rung(name=name, taken=False, reason=ASKED) for name in taller if refused[name]]
-    taller = {name: own for name, own in taller.items() if not refused[name]}
+    taller = {name: trial for name, trial in taller.items() if not refused[name]}
     if count == 1:
         taller.pop("camera_gain", None)
     for name in sorted(taller, key=lambda name: -_gain(tracks, none, taller[name][0], count)[0]):
-        own, what = taller[name]
-        climb(name, Terms(terms.lenses or own.lenses, terms.gains or own.gains), what)
+        trial, what = taller[name]
+        climb(name, Terms(terms.lenses or trial.lenses, terms.gains or trial.gains), what)
     if terms.lenses and count > len(groups):
         climb("vignetting_each_camera", Terms(tuple(range(count)), terms.gains), "a falloff for each camera")
-    found = fit_terms(tracks, terms, count)
+    fitted = fit_terms(tracks, terms, count)
     vignetting = nothing.vignetting
     if terms.lenses:
-        vignetting = {name: _row(found.polynomials[terms.lenses[i]]) for i, name in enumerate(cameras)}
-    gain = {name: float(np.exp(found.log_gain[i])) for i, name in enumerate(cameras)}
+        vignetting = {name: _row(fitted.polynomials[terms.lenses[i]]) for i, name in enumerate(cameras)}
+    gain = {name: float(np.exp(fitted.log_gain[i])) for i, name in enumerate(cameras)}
     return Falloff(vignetting, gain, tuple(rungs))
 
 
@@ -188,11 +188,11 @@ def _shines(tracks: Tracks, terms: Terms, cameras: int) -> tuple[Rung, Tracks] |
         out = fold == held
         if not (out & twice).any() or not (~out & twice).any():
             continue
-        whole, own = (
+        whole, by_side_tracks = (
             fit_terms(part, terms, cameras) for part in (tracks.part(~out), near.part(~out & twice))
         )
         test = near.part(out & twice)
-        losses = [track_losses(test, fit, terms, own.scale) for fit in (whole, own)]
+        losses = [track_losses(test, fit, terms, by_side_tracks.scale) for fit in (whole, by_side_tracks)]
         differences.append(_by_region(test, losses[0] - losses[1]))
     gain, error = _mean_and_error(differences)
     rung = Rung.judged(

@@ -136,11 +136,11 @@ def _luminance(
     means, variances = np.zeros((4, 3)), np.zeros((4, 3))
     noise, curve = np.zeros(3), np.zeros(3)
     for channel in range(3):
-        own = known & (channels == channel) if channels is not None else known[..., channel]
+        valid = known & (channels == channel) if channels is not None else known[..., channel]
         plane = slice(None) if channels is not None else channel
         values = light[..., plane]
         for part in range(4):
-            sites = own & (quarter == part)
+            sites = valid & (quarter == part)
             if sites.sum() < FEWEST:
                 raise CalibrationError(
                     f"{place} is too small: mark an even area of {4 * FEWEST} pixels or more of every "
@@ -151,8 +151,8 @@ def _luminance(
             variances[part, channel] = chosen.var(ddof=1) / len(chosen)
         sigmas = merged.sigma, total.sigma
         if sigmas[0] is not None and sigmas[1] is not None:
-            alone, both = (one[..., plane][own].astype(np.float64) for one in sigmas if one is not None)
-            noise[channel] = np.sqrt((alone**2).sum()) / own.sum()
+            alone, both = (one[..., plane][valid].astype(np.float64) for one in sigmas if one is not None)
+            noise[channel] = np.sqrt((alone**2).sum()) / valid.sum()
             curve[channel] = np.sqrt(np.maximum(both**2 - alone**2, 0.0)).mean()
     parts = means @ weights
     luminance = float(parts.mean())

@@ -45,14 +45,14 @@ def chart_light(session: Session, record: CalibrationRecord) -> tuple[AreaLight,
         raise CalibrationError(
             f"the white patch of the chart in {view} is not usable: mark an area of it instead."
         )
-    found = [area_light(session, record, view, _area(chart, number)) for number in numbers]
-    whites = np.array([one.light / published[number] for one, number in zip(found, numbers, strict=True)])
-    own = np.array([one.error for one in found])
-    weight = 1.0 / (own**2 + PRINT_ERROR**2)
+    lights = [area_light(session, record, view, _area(chart, number)) for number in numbers]
+    whites = np.array([one.light / published[number] for one, number in zip(lights, numbers, strict=True)])
+    errors = np.array([one.error for one in lights])
+    weight = 1.0 / (errors**2 + PRINT_ERROR**2)
     mean = float((weight * whites).sum() / weight.sum())
     spread = float(whites.std(ddof=1) / np.sqrt(len(whites)) / mean) if len(whites) > 1 else 0.0
     error = float(np.sqrt(max(spread**2, 1.0 / weight.sum()) + PRINT_ERROR**2))
-    return AreaLight(mean, error, float(np.mean([one.radius for one in found]))), published[WHITE]
+    return AreaLight(mean, error, float(np.mean([one.radius for one in lights]))), published[WHITE]
 
 
 def _area(chart: ChartEvidence, number: int) -> Area:
@@ -64,6 +64,6 @@ def _area(chart: ChartEvidence, number: int) -> Area:
     onto = cv2.getPerspectiveTransform(corners, np.array(chart.corners, np.float32))
     centre = np.array((column, row), np.float64) + OUTLINE / 2
     around = centre + INNER / 2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    seen: npt.NDArray[np.float64] = cv2.perspectiveTransform(around[None].astype(np.float64), onto)[0]
-    low, high = np.ceil(seen.min(axis=0)).astype(int), np.floor(seen.max(axis=0)).astype(int)
+    outline: npt.NDArray[np.float64] = cv2.perspectiveTransform(around[None].astype(np.float64), onto)[0]
+    low, high = np.ceil(outline.min(axis=0)).astype(int), np.floor(outline.max(axis=0)).astype(int)
     return int(low[0]), int(low[1]), max(1, int(high[0] - low[0])), max(1, int(high[1] - low[1]))

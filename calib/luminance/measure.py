@@ -41,13 +41,13 @@ def scaled(
     """
     rungs = tuple(rung for rung in record.rungs if rung.name != RUNG)
     bare = record.model_copy(update={"luminance": None, "rungs": rungs})
-    kept = () if earlier is None else earlier.readings
+    earlier_readings = () if earlier is None else earlier.readings
     if readings is None:
-        readings = [one.reading for one in kept]
+        readings = [one.reading for one in earlier_readings]
     if not readings:
         return bare
     try:
-        _require_shots(session, kept, readings)
+        _require_shots(session, earlier_readings, readings)
         scale = measure_scale(session, bare, readings)
     except CalibrationError as error:
         lost = Rung(name=RUNG, taken=False, reason=str(error).removesuffix("."))
@@ -81,15 +81,15 @@ def measure_scale(
         float(np.sqrt(light.error**2 + AIM**2 + _falloff_error(record, light.radius, shown) ** 2 + apart**2))
         for light, shown in zip(lights, views, strict=True)
     ]
-    found = combined(
+    scale = combined(
         [
             Comparison(str(reading), stated, light.light, error, reading.error, reading.source)
             for reading, stated, light, error in zip(readings, known, lights, errors, strict=True)
         ]
     )
     return LuminanceScale(
-        value=found.value,
-        error=found.error,
+        value=scale.value,
+        error=scale.error,
         cameras=cameras,
         readings=tuple(
             ReadingEvidence(
@@ -102,17 +102,17 @@ def measure_scale(
                 residual=float(residual),
             )
             for reading, shown, stated, light, error, residual in zip(
-                readings, views, known, lights, errors, found.residuals, strict=True
+                readings, views, known, lights, errors, scale.residuals, strict=True
             )
         ),
     )
 
 
 def _require_shots(
-    session: Session, kept: Iterable[ReadingEvidence], readings: Sequence[LuminanceReading]
+    session: Session, evidence: Iterable[ReadingEvidence], readings: Sequence[LuminanceReading]
 ) -> None:
     """CalibrationError if a reading of an earlier run was of pictures that the session has no more."""
-    for one in kept:
+    for one in evidence:
         if one.reading in readings and _shots_sha256(session, one.views) != one.shots_sha256:
             raise CalibrationError(
                 f"the shots of {', '.join(map(str, one.views))}, which showed what was read, are others now: "

@@ -67,9 +67,9 @@ def _contradiction(
     covariance: npt.NDArray[np.float64],
 ) -> str:
     """The two readings that contradict each other most, beside what their errors allow."""
-    own = np.diag(covariance)
+    variances = np.diag(covariance)
     away = np.abs(logs[:, None] - logs[None])
-    allowed = np.sqrt(np.maximum(own[:, None] + own[None] - 2 * covariance, 1e-12))
+    allowed = np.sqrt(np.maximum(variances[:, None] + variances[None] - 2 * covariance, 1e-12))
     one, other = sorted(divmod(int(np.argmax(away / allowed)), len(logs)))
     first, second = comparisons[one], comparisons[other]
     return (

@@ -76,13 +76,13 @@ def compare(
     cross = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), bool)[None]
     around = ndimage.convolve(long, cross / 4.0, mode="mirror")
     peak = ndimage.maximum_filter(long, footprint=cross, mode="mirror")
-    seen = np.ones(long.shape, bool)
+    visible = np.ones(long.shape, bool)
     if counts is not None:
-        seen = ndimage.binary_erosion(sites(counts, tile), np.ones((1, 3, 3), bool), border_value=1)
-    top = min(float(long.max(initial=0.0, where=seen)), span)
+        visible = ndimage.binary_erosion(sites(counts, tile), np.ones((1, 3, 3), bool), border_value=1)
+    top = min(float(long.max(initial=0.0, where=visible)), span)
     bin_of = np.searchsorted(EDGES * span, around)
     # A photosite brighter than those around it may be full where they are not: in fine texture many are.
-    bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~seen] = -1
+    bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~visible] = -1
     key = np.where(bin_of < 0, -1, np.arange(len(black))[:, None, None] * len(EDGES) + bin_of)
     chosen = key >= 0
     groups, size = key[chosen], len(black) * len(EDGES)
@@ -99,11 +99,11 @@ def compare(
     values = np.array([start, *np.zeros(len(black))])
     inverse: npt.NDArray[np.floating] = np.eye(len(values))
     variance: Array = np.ones(len(mean_x))
-    kept = clear = counted = np.ones(len(mean_x), bool)
+    inliers = clear = counted = np.ones(len(mean_x), bool)
     for _ in range(3):
         residual = x - values[0] * y - values[1 + np.arange(size) // len(EDGES)][groups]
-        variance, kept = _scatter(residual, groups, size)
-        variance, kept = variance[good], kept[good]
+        variance, inliers = _scatter(residual, groups, size)
+        variance, inliers = variance[good], inliers[good]
         # Where noise reaches down to 0 DN it is cut off, and mean and variance are not the signal's.
         clear = mean_y + black[site] > 4.0 * np.sqrt(variance) / values[0]
         if clear.sum() < 6:
@@ -111,7 +111,7 @@ def compare(
         # A response that bends at the top would pull black along.
         low = clear & (mean_x < LOW * span)
         counted = low if low.sum() >= 6 else clear
-        weight = counted / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
+        weight = counted / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(inliers, 1))
         design = (
             np.concatenate([mean_y[:, None], site[:, None] == np.arange(len(black))], axis=1)
             * weight[:, None]
@@ -126,9 +126,9 @@ def compare(
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
     spread = np.sqrt(np.maximum(np.diag(inverse)[1:], 0.0))  # a site that is not fitted has 0, or just below
     sigma = np.where(fitted, spread / (ratio - 1.0), np.inf)
-    predicted = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
+    predicted = np.where(visible & (short > 0.1 * span), ratio * short, np.nan)
     full = ceiling(long.reshape(len(black), -1), predicted.reshape(len(black), -1), black)
-    levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
+    levels = (mean_x[clear], mean_y[clear], variance[clear], inliers[clear].astype(np.float64))
     return ExposurePair(ratio, shift, sigma, site, *levels, full)
 
 
@@ -138,10 +138,10 @@ def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple
     # Mean absolute deviation of normal noise is 0.80 standard deviations, and hardly moved by outliers.
     spread = np.bincount(groups, np.abs(residual), size) / number / 0.798
     for _ in range(3):
-        kept = np.abs(residual) < OUTLIERS * spread[groups]
-        count = np.maximum(np.bincount(groups[kept], minlength=size), 1)
-        mean = np.bincount(groups[kept], residual[kept], size) / count
-        square = np.bincount(groups[kept], residual[kept] ** 2, size) / count
+        inliers = np.abs(residual) < OUTLIERS * spread[groups]
+        count = np.maximum(np.bincount(groups[inliers], minlength=size), 1)
+        mean = np.bincount(groups[inliers], residual[inliers], size) / count
+        square = np.bincount(groups[inliers], residual[inliers] ** 2, size) / count
         spread = np.sqrt(np.maximum(square - mean**2, 1e-12))
     return spread**2, count.astype(np.float64)
 

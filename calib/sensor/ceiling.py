@@ -27,10 +27,10 @@ def ceiling(
     Both above black [sites]; NaN marks photosites that are not to be used. None where too few are
     overexposed.
     """
-    found: list[Ceiling] = []
-    for own, expected, off in zip(pixels, predicted, black, strict=True):
+    candidates: list[Ceiling] = []
+    for values, expected, off in zip(pixels, predicted, black, strict=True):
         with np.errstate(invalid="ignore"):
-            full = own[own < MISSING * expected]
+            full = values[values < MISSING * expected]
         if len(full) < FEWEST:
             continue
         level = float(np.median(full))
@@ -38,5 +38,5 @@ def ceiling(
         near = full[np.abs(full - level) < 0.02 * abs(level) + 2.0]
         if len(near) < 0.8 * len(full):
             continue
-        found.append(Ceiling(level + float(off), float(np.hypot(near.std(), np.sqrt(1 / 12)))))
-    return min(found, key=lambda one: one.level, default=None)
+        candidates.append(Ceiling(level + float(off), float(np.hypot(near.std(), np.sqrt(1 / 12)))))
+    return min(candidates, key=lambda one: one.level, default=None)

@@ -39,7 +39,7 @@ def mean(stack: Stack, usable: Bool) -> Mean:
     """Mean of each CFA site; the error counts what moves a whole frame, and the fixed pattern."""
     planes = zip(sites(stack.mean, stack.tile), sites(usable, stack.tile), strict=True)
     chosen = [plane[keep].astype(np.float64) for plane, keep in planes]
-    still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
+    still = np.array([values.std() / np.sqrt(values.size) for values in chosen])
     # All of a frame may shift; few frames tell by how much only if the sites are pooled.
     moved = stack.levels - stack.levels.mean(axis=0)
     last = max(stack.frames - 1, 1)
@@ -47,27 +47,29 @@ def mean(stack: Stack, usable: Bool) -> Mean:
     count = len(chosen)
     common = max(float((moved.mean(axis=1) ** 2).mean()) - float((moved**2).mean()) / count, 0.0)
     common *= count / (count - 1) / last
-    return Mean(np.array([own.mean() for own in chosen]), np.asarray(error), float(np.sqrt(common)))
+    return Mean(np.array([values.mean() for values in chosen]), np.asarray(error), float(np.sqrt(common)))
 
 
 def level(times: Sequence[float], means: Sequence[Mean]) -> Dark:
     """Black of each CFA site and what it gains in a second, the same for all, from one stack or more."""
-    value, sigma = np.array([own.value for own in means]), np.array([own.error for own in means])
+    value, sigma = np.array([mean.value for mean in means]), np.array([mean.error for mean in means])
     if len(set(times)) < 2:
         weight = 1.0 / sigma**2
         return Dark((value * weight).sum(0) / weight.sum(0), 1.0 / np.sqrt(weight.sum(0)), None)
     count = value.shape[1]
     rows = [np.hstack([np.eye(count), np.full((count, 1), time)]) for time in times]
-    design = np.concatenate([row / own[:, None] for row, own in zip(rows, sigma, strict=True)])
+    design = np.concatenate([row / mean[:, None] for row, mean in zip(rows, sigma, strict=True)])
     inverse = np.linalg.inv(design.T @ design)
-    found = inverse @ (design.T @ (value / sigma).reshape(-1))
+    solution = inverse @ (design.T @ (value / sigma).reshape(-1))
     error = np.diag(inverse).copy()
     # The sites of a frame move together, which their own errors do not say.
     pull = ((inverse @ design.T)[-1] / sigma.reshape(-1)).reshape(-1, count)
-    together = (pull.sum(axis=1) ** 2 - (pull**2).sum(axis=1)) * np.array([own.common for own in means]) ** 2
+    together = (pull.sum(axis=1) ** 2 - (pull**2).sum(axis=1)) * np.array(
+        [mean.common for mean in means]
+    ) ** 2
     error[-1] += max(float(together.sum()), 0.0)
     error = np.sqrt(error)
-    return Dark(found[:-1], error[:-1], (float(found[-1]), float(error[-1])))
+    return Dark(solution[:-1], error[:-1], (float(solution[-1]), float(error[-1])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,12 +44,12 @@ def in_light(flat: Stack, black: npt.NDArray[np.float64]) -> Bool:
 
 def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
     """The defects in reading order, each once: hot before dead before noisy."""
-    found: list[Defect] = []
+    defects: list[Defect] = []
     for row, column in zip(*np.nonzero(hot | noisy | dead), strict=True):
         at = (row, column)
         kind: Literal["hot", "dead", "noisy"] = "hot" if hot[at] else "dead" if dead[at] else "noisy"
-        found.append(Defect(x=int(column), y=int(row), kind=kind))
-    return tuple(found)
+        defects.append(Defect(x=int(column), y=int(row), kind=kind))
+    return tuple(defects)
 
 
 def _off(image: Map, tile: Period, relative: bool) -> Bool:

@@ -67,7 +67,7 @@ def measure_emva(
         usable = usable & ~dead
         level = _level(frames, nominal, usable)
     points = _points(frames, level.black, usable, HIGHEST * top)
-    seen = points.part((points.freedom > 0) & (points.variance > 0))
+    usable_points = points.part((points.freedom > 0) & (points.variance > 0))
     white = nominal.white - float(level.black.mean())
     shared = flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)
     line = straightness(shared, float(level.black_error.mean()) / white)
@@ -78,7 +78,7 @@ def measure_emva(
     transfer = fit(points) if known is None else _in_the_dark(points, known)
     values: dict[str, object] = {
         "iso": iso,
-        "transfer": tuple(zip(seen.light.tolist(), seen.variance.tolist(), strict=True)),
+        "transfer": tuple(zip(usable_points.light.tolist(), usable_points.variance.tolist(), strict=True)),
     }
     source = "darks and flats" if frames.darks and frames.flats else "darks" if frames.darks else "flats"
 
@@ -120,13 +120,13 @@ def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
     """Black by the darks; by the files without them, and by likelihood where the sensor counts coarsely."""
     if not frames.darks:
         return darks.Dark(nominal.black, np.full(len(nominal.black), FILE_BLACK), None)
-    own = [darks.mean(stack, usable) for stack in frames.darks]
+    means = [darks.mean(stack, usable) for stack in frames.darks]
     if is_coarse(frames.darks):
         for index, few in enumerate(frames.few):
             for site, one in enumerate(_coarse(few, usable, nominal.tile)):
                 if one is not None:
-                    own[index].value[site], own[index].error[site] = one.black, one.black_error
-    return darks.level([stack.time for stack in frames.darks], own)
+                    means[index].value[site], means[index].error[site] = one.black, one.black_error
+    return darks.level([stack.time for stack in frames.darks], means)
 
 
 def is_coarse(stacks: Sequence[Stack]) -> bool:
@@ -167,8 +167,8 @@ def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
             count = np.bincount(cut.site[light < top], cut.count[light < top], len(black))
             weight = np.where(light < top, cut.count, 0.0) / np.maximum(count, 1.0)[cut.site]
             mean, variance = (
-                np.bincount(cut.site, weight * own, len(black)).astype(np.float64)
-                for own in (light, cut.variance)
+                np.bincount(cut.site, weight * values, len(black)).astype(np.float64)
+                for values in (light, cut.variance)
             )
             parts.append(Points(mean, variance, ((stack.frames - 1) * count).astype(np.float64)))
     empty = np.zeros(0)
@@ -194,7 +194,7 @@ def _electrons(
     read, read_error = transfer.read_noise()
     coarse = bool(frames.darks) and is_coarse(frames.darks)
     if coarse and frames.few:
-        few = min(zip(frames.darks, frames.few, strict=True), key=lambda own: own[0].time)[1]
+        few = min(zip(frames.darks, frames.few, strict=True), key=lambda pair: pair[0].time)[1]
         coarse_sites = [one for one in _coarse(few, usable, frames.darks[0].tile) if one is not None]
         if coarse_sites:
             # A site whose black lies between two codes may tell a scatter that is all pattern.
@@ -202,11 +202,11 @@ def _electrons(
             coarse_sites = [one for one in coarse_sites if abs(one.scatter - usual) < 0.3 * usual]
             weight = np.array([1.0 / one.scatter_error**2 for one in coarse_sites])
             scatter = float((weight * [one.scatter for one in coarse_sites]).sum() / weight.sum())
-            own = scatter / gain
-            own_error = float(np.hypot(1 / np.sqrt(weight.sum()), own * error) / gain)
-            share = read_error**2 / (read_error**2 + own_error**2)
-            read = share * own + (1 - share) * read
-            read_error = float(1 / np.hypot(1 / read_error, 1 / own_error))
+            coarse_read = scatter / gain
+            coarse_error = float(np.hypot(1 / np.sqrt(weight.sum()), coarse_read * error) / gain)
+            share = read_error**2 / (read_error**2 + coarse_error**2)
+            read = share * coarse_read + (1 - share) * read
+            read_error = float(1 / np.hypot(1 / read_error, 1 / coarse_error))
     common = [stack.rows for stack in frames.darks if stack.frames >= 2 and not coarse]
     if common:
         precise = min(common, key=lambda one: one[1])

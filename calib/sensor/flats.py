@@ -61,7 +61,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
 def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | None:
     """Return where the flats end: photosites that have less than shorter flats predict."""
     ordered = sorted(flats, key=lambda flat: flat.time)
-    found: list[Ceiling] = []
+    candidates: list[Ceiling] = []
     off = black[:, None]
     for reference in ordered:
         base = _flat(reference.mean, reference) - off
@@ -73,15 +73,15 @@ def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | Non
             continue
         for flat in ordered:
             if flat.time > reference.time:
-                own = np.where(_flat(usable, flat), _flat(flat.mean, flat) - off, np.nan)
-                one = ceiling(own, base * (flat.time / reference.time), black)
+                signal = np.where(_flat(usable, flat), _flat(flat.mean, flat) - off, np.nan)
+                one = ceiling(signal, base * (flat.time / reference.time), black)
                 if one is not None:
-                    full = own < MISSING * base * (flat.time / reference.time)
+                    full = signal < MISSING * base * (flat.time / reference.time)
                     # The mean of many frames hides how far each of them is from the ceiling.
                     shake = float(np.median(_flat(flat.variance, flat)[full]))
-                    found.append(Ceiling(one.level, float(np.hypot(one.scatter, np.sqrt(shake)))))
+                    candidates.append(Ceiling(one.level, float(np.hypot(one.scatter, np.sqrt(shake)))))
         break
-    return min(found, key=lambda one: one.scatter, default=None)
+    return min(candidates, key=lambda one: one.scatter, default=None)
 
 
 def _flat(image: npt.NDArray[Kind], stack: Stack) -> npt.NDArray[Kind]:
@@ -95,7 +95,7 @@ def shared_levels(
 ) -> list[LevelPairs]:
     """Return what neighbouring flats share, for `linearity.straightness`; white, top: DN above black."""
     ordered = sorted(flats, key=lambda flat: flat.time)
-    found = []
+    pairs = []
     for short, long in pairwise(ordered):
         a, b = tiles(long, usable), tiles(short, usable)
         bright, dim = a.mean - black[a.site], b.mean - black[b.site]
@@ -103,8 +103,8 @@ def shared_levels(
         good = (bright + 6 * np.sqrt(a.variance) < top) & (bright > 0) & (dim > 0)
         if good.sum() < 20:
             continue
-        found.append(_binned(bright[good], dim[good], _errors(a, good, long), _errors(b, good, short), white))
-    return found
+        pairs.append(_binned(bright[good], dim[good], _errors(a, good, long), _errors(b, good, short), white))
+    return pairs
 
 
 def _errors(cut: Tiles, good: npt.NDArray[np.bool_], stack: Stack) -> Array:

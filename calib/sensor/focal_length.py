@@ -59,11 +59,11 @@ def focal_length(metadata: FrameMetadata, width: int, height: int) -> FocalLengt
         wider spread where they contradict each other; None where neither is known.
     """
     plain = _by_millimetres(metadata, width, height)
-    found = _by_equivalent(metadata, width, height) or plain
-    if found is None:
+    focal = _by_equivalent(metadata, width, height) or plain
+    if focal is None:
         return None
-    px, spread, words = found.px, found.spread, found.words
-    if plain is not None and plain is not found:
+    px, spread, words = focal.px, focal.spread, focal.words
+    if plain is not None and plain is not focal:
         apart = abs(math.log(plain.px / px))
         if apart > _DISAGREE * math.hypot(plain.spread, spread):
             # The equivalent is the camera's own word; a table may have another sensor of that name.
@@ -98,14 +98,14 @@ def _by_equivalent(metadata: FrameMetadata, width: int, height: int) -> FocalLen
 def _diagonals(width: int, height: int) -> list[float]:
     """The diagonals of sensors that a picture may be cut from, px of the picture, ascending."""
     long, short = max(width, height), min(width, height)
-    own = math.hypot(long, short)
+    diagonal = math.hypot(long, short)
     if any(abs(long / short / shape - 1) < _OWN_SHAPE for shape in _SHAPES):
-        return [own]
+        return [diagonal]
     wholes = [
         math.hypot(long, long / shape) if long / short > shape else math.hypot(short * shape, short)
         for shape in _SHAPES
     ]
-    return sorted([own, *wholes])
+    return sorted([diagonal, *wholes])
 
 
 def _by_millimetres(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:

@@ -53,35 +53,35 @@ def straightness(pairs: Sequence[LevelPairs], black_error: float) -> Straightnes
     Levels that are far off all others, as a moving thing makes them, count less (Huber).
     """
     rows, values, weights = [], [], []
-    kept = []
+    usable = []
     for pair in pairs:
         good = (pair.long > LOWEST) & (pair.short > LOWEST / 20) & (pair.error < 0.05)
         if good.sum() >= 3:
-            kept.append(LevelPairs(pair.long[good], pair.short[good], pair.error[good]))
-    if not kept:
+            usable.append(LevelPairs(pair.long[good], pair.short[good], pair.error[good]))
+    if not usable:
         return None
-    for index, pair in enumerate(kept):
-        block = np.zeros((len(pair.long), 2 + len(kept)))
+    for index, pair in enumerate(usable):
+        block = np.zeros((len(pair.long), 2 + len(usable)))
         block[:, 0] = -(pair.long - pair.short)
         block[:, 1] = 1.0 / pair.long - 1.0 / pair.short
         block[:, 2 + index] = 1.0
         rows.append(block)
         values.append(np.log(pair.long / pair.short))
         weights.append(1.0 / pair.error)
-    prior = np.zeros((1, 2 + len(kept)))
+    prior = np.zeros((1, 2 + len(usable)))
     prior[0, 1] = 1.0
     design = np.concatenate([*rows, prior])
     target = np.concatenate([*values, [0.0]])
     weight = np.concatenate([*weights, [1.0 / max(black_error, 1e-7)]])
     trust = np.ones(len(weight))
-    found, inverse = np.zeros(design.shape[1]), np.eye(design.shape[1])
+    solution, inverse = np.zeros(design.shape[1]), np.eye(design.shape[1])
     for _ in range(10):
         scaled = design * (weight * np.sqrt(trust))[:, None]
         inverse = np.linalg.pinv(scaled.T @ scaled)
-        found = inverse @ (scaled.T @ (target * weight * np.sqrt(trust)))
-        apart = np.abs(target - design @ found) * weight
+        solution = inverse @ (scaled.T @ (target * weight * np.sqrt(trust)))
+        apart = np.abs(target - design @ solution) * weight
         trust = np.minimum(1.0, 2.5 / np.maximum(apart, 1e-12))
     points = len(weight) - 1
-    freedom = max(points - len(kept) - 1, 1)
+    freedom = max(points - len(usable) - 1, 1)
     excess = max(float((trust * apart**2)[:-1].sum()) / freedom, 1.0)
-    return Straightness(float(found[0]), float(np.sqrt(inverse[0, 0] * excess)), points)
+    return Straightness(float(solution[0]), float(np.sqrt(inverse[0, 0] * excess)), points)

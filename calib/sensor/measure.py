@@ -49,11 +49,11 @@ def measure_sensors(session: Session, views: Sequence[View], progress: Progress)
     """Every RAW camera of the session; InputError for a missing or damaged file."""
     cameras = [camera for camera in session.record.cameras if camera.kind == "raw"]
     views = of_one_band(views)
-    found = {}
+    measured = {}
     for done, camera in enumerate(cameras):
         progress("measuring the sensors", done, len(cameras))
-        found[camera.name] = _camera(session, camera, [v for v in views if v.camera.name == camera.name])
-    return found
+        measured[camera.name] = _camera(session, camera, [v for v in views if v.camera.name == camera.name])
+    return measured
 
 
 def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> MeasuredSensor:
@@ -65,22 +65,23 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
     fall = None
     isos = list(dict.fromkeys(_iso(shot) for shot in [*scene, *darks, *flats]))
     for iso in isos:
-        own = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
-        nominal = _nominal(session, [*own[0], *own[1], *scene], iso)
+        of_iso = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
+        nominal = _nominal(session, [*of_iso[0], *of_iso[1], *scene], iso)
         if nominal is None:
             missing.append(f"{camera.name} gives demosaicked light, which does not tell its sensor")
             break
         measured = SensorCalibration(iso=iso)
         blind = None
-        if not (own[0] and own[1]):
+        if not (of_iso[0] and of_iso[1]):
             blind = _blind(session, views, iso, nominal)
-        if own[0] or own[1]:
+        if of_iso[0] or of_iso[1]:
             gain = _measured(brackets.gain(blind.transfer)) if blind and blind.transfer else None
-            frames = _frames(session, own[0], own[1], nominal)
+            frames = _frames(session, of_iso[0], of_iso[1], nominal)
             measured, falloff = emva.measure_emva(frames, nominal, iso, gain)
             if falloff is not None and fall is None:
                 stops = [
-                    {shot.exposure.f_number for shot in shots if shot.exposure} for shots in (own[1], scene)
+                    {shot.exposure.f_number for shot in shots if shot.exposure}
+                    for shots in (of_iso[1], scene)
                 ]
                 if len(stops[0]) == 1 and stops[1] <= stops[0]:
                     fall = falloff
@@ -90,7 +91,7 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
             measured = _filled(measured, blind, nominal)
         at.append(measured)
         nominals.append(nominal)
-        missing += _lacking(camera.name, iso, measured, own, blind, bool(darks or flats))
+        missing += _lacking(camera.name, iso, measured, of_iso, blind, bool(darks or flats))
     return MeasuredSensor(
         at=tuple(at),
         nominal=tuple(nominals),
@@ -123,18 +124,18 @@ def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], 
     groups = [_groups(darks), _groups(flats)]
     meanings = meant(key for group in groups for key in group)
     for group, black in zip(groups, (None, float(nominal.black.mean())), strict=True):
-        own = []
+        stack = []
         for key, shots in group.items():
             exact = meanings[key]
             # The light of a flat goes with the f-number, the signal of a dark does not.
             amount = exact.time if black is None else exact.model_copy(update={"iso": None}).scale
             try:
-                own.append(gather(_pixels(session, shots), amount, black, nominal.tile))
+                stack.append(gather(_pixels(session, shots), amount, black, nominal.tile))
             except ValueError as error:
                 raise InputError(
                     f"{session.folder}: {shots[0].kind} shots of {shots[0].camera}: {error}."
                 ) from error
-        stacks.append(own)
+        stacks.append(stack)
     few: list[list[npt.NDArray[np.uint16]]] = []
     if stacks[0] and emva.is_coarse(stacks[0]):
         few = [list(_pixels(session, shots[:COARSE])) for shots in groups[0].values()]
@@ -166,8 +167,8 @@ def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: 
     for _, shots in chosen:
         ascending = sorted(shots, key=lambda shot: shot.exposure.scale if shot.exposure else 0.0)
         frames = [read_raw(session.file(shot)).pixels for shot in ascending]
-        seen = [mask_of(session, shot, *frames[0].shape) for shot in ascending]
-        for (shorter, below), (longer, above) in pairwise(zip(frames, seen, strict=True)):
+        masks = [mask_of(session, shot, *frames[0].shape) for shot in ascending]
+        for (shorter, below), (longer, above) in pairwise(zip(frames, masks, strict=True)):
             known = [counts for counts in (below, above) if counts is not None]
             both = np.logical_and.reduce(known) if known else None
             pair = brackets.compare(longer, shorter, nominal.black, nominal.white, both, nominal.tile)
@@ -207,14 +208,16 @@ def _lacking(
     name: str,
     iso: float | None,
     measured: SensorCalibration,
-    own: Sequence[Sequence[ShotRecord]],
+    of_iso: Sequence[Sequence[ShotRecord]],
     blind: Blind | None,
     others: bool,
 ) -> list[str]:
     where = f"{name} at ISO {iso:g}" if iso is not None else name
     words = []
-    if others and not (own[0] and own[1]):
-        lacks = " and ".join(kind for kind, shots in zip(("darks", "flats"), own, strict=True) if not shots)
+    if others and not (of_iso[0] and of_iso[1]):
+        lacks = " and ".join(
+            kind for kind, shots in zip(("darks", "flats"), of_iso, strict=True) if not shots
+        )
         words.append(f"{where} has no {lacks}")
     if measured.gain is None:
         reason = blind.reason if blind is not None and blind.reason else "no two exposures of a view overlap"

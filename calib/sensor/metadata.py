@@ -70,8 +70,8 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
 
 def with_measured(sensor: CameraSensor, measured: MeasuredSensor, iso: float | None) -> CameraSensor:
     """The sensor with the noise that was measured at the ISO of its shots, if any was."""
-    own = at_iso(measured.at, iso)
-    noise = None if own is None else own.noise()
+    sensor_at = at_iso(measured.at, iso)
+    noise = None if sensor_at is None else sensor_at.noise()
     return replace(sensor, measured=measured, noise=noise or sensor.noise)
 
 

@@ -28,7 +28,9 @@ def photo_response(flat: Stack, dark: Stack | None, black: Array, usable: Bool) 
     halves = [sites(half, flat.tile).astype(np.float64) for half in flat.halves]
     if dark is not None and dark.frames >= 2:
         # Half from half: the noise of one mean of darks would be common to both.
-        halves = [half - sites(own, flat.tile) for half, own in zip(halves, dark.halves, strict=True)]
+        halves = [
+            half - sites(dark_half, flat.tile) for half, dark_half in zip(halves, dark.halves, strict=True)
+        ]
     return _strength(halves, mask, level)
 
 
@@ -47,9 +49,9 @@ def _strength(halves: list[Array], mask: Bool, level: Array) -> tuple[float, flo
     if whole.sum() < 500:
         return None
     a, b = (_flattened((half - _blurred(half, mask)) / np.maximum(level, 1e-6), whole) for half in halves)
-    kept = (1.0 - 1.0 / BOX**2) * (1.0 - 1.0 / whole.shape[2])
-    common = float((a * b).mean()) / kept
-    error = float(np.sqrt((a.var() * b.var() + (common * kept) ** 2) / len(a))) / kept
+    remaining = (1.0 - 1.0 / BOX**2) * (1.0 - 1.0 / whole.shape[2])
+    common = float((a * b).mean()) / remaining
+    error = float(np.sqrt((a.var() * b.var() + (common * remaining) ** 2) / len(a))) / remaining
     value = float(np.sqrt(max(common, 0.0)))
     return value, error / (2.0 * max(value, float(np.sqrt(error))))
 

@@ -24,24 +24,24 @@ NAMES = frozenset(
 )
 
 
-def rungs(found: Mapping[str, MeasuredSensor], stated: int, total: int) -> tuple[Rung, ...]:
+def rungs(measured: Mapping[str, MeasuredSensor], stated: int, total: int) -> tuple[Rung, ...]:
     """One rung for each quantity of the sensors whose RAW is available; empty without RAW.
 
     stated: cameras whose files name their noise, of all.
     """
-    if not found:
+    if not measured:
         return ()
-    at = [sensor for own in found.values() for sensor in own.at]
-    missing = "".join(f"; {words}" for own in found.values() for words in own.missing)
+    at = [sensor for sensors in measured.values() for sensor in sensors.at]
+    missing = "".join(f"; {words}" for sensors in measured.values() for words in sensors.missing)
     return (
         _noise(at, stated, total, missing),
-        _black(found),
-        _ceiling(found),
+        _black(measured),
+        _ceiling(measured),
         _pattern(at),
         _one(at, "sensor_dark_current", "dark_current", "electrons/s", "darks of several times"),
         _defects(at),
         _linearity(at),
-        _falloff(found),
+        _falloff(measured),
     )
 
 
@@ -81,11 +81,11 @@ def _noise(at: list[SensorCalibration], stated: int, total: int, missing: str) -
     )
 
 
-def _black(found: Mapping[str, MeasuredSensor]) -> Rung:
+def _black(measured: Mapping[str, MeasuredSensor]) -> Rung:
     shifts = [
         (abs(level.value - float(stated)), level)
-        for own in found.values()
-        for sensor, nominal in zip(own.at, own.nominal, strict=False)
+        for sensors in measured.values()
+        for sensor, nominal in zip(sensors.at, sensors.nominal, strict=False)
         for level, stated in zip(chain(*(sensor.black or ())), nominal.black, strict=False)
     ]
     if not shifts:
@@ -103,11 +103,11 @@ def _black(found: Mapping[str, MeasuredSensor]) -> Rung:
     )
 
 
-def _ceiling(found: Mapping[str, MeasuredSensor]) -> Rung:
+def _ceiling(measured: Mapping[str, MeasuredSensor]) -> Rung:
     ends = [
         (sensor.ceiling, nominal.white)
-        for own in found.values()
-        for sensor, nominal in zip(own.at, own.nominal, strict=False)
+        for sensors in measured.values()
+        for sensor, nominal in zip(sensors.at, sensors.nominal, strict=False)
         if sensor.ceiling is not None
     ]
     if not ends:
@@ -164,7 +164,7 @@ def _defects(at: list[SensorCalibration]) -> Rung:
     lists = [sensor.defects for sensor in at if sensor.defects is not None]
     if not lists:
         return _not("sensor_defects", "defect photosites were not looked for: that takes darks or flats")
-    kinds = [defect.kind for own in lists for defect in own]
+    kinds = [defect.kind for defects in lists for defect in defects]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy"))
     return Rung(
         name="sensor_defects",
@@ -193,8 +193,8 @@ def _linearity(at: list[SensorCalibration]) -> Rung:
     )
 
 
-def _falloff(found: Mapping[str, MeasuredSensor]) -> Rung:
-    falls = [own.falloff for own in found.values() if own.falloff is not None]
+def _falloff(measured: Mapping[str, MeasuredSensor]) -> Rung:
+    falls = [sensors.falloff for sensors in measured.values() if sensors.falloff is not None]
     if not falls:
         return _not("sensor_falloff", "no flats tell the fall of light towards the corners")
     worst = max(falls, key=lambda fall: fall.corner_error)

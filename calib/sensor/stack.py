@@ -69,18 +69,20 @@ def gather(
             raise ValueError("repeated frames are of one size")
         top = max(top, int(pixels.max()))
         levels.append(np.array([float(plane.mean(dtype=np.float64)) for plane in sites(pixels, tile)]))
-        own, frame = float(levels[-1].mean()), pixels.astype(np.float32)
+        level, frame = float(levels[-1].mean()), pixels.astype(np.float32)
         if first is None:
-            first, middle = frame, own
+            first, middle = frame, level
             sums, square = np.zeros_like(frame), np.zeros_like(frame)
             halves = np.zeros((2, *frame.shape), np.float32)
         # Differences from the first frame are small, so that their squares keep their digits.
         halves[count % 2] += frame - first
         if black is None:
-            frame = frame - np.float32(own - middle)
-        elif own > black:
+            frame = frame - np.float32(level - middle)
+        elif level > black:
             # What is at the ceiling does not follow the light.
-            scale = np.where(pixels < FULL * top, np.float32((middle - black) / (own - black)), np.float32(1))
+            scale = np.where(
+                pixels < FULL * top, np.float32((middle - black) / (level - black)), np.float32(1)
+            )
             frame = (frame - np.float32(black)) * scale + np.float32(black)
         difference = frame - first
         sums += difference
@@ -98,7 +100,7 @@ def gather(
     variance = np.asarray((square - sums * sums / count) / max(count - 1, 1), np.float32)
     if black is not None:
         # What is scaled to the level of the first frame has its noise scaled too.
-        apart = np.array([own.mean() for own in levels]) - black
+        apart = np.array([level.mean() for level in levels]) - black
         variance /= np.float32(np.mean((apart[0] / np.maximum(apart, 1e-6)) ** 2)) if apart[0] > 0 else 1.0
     return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top, tile)
 
@@ -110,10 +112,10 @@ def _rows(common: list[Array], variance: Map) -> tuple[float, float]:
     spread = np.array([float(row.var(ddof=1)) / 2 for row in common])
     height, width = variance.shape
     alone = float(np.median(variance))
-    found = (float(spread.mean()) - alone / width) / (1 - 1 / width)
+    excess = (float(spread.mean()) - alone / width) / (1 - 1 / width)
     # Differences of neighbouring frames share a frame: 3/2 times the variance of independent ones.
     error = float(spread.mean()) * np.sqrt(2 / height * 1.5 / len(common))
-    return max(found, 0.0), float(error)
+    return max(excess, 0.0), float(error)
 
 
 def sites(image: npt.NDArray[Kind], tile: Period = EVEN) -> npt.NDArray[Kind]:

@@ -48,15 +48,15 @@ class GpsFit:
 
 def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPosition]:
     """Return where the photographs say that they were taken, with a height; those that say it."""
-    found = {}
+    positions = {}
     for view in views:
         try:
             position = read_metadata(session.file(view.shots[0])).position
         except InputError:
             continue
         if position is not None and position.altitude is not None:
-            found[view.id] = position
-    return found
+            positions[view.id] = position
+    return positions
 
 
 def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFit | str:
@@ -72,19 +72,19 @@ def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFi
     here = centres([model.poses[view] for view in views])
     stated = [positions[view].error for view in views]
     noise = np.full(len(views), _LEAST)
-    found, fits, scatter = consensus(here, there, noise, rigid=model.metric)
+    similarity, fits, scatter = consensus(here, there, noise, rigid=model.metric)
     if fits.sum() < max(FEWEST, (len(views) + 1) // 2):
         return f"the positions of {len(views)} photographs do not agree with their poses"
-    if is_line(there[fits], scatter) or is_line(here[fits], scatter / float(found.scale)):
+    if is_line(there[fits], scatter) or is_line(here[fits], scatter / float(similarity.scale)):
         return "the photographs were taken along a line, about which the scene could turn"
-    misses = found(here[fits]) - there[fits]
+    misses = similarity(here[fits]) - there[fits]
     scale, turn, place = standard_errors(there[fits], misses, np.hypot(noise[fits], scatter))
     rms = float(np.sqrt((misses**2).sum(1).mean()))
     # Receivers err alike for minutes: the mean of many positions is no better than one of them.
     known = [error for error in stated if error is not None]
     place = max(place, rms, float(np.median(known)) if known else 0.0)
     return GpsFit(
-        found,
+        similarity,
         origin,
         rms,
         (None if model.metric else scale, turn, place),
@@ -93,24 +93,24 @@ def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFi
     )
 
 
-def place_by_gps(model: SceneModel, found: GpsFit | str) -> tuple[SceneModel, CoordinateSystem | None, Rung]:
+def place_by_gps(model: SceneModel, fit: GpsFit | str) -> tuple[SceneModel, CoordinateSystem | None, Rung]:
     """The model in east, north and up, or unchanged where positions are too inaccurate; the rung gives the
     reason.
     """
-    if isinstance(found, str):
-        return model, None, Rung(name=NAME, taken=False, reason=found)
-    scale, turn, place = found.errors
-    if not found.sure:
+    if isinstance(fit, str):
+        return model, None, Rung(name=NAME, taken=False, reason=fit)
+    scale, turn, place = fit.errors
+    if not fit.sure:
         size = "" if scale is None else f"the scale to {100 * scale:.2g} % and "
         reason = (
-            f"the positions of {found.used} photographs tell {size}the turn to {turn:.2g} degrees only: they "
-            f"scatter by {found.rms:.2g} m"
+            f"the positions of {fit.used} photographs tell {size}the turn to {turn:.2g} degrees only: they "
+            f"scatter by {fit.rms:.2g} m"
         )
         return model, None, Rung(name=NAME, taken=False, reason=reason)
     coordinates = CoordinateSystem(
-        source="gps", system=ENU, origin=found.origin, rms=found.rms, scale_error=scale,
-        rotation_error=turn, position_error=place, used=found.used, left_out=found.left_out,
+        source="gps", system=ENU, origin=fit.origin, rms=fit.rms, scale_error=scale,
+        rotation_error=turn, position_error=place, used=fit.used, left_out=fit.left_out,
     )  # fmt: skip
     of = "turn and place" if model.metric else "scale, turn and place"
-    reason = f"the positions of {found.used} photographs tell {of}; they scatter by {found.rms:.2g} m (rms)"
-    return transformed(model, found.similarity.sim3d), coordinates, Rung(name=NAME, taken=True, reason=reason)
+    reason = f"the positions of {fit.used} photographs tell {of}; they scatter by {fit.rms:.2g} m (rms)"
+    return transformed(model, fit.similarity.sim3d), coordinates, Rung(name=NAME, taken=True, reason=reason)

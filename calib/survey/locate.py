@@ -49,8 +49,8 @@ def located(
     if control is not None:
         marks = control.marks
         if control.dictionary is not None:
-            found = find_markers(control.dictionary, control.survey.points, views, read, progress)
-            marks = joined(marks, found)
+            detected = find_markers(control.dictionary, control.survey.points, views, read, progress)
+            marks = joined(marks, detected)
         progress("placing by surveyed points", 0, 1)
         sizes = {view.camera.name: (view.shots[0].width, view.shots[0].height) for view in views}
         try:

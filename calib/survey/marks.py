@@ -88,9 +88,9 @@ def _photographs(session: Session) -> dict[str, set[ViewId]]:
 
 def dictionary_of(name: str) -> str:
     """OpenCV's name of a dictionary of markers, in any case; InputError for an unknown one."""
-    for own in dir(cv2.aruco):
-        if own.startswith("DICT_") and own.upper() in (name.upper(), f"DICT_{name.upper()}"):
-            return own
+    for attribute in dir(cv2.aruco):
+        if attribute.startswith("DICT_") and attribute.upper() in (name.upper(), f"DICT_{name.upper()}"):
+            return attribute
     raise InputError(
         f"OpenCV has no markers {name!r}: name a dictionary, as DICT_APRILTAG_36H11 or DICT_4X4_50."
     )
@@ -98,7 +98,7 @@ def dictionary_of(name: str) -> str:
 
 def numbers_of(names: Iterable[str]) -> dict[int, str]:
     """Points that are called by the number of a marker: `7`, `07`, `marker 7`, `target_7`."""
-    return {int(found[1]): name for name in names if (found := _NUMBERED.fullmatch(name))}
+    return {int(match[1]): name for name in names if (match := _NUMBERED.fullmatch(name))}
 
 
 def find_markers(
@@ -136,16 +136,16 @@ def detect(dictionary: str, picture: Picture) -> dict[int, tuple[float, float]]:
         cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)), options
     )
     corners, ids, _ = detector.detectMarkers(picture)
-    found: dict[int, tuple[float, float]] = {}
+    places: dict[int, tuple[float, float]] = {}
     if ids is None:
-        return found
+        return places
     numbers = [int(number) for number in np.ravel(ids)]
     for number, quad in zip(numbers, corners, strict=True):
         if numbers.count(number) == 1:
             a, b, c, d = np.column_stack([np.asarray(quad, np.float64).reshape(4, 2), np.ones(4)])
             x, y, w = np.cross(np.cross(a, c), np.cross(b, d))
-            found[number] = float(x / w) + 0.5, float(y / w) + 0.5
-    return found
+            places[number] = float(x / w) + 0.5, float(y / w) + 0.5
+    return places
 
 
 def joined(clicked: Mapping[str, Mapping[ViewId, PointMark]], detected: Marks) -> Marks:

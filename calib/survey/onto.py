@@ -85,7 +85,7 @@ def place_onto(
     the two share too little; then the model is as it was.
     """
     ours, theirs, group = _shared_points(model, features, target, progress)
-    found, fits = _agreeing(ours, theirs)
+    similarity, fits = _agreeing(ours, theirs)
     share = float(fits.mean()) if len(fits) else 0.0
     if fits.sum() < FEWEST_POINTS or share < LEAST_SHARE:
         agree = f", of which {int(fits.sum())} agree" if len(ours) >= FEWEST_POINTS else ""
@@ -93,12 +93,12 @@ def place_onto(
             f"the pictures share {len(ours)} scene points with those of {target.folder}{agree}, and at least "
             f"{FEWEST_POINTS} are needed: take some that show the same parts from near the same places"
         )
-    misses = found(ours[fits]) - theirs[fits]
+    misses = similarity(ours[fits]) - theirs[fits]
     scatter = np.full(int(fits.sum()), float(np.sqrt((misses**2).mean())))
     _, numbers = np.unique(group[fits], return_inverse=True)
     scale, turn, place = standard_errors(theirs[fits], misses, scatter, numbers)
     metric = target.record.unit == "m"
-    located = transformed(model, found.sim3d, metric=metric)
+    located = transformed(model, similarity.sim3d, metric=metric)
     known = target.record.coordinates
     rms = float(np.sqrt((misses**2).sum(1).mean()))
     # The views of both stand in their own models with errors that all shared points have in common.
@@ -142,7 +142,7 @@ def _shared_points(
     model: SceneModel, features: Mapping[ViewId, Features], target: Target, progress: Progress
 ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Scene points of both that the same features show, [K, 3] and [K, 3], and by which of our views, [K]."""
-    ours = {view: own for view, own in _seen(model.reconstruction).items() if view in features}
+    ours = {view: rows for view, rows in _seen(model.reconstruction).items() if view in features}
     theirs = _seen(target.reconstruction)
     looks: dict[ViewId, Features] = {}
     for done, view in enumerate(sorted(theirs)):
@@ -152,7 +152,7 @@ def _shared_points(
     # All views are asked for their neighbours, and only pairs across the two sessions matched.
     pairs = [
         (a, b) if b in looks else (b, a)
-        for a, b in pairs_to_match({view: own.descriptors for view, own in every.items()}, [])
+        for a, b in pairs_to_match({view: rows.descriptors for view, rows in every.items()}, [])
         if (a in looks) != (b in looks)
     ]
     shared: dict[tuple[int, int], tuple[Array, Array, int]] = {}
@@ -169,11 +169,11 @@ def _shared_points(
         for row in np.flatnonzero((numbers >= 0) & (others >= 0)):
             shared.setdefault((int(numbers[row]), int(others[row])), (places[row], there[row], order[view]))
     progress(f"matching with {target.folder}", len(pairs), len(pairs))
-    found = list(shared.values())
+    shared_pairs = list(shared.values())
     return (
-        np.array([one for one, _, _ in found]).reshape(-1, 3),
-        np.array([other for _, other, _ in found]).reshape(-1, 3),
-        np.array([view for _, _, view in found], np.int64),
+        np.array([one for one, _, _ in shared_pairs]).reshape(-1, 3),
+        np.array([other for _, other, _ in shared_pairs]).reshape(-1, 3),
+        np.array([view for _, _, view in shared_pairs], np.int64),
     )
 
 
@@ -193,18 +193,18 @@ class _Seen:
 
 
 def _seen(reconstruction: Any) -> dict[ViewId, _Seen]:
-    found = {}
+    views = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         shown = [point for point in image.points2D if point.has_point3D()]
         if shown:
             numbers = np.array([point.point3D_id for point in shown], np.int64)
-            found[ViewId.of_image(image.name)] = _Seen(
+            views[ViewId.of_image(image.name)] = _Seen(
                 np.array([np.ravel(point.xy) for point in shown]),
                 numbers,
                 np.array([reconstruction.points3D[int(number)].xyz for number in numbers]),
             )
-    return found
+    return views
 
 
 def _cameras(reconstruction: Any) -> dict[ViewId, Any]:
@@ -253,14 +253,14 @@ def _agreeing(ours: Array, theirs: Array) -> tuple[Similarity, npt.NDArray[np.bo
     matrix = rough["tgt_from_src"].matrix()
     off = np.linalg.norm(ours @ matrix[:, :3].T + matrix[:, 3] - theirs, axis=1)
     fits = off <= options.max_error
-    found = nothing[0]
+    similarity = nothing[0]
     for _ in range(10):
         if fits.sum() < FEWEST_POINTS:
             return nothing
-        found = fit(ours[fits], theirs[fits])
-        off = np.linalg.norm(found(ours) - theirs, axis=1)
+        similarity = fit(ours[fits], theirs[fits])
+        off = np.linalg.norm(similarity(ours) - theirs, axis=1)
         now = off <= min(TOO_FAR * float(np.median(off[fits])), options.max_error)
         if (now == fits).all():
             break
         fits = now
-    return found, fits
+    return similarity, fits

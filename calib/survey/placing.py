@@ -79,10 +79,14 @@ def place_by_survey(
     shrunk = {name: np.array([lens.width, lens.height]) / sizes[name] for name, lens in model.lenses.items()}
     views = Views(model.reconstruction)
     places = {
-        name: {view: np.array(mark.at) * shrunk[view.camera] for view, mark in own.items() if view in views}
-        for name, own in marks.items()
+        name: {
+            view: np.array(mark.at) * shrunk[view.camera] for view, mark in marks_of.items() if view in views
+        }
+        for name, marks_of in marks.items()
     }
-    sightings = {name: seen for name, own in places.items() if (seen := views.place(own)) is not None}
+    sightings = {
+        name: position for name, marks_of in places.items() if (position := views.place(marks_of)) is not None
+    }
     points = _points(survey, sightings)
     if len(points.names) < FEWEST:
         raise CalibrationError(_too_few(survey, marks, places, sightings))
@@ -95,16 +99,16 @@ def place_by_survey(
     rough = float(fit(points.here, points.there).scale)
     noise = points.noise(rough, error)
     stated = bool((points.sigma > 0).all())
-    found, fits, _ = consensus(points.here, points.there, noise, stated=stated)
-    if fits.sum() < max(FEWEST, (len(fits) + 1) // 2) or _is_gross(points, found, fits, noise):
-        raise CalibrationError(_no_fit(points, found, fits, noise, stated))
+    similarity, fits, _ = consensus(points.here, points.there, noise, stated=stated)
+    if fits.sum() < max(FEWEST, (len(fits) + 1) // 2) or _is_gross(points, similarity, fits, noise):
+        raise CalibrationError(_no_fit(points, similarity, fits, noise, stated))
     if expected is not None:
-        _require_same_unit(float(found.scale) / expected.scale, expected)
-    misses = found(points.here) - points.there
+        _require_same_unit(float(similarity.scale) / expected.scale, expected)
+    misses = similarity(points.here) - points.there
     scatter = np.sqrt(noise[fits] ** 2 + _excess(misses[fits], noise[fits]))
     scale, turn, place = standard_errors(points.there[fits], misses[fits], scatter)
     offset = np.array(survey.offset)
-    shifted = Similarity(found.scale, found.rotation, found.translation - offset)
+    shifted = Similarity(similarity.scale, similarity.rotation, similarity.translation - offset)
     over = _upside_down(model, shifted)
     if over and survey.system != "local":
         raise CalibrationError(over)
@@ -133,13 +137,13 @@ def place_by_survey(
     return replace(located, rungs=(*located.rungs, rung)), coordinates
 
 
-def _upside_down(model: SceneModel, found: Similarity) -> str:
+def _upside_down(model: SceneModel, similarity: Similarity) -> str:
     """Explanation of an upside-down scene, as points of one plane with exchanged axes allow it; else
     empty.
 
     Upright cameras have their upper edge up, or look down, whatever there is between the two.
     """
-    axes = np.stack([pose.matrix()[:3, :3] for pose in model.poses.values()]) @ found.rotation.T
+    axes = np.stack([pose.matrix()[:3, :3] for pose in model.poses.values()]) @ similarity.rotation.T
     if float(np.mean(-axes[:, 1, 2] - axes[:, 2, 2])) > UPSIDE_DOWN:
         return ""
     return (
@@ -148,10 +152,10 @@ def _upside_down(model: SceneModel, found: Similarity) -> str:
     )
 
 
-def _is_gross(points: _Points, found: Similarity, fits: npt.NDArray[np.bool_], noise: Array) -> bool:
+def _is_gross(points: _Points, similarity: Similarity, fits: npt.NDArray[np.bool_], noise: Array) -> bool:
     """Return whether even the best agreeing points miss by more than noise and a share of their distances."""
     there = points.there[fits]
-    rms = float(np.sqrt(((found(points.here[fits]) - there) ** 2).sum(1).mean()))
+    rms = float(np.sqrt(((similarity(points.here[fits]) - there) ** 2).sum(1).mean()))
     spread = float(np.sqrt(((there - there.mean(0)) ** 2).sum(1).mean()))
     return rms > max(GROSS * spread, TOO_FAR * float(np.sqrt(3 * (noise[fits] ** 2).mean())))
 
@@ -188,9 +192,9 @@ def _require_same_unit(ratio: float, expected: Expected) -> None:
 
 
 def _no_fit(
-    points: _Points, found: Similarity, fits: npt.NDArray[np.bool_], noise: Array, stated: bool
+    points: _Points, similarity: Similarity, fits: npt.NDArray[np.bool_], noise: Array, stated: bool
 ) -> str:
-    missed = np.linalg.norm(found(points.here) - points.there, axis=1)
+    missed = np.linalg.norm(similarity(points.here) - points.there, axis=1)
     worst = ", ".join(
         f"{points.names[place]} by {length_text(float(missed[place]))}" for place in np.argsort(-missed)[:3]
     )
@@ -257,15 +261,15 @@ def _table(
 ) -> tuple[SurveyedPoint, ...]:
     rows = []
     for name, point in survey.points.items():
-        own = []
+        point_marks = []
         for view, mark in sorted(marks.get(name, {}).items()):
             if view in views:
-                seen = views.project(view, (np.array(point.position) - offset)[None])[0]
-                off = seen / shrunk[view.camera] - mark.at
+                projected = views.project(view, (np.array(point.position) - offset)[None])[0]
+                off = projected / shrunk[view.camera] - mark.at
                 if np.isfinite(off).all():
                     mark = mark.model_copy(update={"miss": (float(off[0]), float(off[1]))})
-            own.append(mark)
-        row = SurveyedPoint(name=name, position=point.position, sigma=point.sigma, marks=tuple(own))
+            point_marks.append(mark)
+        row = SurveyedPoint(name=name, position=point.position, sigma=point.sigma, marks=tuple(point_marks))
         if name in sightings:
             place = points.names.index(name)
             x, y, z = misses[place].tolist()

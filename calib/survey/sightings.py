@@ -51,11 +51,11 @@ class Views:
     def project(self, view: ViewId, points: Array) -> Array:
         """Points [K, 3] in a view, px [K, 2]; NaN behind the camera."""
         motion = self._motions[view].matrix()
-        seen = points @ motion[:, :3].T + motion[:, 3]
+        in_camera = points @ motion[:, :3].T + motion[:, 3]
         pixels = np.full((len(points), 2), np.nan)
-        front = seen[:, 2] > 1e-9
+        front = in_camera[:, 2] > 1e-9
         if front.any():
-            pixels[front] = self._cameras[view].img_from_cam(seen[front])
+            pixels[front] = self._cameras[view].img_from_cam(in_camera[front])
         return pixels
 
     def place(self, marks: Mapping[ViewId, Array]) -> Sighting | None:
@@ -67,18 +67,20 @@ class Views:
         options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
         options.ransac.max_error = MISSED
         options.ransac.random_seed = 0
-        found = pycolmap.estimate_triangulation(
+        triangulated = pycolmap.estimate_triangulation(
             np.array([marks[view] for view in views]),
             [self._motions[view] for view in views],
             [self._cameras[view] for view in views],
             options,
         )
-        if found is None:
+        if triangulated is None:
             return None
-        agree = [view for view, fits in zip(views, np.ravel(found["inliers"]), strict=True) if fits]
+        agree = [view for view, fits in zip(views, np.ravel(triangulated["inliers"]), strict=True) if fits]
         if len(agree) < 2:
             return None
-        place, spread, misses = self._refined(np.asarray(found["xyz"], np.float64).ravel(), agree, marks)
+        place, spread, misses = self._refined(
+            np.asarray(triangulated["xyz"], np.float64).ravel(), agree, marks
+        )
         if not np.isfinite(spread).all() or not np.isfinite(misses).all():
             return None
         odd = tuple(view for view in views if view not in agree)
@@ -88,18 +90,18 @@ class Views:
         self, place: Array, views: list[ViewId], marks: Mapping[ViewId, Array]
     ) -> tuple[Array, Array, Array]:
         """The point with the least squares of misses, its covariance for 1 px, and the misses [K, 2]."""
-        seen = np.stack([marks[view] for view in views])
+        marked = np.stack([marks[view] for view in views])
         slope = np.zeros((2 * len(views), 3))
         for _ in range(_STEPS):
             step = _SLIGHT * max(self._distance(view, place) for view in views)
             around = place + step * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
             projected = np.stack([self.project(view, around) for view in views])  # [K, 7, 2]
             slope = ((projected[:, 1:4] - projected[:, 4:]) / (2 * step)).transpose(0, 2, 1).reshape(-1, 3)
-            miss = (projected[:, 0] - seen).ravel()
+            miss = (projected[:, 0] - marked).ravel()
             if not np.isfinite(slope).all() or not np.isfinite(miss).all():
                 break
             place = place - np.linalg.lstsq(slope, miss, rcond=None)[0]
-        misses = np.concatenate([self.project(view, place[None]) for view in views]) - seen
+        misses = np.concatenate([self.project(view, place[None]) for view in views]) - marked
         with np.errstate(all="ignore"):
             spread = np.linalg.pinv(slope.T @ slope) if np.isfinite(slope).all() else np.full((3, 3), np.nan)
         return place, np.asarray(spread, np.float64), misses

@@ -85,32 +85,32 @@ def consensus(
     most = FEWEST if count <= FEWEST + 1 else max(FEWEST + 1, count // 2 + 1)
     worst = np.partition(missed, most - 1, axis=-1)[:, most - 1]
     best = int(np.argmin(worst))
-    own = missed[best]
+    residual = missed[best]
     # What few points scatter by themselves would excuse whatever they do.
     few = 0.0 if stated else UNSTATED * float(np.linalg.norm(target - target.mean(0), axis=1).max())
     scatter, surely = few, TOO_FAR
-    found, keep = fit(source, target, rigid=rigid), np.zeros(count, bool)
+    similarity, keep = fit(source, target, rigid=rigid), np.zeros(count, bool)
     if count >= FEW:
         scatter = worst[best] / _NORM * (1 + 5 / (count - 3))
     else:
-        whole = np.linalg.norm(found(source) - target, axis=1)
-        own = whole if (whole <= TOO_FAR * np.hypot(noise, few)).all() else own
+        whole = np.linalg.norm(similarity(source) - target, axis=1)
+        residual = whole if (whole <= TOO_FAR * np.hypot(noise, few)).all() else residual
     for _ in range(10):
-        near = own <= np.hypot(TOO_FAR * noise, surely * scatter)
+        near = residual <= np.hypot(TOO_FAR * noise, surely * scatter)
         if (near == keep).all():
             break
         keep = near
-        used = near if near.sum() >= FEWEST else own <= np.sort(own)[FEWEST - 1]
-        found = fit(source[used], target[used], 1 / (noise[used] ** 2 + scatter**2 + 1e-30), rigid=rigid)
-        own = np.linalg.norm(found(source) - target, axis=1)
+        used = near if near.sum() >= FEWEST else residual <= np.sort(residual)[FEWEST - 1]
+        similarity = fit(source[used], target[used], 1 / (noise[used] ** 2 + scatter**2 + 1e-30), rigid=rigid)
+        residual = np.linalg.norm(similarity(source) - target, axis=1)
         if count >= FEW:
             free = 3 * int(used.sum()) - (6 if rigid else 7)
-            beyond = float((own[used] ** 2).sum()) / free - float((noise[used] ** 2).mean())
+            beyond = float((residual[used] ** 2).sum()) / free - float((noise[used] ** 2).mean())
             scatter = float(np.sqrt(max(beyond, 0.0)))
             # A scatter that few points tell is itself unsure: Student's t, for which scipy.stats would take a
             # second to load.
             surely = float(-stdtrit(free, ndtr(-TOO_FAR)))
-    return found, keep, float(scatter)
+    return similarity, keep, float(scatter)
 
 
 def _triples(source: Array, target: Array) -> tuple[Array, Array]:

@@ -16,7 +16,21 @@ import rig
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "examples")
-NAMED = ("imaging", "drivers", "capture", "rig")
+NAMED = (
+    "imaging",
+    "drivers",
+    "capture",
+    "calib/adjustment",
+    "calib/boards",
+    "calib/colour",
+    "calib/data",
+    "calib/exports",
+    "calib/light",
+    "calib/luminance",
+    "calib/sensor",
+    "calib/survey",
+    "rig",
+)
 """Folders whose variables say what they hold; the others follow."""
 CLAUSE = re.compile(
     r'^\s*r?"""\s*(?:As|By|From|How|If|Of|That|What|When|Where|Whether|Which|While|Who|Whoever|Whom|Whose|Why)\b',
