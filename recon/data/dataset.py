@@ -188,12 +188,12 @@ class Dataset:
         xyz, tracks = read_tracks(self.session / COLMAP)
         if most is not None and len(xyz) > most:
             times = np.zeros(len(xyz), np.int64)
-            for seen in tracks.values():
-                times[seen] += 1
+            for points_of in tracks.values():
+                times[points_of] += 1
             chosen = np.sort(np.argsort(-times, kind="stable")[:most])
             place = np.full(len(xyz), -1)
             place[chosen] = np.arange(most)
-            tracks = {name: (own := place[seen])[own >= 0] for name, seen in tracks.items()}
+            tracks = {name: (numbers := place[points_of])[numbers >= 0] for name, points_of in tracks.items()}
             xyz = xyz[chosen]
         return self.world.from_world(xyz), tracks
 

@@ -95,8 +95,8 @@ class StoredPlanes:
     @property
     def pixels(self) -> Float:
         """Read at each look, as all of them."""
-        found: Float = self._read("pixels", lambda file: _decoded(file, "pixels"))
-        return found
+        plane: Float = self._read("pixels", lambda file: _decoded(file, "pixels"))
+        return plane
 
     @property
     def alpha(self) -> Float | None:
@@ -126,16 +126,16 @@ class StoredPlanes:
         def unpacked(file: Any) -> Bool:
             return np.unpackbits(file[name], count=count).view(bool).reshape(self.shape)
 
-        found: Bool = self._read(name, unpacked)
-        return found
+        plane: Bool = self._read(name, unpacked)
+        return plane
 
     def _read(self, name: str, read: Callable[[Any], Any]) -> Any:
         try:
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                found = read(file)
-            if found.shape[:2] != self.shape[:2]:
+                plane = read(file)
+            if plane.shape[:2] != self.shape[:2]:
                 raise ValueError(f"{name} has another shape")
-            return found
+            return plane
         except _DAMAGE:
             return getattr(_written(self.path, self.source)[0], name)
 
@@ -214,11 +214,11 @@ def _written(path: Path, source: Source) -> tuple[Planes, dict[str, Any]]:
         "noise": [noise.slope, noise.floor, noise.shares] if isinstance(noise, SensorSignalNoise) else None,
     }
     arrays["facts"] = np.frombuffer(json.dumps(facts).encode(), np.uint8)
-    own = path.with_name(f"{path.stem}.{os.getpid()}")  # several processes may come to the same shot
+    unique = path.with_name(f"{path.stem}.{os.getpid()}")  # several processes may come to the same shot
     try:
-        with store.replacing(own) as part, part.open("wb") as file:
+        with store.replacing(unique) as part, part.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
-        own.replace(path)
+        unique.replace(path)
     except OSError as error:
         raise store.refused(path, error) from error
     return planes, facts

@@ -28,9 +28,9 @@ def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
     u, v = np.divide(x, safe, out=tangents[..., 0]), np.divide(y, safe, out=tangents[..., 1])
     if np.isfinite(lens.monotone_radius2):  # beyond it the lens would fold the world back into the image
         radius = np.maximum(np.sqrt(u * u + v * v), 1e-12)
-        kept = np.minimum(1.0, np.sqrt(lens.monotone_radius2) / radius)
-        u *= kept
-        v *= kept
+        shrink = np.minimum(1.0, np.sqrt(lens.monotone_radius2) / radius)
+        u *= shrink
+        v *= shrink
     bent, pixels = lens.distort(tangents), np.empty_like(tangents)
     pixels[..., 0] = bent[..., 0] * lens.fx + lens.cx
     pixels[..., 1] = bent[..., 1] * lens.fy + lens.cy

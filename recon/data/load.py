@@ -148,8 +148,8 @@ def read_views(
 
 def _counts(camera: str, groups: Collection[ViewId], out: Collection[ViewId]) -> tuple[int, int]:
     """Views of a camera, and those of them to train on."""
-    own = [view for view in groups if view.camera == camera]
-    return len(own), sum(view not in out for view in own)
+    camera_views = [view for view in groups if view.camera == camera]
+    return len(camera_views), sum(view not in out for view in camera_views)
 
 
 def photographs_sha256(shots: Iterable[ShotRecord]) -> str:

@@ -55,15 +55,15 @@ def _resized(values: Float, height: int, width: int) -> Float:
     shape = height, width
     if values.shape == shape:
         return values
-    places = [(np.arange(n) + 0.5) * own / n for own, n in zip(values.shape, shape, strict=True)]
+    places = [(np.arange(n) + 0.5) * side / n for side, n in zip(values.shape, shape, strict=True)]
     nearest = values[np.ix_(*(place.astype(int) for place in places))]
     before = [np.floor(place - 0.5) for place in places]
     down, right = (
         (place - 0.5 - first).astype(np.float32) for place, first in zip(places, before, strict=True)
     )
     rows, columns = (
-        [(first + step).clip(0, own - 1).astype(int) for step in (0, 1)]
-        for first, own in zip(before, values.shape, strict=True)
+        [(first + step).clip(0, side - 1).astype(int) for step in (0, 1)]
+        for first, side in zip(before, values.shape, strict=True)
     )
     four = [[values[np.ix_(row, column)] for column in columns] for row in rows]
     upper, lower = ((1 - right) * left + right * beside for left, beside in four)

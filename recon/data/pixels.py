@@ -50,14 +50,14 @@ def read_shot(
 
     mask: a picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
     """
-    kept = _DECODED.get()
-    if kept is None:
+    cache_of = _DECODED.get()
+    if cache_of is None:
         return decode_shot(path, name, kind, k, response, max_width, sensors, mask)
     written = tuple((file, os.stat(file).st_mtime_ns) for file in (path, mask) if file is not None)
     what = (written, name, kind, k, response, max_width, tuple(sensors))
-    if what not in kept:
-        kept[what] = decode_shot(path, name, kind, k, response, max_width, sensors, mask)
-    return kept[what]
+    if what not in cache_of:
+        cache_of[what] = decode_shot(path, name, kind, k, response, max_width, sensors, mask)
+    return cache_of[what]
 
 
 @contextmanager
@@ -140,8 +140,8 @@ def _read(
         alpha = None if alpha is None else area_mean(alpha, size)
         valid = np.ones(codes.shape, bool)
         return Shot.of(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
-    seen = read_with_alpha(path)
-    frame, alpha = from_light(seen.pixels, k), seen.alpha
+    image = read_with_alpha(path)
+    frame, alpha = from_light(image.pixels, k), image.alpha
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]
     size = _smaller(light, max_width)

@@ -53,14 +53,14 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
     images, lenses, drawn = [], [], 0
     for view in scene.views:
         path = folder / IMAGES / view.id.image_name
-        found = _photograph(scene, view)
-        if found is None:
+        photograph = _photograph(scene, view)
+        if photograph is None:
             drawn += 1
             store.write_bytes(path, encode_png(_drawn(scene, view)))
             lenses.append(view.lens)
         else:
-            data = found.read_bytes()
-            width, height, _ = read_photo_header(data, str(found))
+            data = photograph.read_bytes()
+            width, height, _ = read_photo_header(data, str(photograph))
             store.write_bytes(path, data)
             lenses.append(view.lens.resized(width, height))
         images.append(path)
@@ -106,14 +106,14 @@ def _points(scene: Scene) -> tuple[Array, npt.NDArray[np.uint8]]:
         splats = linear_splats(scene, scene.exposure, with_dome=False)
     else:
         splats = display_splats(scene, None, unreported)
-    kept = np.flatnonzero(
+    chosen = np.flatnonzero(
         (splats.opacities >= SOLID)
         & np.isfinite(splats.means).all(1)
         & np.isfinite(splats.harmonics[:, 0]).all(1)
         & (np.arange(len(splats)) < len(scene.gaussians))
     )
-    kept = kept[:: -(-len(kept) // MOST_POINTS) or 1]
-    solid = splats.rows(kept)
+    chosen = chosen[:: -(-len(chosen) // MOST_POINTS) or 1]
+    solid = splats.rows(chosen)
     return solid.means, shown(solid.light * solid.factor)
 
 
@@ -161,7 +161,7 @@ def _mounted(
     taken_by: list[int], frames: list[int], motions: list[Array], unit: float
 ) -> dict[int, Array] | None:
     """Camera-from-rig [4, 4] of each camera, if all keep their places to the first; else None."""
-    found: dict[int, Array] = {1: np.eye(4)}
+    mounts: dict[int, Array] = {1: np.eye(4)}
     first = {
         frame: motion for camera, frame, motion in zip(taken_by, frames, motions, strict=True) if camera == 1
     }
@@ -169,10 +169,10 @@ def _mounted(
         if frame not in first:
             return None
         relative = motion @ np.linalg.inv(first[frame])
-        known = found.setdefault(camera, relative)
+        known = mounts.setdefault(camera, relative)
         if not np.allclose(known, relative, rtol=0, atol=_RIGID * max(1.0, unit)):
             return None
-    return found
+    return mounts
 
 
 def _rigs(
@@ -190,10 +190,10 @@ def _rigs(
     others = [f"CAMERA {camera} 1 {_pose(motion)}" for camera, motion in mounted.items() if camera != 1]
     framed = []
     for number, frame in enumerate(dict.fromkeys(frames), 1):
-        own = [row for row in rows if frames[row] == frame]
-        first = next(row for row in own if taken_by[row] == 1)
-        data = " ".join(f"CAMERA {taken_by[row]} {row + 1}" for row in own)
-        framed.append(f"{number} 1 {_pose(motions[first])} {len(own)} {data}")
+        frame_rows = [row for row in rows if frames[row] == frame]
+        first = next(row for row in frame_rows if taken_by[row] == 1)
+        data = " ".join(f"CAMERA {taken_by[row]} {row + 1}" for row in frame_rows)
+        framed.append(f"{number} 1 {_pose(motions[first])} {len(frame_rows)} {data}")
     return [" ".join([f"1 {len(mounted)} CAMERA 1", *others])], framed
 
 

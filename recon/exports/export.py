@@ -118,23 +118,25 @@ def export(
         raise InputError(f"{out} is in the folder of the scene {around}: name another --out.")
     store.require_writable(out.parent)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
-    kept, dropped = (opened, 0) if name == "cameras" else sound(opened)
-    job = Job(kept, out, chosen.linear if linear is None else linear, exposure, place_of(kept), on_progress)
+    finite, dropped = (opened, 0) if name == "cameras" else sound(opened)
+    job = Job(
+        finite, out, chosen.linear if linear is None else linear, exposure, place_of(finite), on_progress
+    )
     written = chosen.write(job)
-    loss = None if written.held is None else loss_of(kept, written.truth, written.held, on_progress)
+    loss = None if written.held is None else loss_of(finite, written.truth, written.held, on_progress)
     notes = written.notes
-    if written.truth is not None and job.linear and kept.record.display is not None:
+    if written.truth is not None and job.linear and finite.record.display is not None:
         notes = (
             *notes,
             "that the scene blends display values, as its photographs have them: light is blended",
         )
     if dropped:
-        notes = (*notes, f"{dropped} of {dropped + len(kept.gaussians)} Gaussians, which no renderer draws")
+        notes = (*notes, f"{dropped} of {dropped + len(finite.gaussians)} Gaussians, which no renderer draws")
     return Exported(
         name,
         job.linear,
-        len(kept.gaussians) if written.held is None else len(written.held),
-        len(kept.views),
+        len(finite.gaussians) if written.held is None else len(written.held),
+        len(finite.views),
         job.factor,
         written.files,
         loss,

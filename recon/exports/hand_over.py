@@ -76,21 +76,21 @@ def hand_over(
         raise InputError(f"{folder} has files already: name a new folder, or empty it.")
     store.require_writable(folder)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
-    kept, dropped = sound(opened)
-    notes = lens_note(kept)
+    finite, dropped = sound(opened)
+    notes = lens_note(finite)
     if dropped:
         notes = (*notes, f"{dropped} Gaussians, which no renderer draws")
     with store.replacing(folder) as part:
         store.make_folder(part)
-        job = Job(kept, part / SCENE, True, exposure, place_of(kept), on_progress)
+        job = Job(finite, part / SCENE, True, exposure, place_of(finite), on_progress)
         written = usd.write(job)
         assert written.held is not None
         assert written.truth is not None
-        loss = loss_of(kept, written.truth, written.held, on_progress)
-        renders = _write_renders(part / RENDERS, kept, job.factor, on_progress)
-        cameras = write_cameras(part / CAMERAS, kept, job.place)[0] if kept.views else []
+        loss = loss_of(finite, written.truth, written.held, on_progress)
+        renders = _write_renders(part / RENDERS, finite, job.factor, on_progress)
+        cameras = write_cameras(part / CAMERAS, finite, job.place)[0] if finite.views else []
         store.write_bytes(part / CONFIG, configuration().encode())
-        text = page(kept, job, loss, notes, [*written.files, *renders])
+        text = page(finite, job, loss, notes, [*written.files, *renders])
         store.write_bytes(part / PAGE, text.encode())
         files = [*written.files, *renders, *cameras, part / CONFIG, part / PAGE]
         names = [path.relative_to(part) for path in files]

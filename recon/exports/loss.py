@@ -79,10 +79,10 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
     for done, view in enumerate(views):
         progress("measuring what is lost", done, len(views))
         light = _light(scene, view)
-        found = drawn(scene, held, view, renderer)
+        image = drawn(scene, held, view, renderer)
         white = np.zeros(light.shape[:2], bool) if held.linear else (light * held.factor > 1).any(2)
         clipped.append(white.mean())
-        pixels.append(stops_between(light[~white], found[~white], floor).ravel())
+        pixels.append(stops_between(light[~white], image[~white], floor).ravel())
     every = np.concatenate([*pixels, [0.0]] if not any(map(len, pixels)) else pixels)
     return Loss(
         median,
@@ -104,9 +104,9 @@ def floor_of(scene: Scene) -> float:
     return _SPAN / record.exposure
 
 
-def stops_between(truth: npt.ArrayLike, found: npt.ArrayLike, floor: float) -> npt.NDArray[np.float64]:
+def stops_between(truth: npt.ArrayLike, drawn_light: npt.ArrayLike, floor: float) -> npt.NDArray[np.float64]:
     """Return how far two lights are apart, those below `floor` counted as it."""
-    both = (np.maximum(np.asarray(light, np.float64), floor) for light in (truth, found))
+    both = (np.maximum(np.asarray(light, np.float64), floor) for light in (truth, drawn_light))
     return np.asarray(np.abs(np.subtract(*(np.log2(light) for light in both))))
 
 

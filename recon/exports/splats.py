@@ -75,8 +75,8 @@ class Splats:
     def gaussians(self) -> Gaussians:
         """The same in scene coordinates, float32, of `PlainHarmonics`."""
         rest = np.zeros((len(self), COEFFICIENTS - 1, 3))
-        kept = min(self.harmonics.shape[1], COEFFICIENTS) - 1
-        rest[:, :kept] = self.harmonics[:, 1 : kept + 1]
+        rest_terms = min(self.harmonics.shape[1], COEFFICIENTS) - 1
+        rest[:, :rest_terms] = self.harmonics[:, 1 : rest_terms + 1]
         values = {
             "means": self.world.from_world(self.means + self.offset),
             "log_scales": np.log(self.scales / self.world.unit),
@@ -91,10 +91,10 @@ class Splats:
         """The same as float32 holds it; one half is added to the light, which takes of what is dim."""
         return replace(self, harmonics=self.harmonics.astype(np.float32).astype(np.float64))
 
-    def rows(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Splats":
+    def rows(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Splats":
         """Some of them, or in another order."""
         names = ("means", "scales", "quats", "opacities", "harmonics")
-        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
 
 def sound(scene: Scene) -> tuple[Scene, int]:
@@ -104,26 +104,26 @@ def sound(scene: Scene) -> tuple[Scene, int]:
     ReconstructionError if none is left.
     """
     parameters = scene.gaussians.parameters
-    kept = torch.ones(len(scene.gaussians), dtype=torch.bool)
+    finite = torch.ones(len(scene.gaussians), dtype=torch.bool)
     for name, value in parameters.items():
         if name != "opacity_logits":
-            kept &= torch.isfinite(value.detach()).flatten(1).all(1) if value.ndim > 1 else value.isfinite()
-    kept &= torch.isfinite(scene.gaussians.scales()).all(1) & (scene.gaussians.scales() > 0).all(1)
-    kept &= scene.gaussians.opacities() > 0  # of NaN neither
-    kept &= parameters["quats"].abs().amax(1) > 0
-    if not kept.any():
+            finite &= torch.isfinite(value.detach()).flatten(1).all(1) if value.ndim > 1 else value.isfinite()
+    finite &= torch.isfinite(scene.gaussians.scales()).all(1) & (scene.gaussians.scales() > 0).all(1)
+    finite &= scene.gaussians.opacities() > 0  # of NaN neither
+    finite &= parameters["quats"].abs().amax(1) > 0
+    if not finite.any():
         raise ReconstructionError(
             f"{scene.folder} holds no Gaussian that can be drawn, so there is nothing to export: reconstruct "
             "it again."
         )
-    dropped = int((~kept).sum())
+    dropped = int((~finite).sum())
     if not dropped:
         return scene, 0
     sampling = scene.renderer.sampling
     if sampling is not None:
-        sampling = replace(sampling, least=sampling.least[kept], most=sampling.most[kept])
+        sampling = replace(sampling, least=sampling.least[finite], most=sampling.most[finite])
     renderer = replace(scene.renderer, sampling=sampling)
-    return replace(scene, gaussians=Gaussians(scene.gaussians.rows(kept)), renderer=renderer), dropped
+    return replace(scene, gaussians=Gaussians(scene.gaussians.rows(finite)), renderer=renderer), dropped
 
 
 def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
@@ -183,8 +183,8 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Spl
     path = scene.folder / SPLATS
     if stops is None and path.is_file():
         file = read_ply(path)
-        own = as_splats(file, record.world, record.offset, linear=False, factor=factor)
-        return replace(own, dome=max(0, len(file) - record.gaussians))
+        splats = as_splats(file, record.world, record.offset, linear=False, factor=factor)
+        return replace(splats, dome=max(0, len(file) - record.gaussians))
     far, drawn, dome = scene.renderer.environment, scene.gaussians, 0
     if far is not None:
         sphere = dome_of(far, scene.renderer.appearance, len(drawn))
@@ -211,13 +211,13 @@ def as_splats(
 ) -> Splats:
     """The Gaussians of a file that can be drawn, in their order."""
     values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
-    kept = np.isfinite(values).all(1) & (file.logits > -np.inf) & (np.abs(file.quats).max(1, initial=0) > 0)
+    valid = np.isfinite(values).all(1) & (file.logits > -np.inf) & (np.abs(file.quats).max(1, initial=0) > 0)
     return Splats(
-        means=file.means[kept],
-        scales=np.exp(file.log_scales[kept]),
-        quats=_unit(file.quats[kept]),
-        opacities=_opacity(file.logits[kept]),
-        harmonics=file.harmonics[kept],
+        means=file.means[valid],
+        scales=np.exp(file.log_scales[valid]),
+        quats=_unit(file.quats[valid]),
+        opacities=_opacity(file.logits[valid]),
+        harmonics=file.harmonics[valid],
         linear=linear,
         factor=factor,
         world=world,

@@ -51,9 +51,9 @@ def read_camera_path(
     stage of USD has several.
     """
     given = _read(path, lens_of_path(scene.views), camera)
-    found, placement = given.path, given.placement
-    if not 1 <= len(found.cameras) <= MOST_FRAMES:
-        raise InputError(f"{path} has {len(found.cameras)} cameras, not 1 to {MOST_FRAMES}: correct it.")
+    path_read, placement = given.path, given.placement
+    if not 1 <= len(path_read.cameras) <= MOST_FRAMES:
+        raise InputError(f"{path} has {len(path_read.cameras)} cameras, not 1 to {MOST_FRAMES}: correct it.")
     coordinates = f"in the coordinates that {path} itself tells"
     if placement is None and within is not None:
         placement, coordinates = placement_of(within), f"in the coordinates of {within}"
@@ -61,9 +61,9 @@ def read_camera_path(
         coordinates = f"{path} tells no coordinates: taken for those of the calibration"
     else:
         shifted = not scene.folder.is_file()  # else the world is that of the file
-        moved = (placement.in_world(one, given.axes, shifted=shifted) for one in found.cameras)
-        found = replace(found, cameras=tuple(moved))
-    return replace(found, note=", ".join(filter(None, (found.note, coordinates))))
+        moved = (placement.in_world(one, given.axes, shifted=shifted) for one in path_read.cameras)
+        path_read = replace(path_read, cameras=tuple(moved))
+    return replace(path_read, note=", ".join(filter(None, (path_read.note, coordinates))))
 
 
 def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
@@ -168,9 +168,9 @@ def _colmap(folder: Path) -> GivenPath:
         pose = np.vstack([image.cam_from_world().inverse().matrix(), [0, 0, 0, 1]])
         fisheye = "FISHEYE" in camera.model_name
         cameras.append(camera_of(pose, {**lens, **size, "fisheye": fisheye}, where, opengl=False))
-    found = CameraPath(folder.resolve().name, tuple(cameras))
+    path_read = CameraPath(folder.resolve().name, tuple(cameras))
     images = folder / "images.txt"
     if not images.is_file() or (folder / "images.bin").is_file():
-        return GivenPath(found)
+        return GivenPath(path_read)
     first = images.read_text("utf-8", "replace").partition("\n")[0]
-    return GivenPath(found, None, told_offset(first.removeprefix("# ")))
+    return GivenPath(path_read, None, told_offset(first.removeprefix("# ")))

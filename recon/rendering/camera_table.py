@@ -42,10 +42,10 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
         lines = path.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read as text: save it as CSV in UTF-8.") from error
-    kept = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
-    if not kept:
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
+    if not rows:
         raise InputError(f"{path} is empty: write a line that names the columns, and one a frame.")
-    columns = [name.strip().lower() for name in next(csv.reader([kept[0][1]]))]
+    columns = [name.strip().lower() for name in next(csv.reader([rows[0][1]]))]
     has = set(columns)
     if unknown := sorted(has - _KNOWN):
         raise InputError(f"{path} has a column {unknown[0]!r}, which rig does not know: take it out.")
@@ -53,7 +53,7 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
         raise InputError(f"{path} has no poses: name columns m00 to m23, or x, y, z, qw, qx, qy, qz.")
     cameras: list[SplatCamera] = []
     numbers: list[int] = []
-    for number, line in kept[1:]:
+    for number, line in rows[1:]:
         where = f"line {number} of {path}"
         cells = next(csv.reader([line]))
         if len(cells) != len(columns):

@@ -43,8 +43,8 @@ class DataLayers:
 
     def layer(self, name: Layer, camera: SplatCamera) -> Plane:
         """A layer by name, float32 [H, W], of normals [H, W, 3]."""
-        found: Plane = getattr(self, name)(camera)
-        return found
+        plane: Plane = getattr(self, name)(camera)
+        return plane
 
     def depth(self, camera: SplatCamera) -> Plane:
         """Along the axis of the camera, in units of the calibration, [H, W].

@@ -74,8 +74,8 @@ def light_probe(scene: Scene, place: npt.ArrayLike, rows: int) -> LightProbe:
         camera = SplatCamera(motion, focal, focal, size / 2, size / 2, size, size, fisheye=True)
         covered = scene.covered(scene.record.world.camera(camera)).numpy()
         pictures.append(np.dstack([scene.layer(camera)[0], covered]))
-    found = _averaged(np.stack(pictures), focal, rows)
-    light, alpha = np.ascontiguousarray(found[..., :-1]), found[..., -1]
+    averaged = _averaged(np.stack(pictures), focal, rows)
+    light, alpha = np.ascontiguousarray(averaged[..., :-1]), averaged[..., -1]
     weight = np.sqrt(1 - np.square(texels(rows)[..., 1]))
     known = float((alpha * weight).sum() / weight.sum()) if environment is None else 1.0
     return LightProbe(light, alpha if scene.record.transparent else None, known, axes)
@@ -84,21 +84,21 @@ def light_probe(scene: Scene, place: npt.ArrayLike, rows: int) -> LightProbe:
 def _averaged(pictures: Plane, focal: float, rows: int) -> Plane:
     """Means of pictures [6, size, size, C] over the texels of a map by solid angle, [rows, 2 * rows, C]."""
     fine = texels(rows * SAMPLES)
-    found = np.empty((rows, 2 * rows, pictures.shape[-1]), np.float32)
+    averaged = np.empty((rows, 2 * rows, pictures.shape[-1]), np.float32)
     for row in range(rows):
         lines = slice(row * SAMPLES, (row + 1) * SAMPLES)
-        seen = _looked_up(pictures, focal, fine[lines])
+        looked_up = _looked_up(pictures, focal, fine[lines])
         weight = np.sqrt(1 - np.square(fine[lines, 0, 1]))  # the cosine of the latitude
-        mean = np.einsum("s,swc->wc", weight / weight.sum(), seen)
-        found[row] = mean.reshape(2 * rows, SAMPLES, -1).mean(axis=1)
-    return found
+        mean = np.einsum("s,swc->wc", weight / weight.sum(), looked_up)
+        averaged[row] = mean.reshape(2 * rows, SAMPLES, -1).mean(axis=1)
+    return averaged
 
 
 def _looked_up(pictures: Plane, focal: float, directions: Array) -> Array:
     """Pictures at directions [..., 3] along the axes of the map, bilinear, float64 [..., C]."""
-    own = np.stack([directions @ face.T for face in _FACES])  # right, down and ahead of each face
-    face = np.argmax(own[..., 2], axis=0)
-    right, down, ahead = np.moveaxis(np.take_along_axis(own, face[None, ..., None], axis=0)[0], -1, 0)
+    in_face = np.stack([directions @ face.T for face in _FACES])  # right, down and ahead of each face
+    face = np.argmax(in_face[..., 2], axis=0)
+    right, down, ahead = np.moveaxis(np.take_along_axis(in_face, face[None, ..., None], axis=0)[0], -1, 0)
     aside = np.hypot(right, down)
     scale = focal * np.arctan2(aside, ahead) / np.maximum(aside, 1e-12)
     x, y = (pictures.shape[1] / 2 + scale * part - 0.5 for part in (right, down))

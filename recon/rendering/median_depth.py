@@ -27,18 +27,18 @@ def median_depth(shapes: Shapes, camera: SplatCamera, limits: Limits) -> npt.NDA
     depth = shapes.means @ motion[2, :3] + motion[2, 3]
     order = torch.argsort(depth, stable=True)
     order = order[(depth[order] >= limits.near) & torch.isfinite(depth[order])]
-    left = np.ones((camera.height, camera.width), np.float32)
-    found = np.full_like(left, np.inf)
+    transmittance = np.ones((camera.height, camera.width), np.float32)
+    median = np.full_like(transmittance, np.inf)
     size = max(FEWEST, -(-len(order) // SLABS))
     for first in range(0, len(order), size):
         rows = order[first : first + size]
         with torch.no_grad(), torch_on_one_thread():
             render = drawn_values(shapes.rows(rows), depth[rows, None], camera, limits)
         alpha, sums = render.alpha.numpy(), render.image[..., 0].numpy()
-        open_before = left > HALF
-        left *= 1 - alpha
-        here = open_before & (left <= HALF)
-        found[here] = sums[here] / alpha[here]
-        if not (left > HALF).any():
+        open_before = transmittance > HALF
+        transmittance *= 1 - alpha
+        here = open_before & (transmittance <= HALF)
+        median[here] = sums[here] / alpha[here]
+        if not (transmittance > HALF).any():
             break
-    return found
+    return median

@@ -96,18 +96,18 @@ def placement_of(path: Path) -> Placement:
     suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path} is not there: name the file of rig export that the cameras were made in.")
-    found = None
+    placement = None
     if suffix in USD_SUFFIXES:
-        found = placement_in(open_stage(path), path)
+        placement = placement_in(open_stage(path), path)
     elif suffix == ".glb":
-        found = _in_gltf(path)
+        placement = _in_gltf(path)
     elif suffix == ".ply":
-        found = _in_ply(path)
-    if found is None:
+        placement = _in_ply(path)
+    if placement is None:
         raise InputError(
             f"{path} does not tell where the scene lies in it: name a USD, glb or PLY file of rig export."
         )
-    return found
+    return placement
 
 
 def open_stage(path: Path) -> Any:
@@ -141,7 +141,7 @@ def placement_in(stage: Any, path: Path) -> Placement | None:
     """
     from pxr import Usd, UsdGeom
 
-    found: list[Placement] = []
+    placements: list[Placement] = []
     for prim in stage.Traverse():
         value = prim.GetAttribute(PLACED).Get() if prim.HasAttribute(PLACED) else None
         if value is None:
@@ -156,12 +156,14 @@ def placement_in(stage: Any, path: Path) -> Placement | None:
             )
         if np.linalg.det(turn) < 0:
             raise InputError(f"{path} mirrors {prim.GetPath()}, which stands for the scene: turn it back.")
-        found.append(Placement(matrix, (x, y, z), axes_of(stage)))
-    if not found:
+        placements.append(Placement(matrix, (x, y, z), axes_of(stage)))
+    if not placements:
         return None
-    first = found[0]
-    if not all(np.allclose(first.file_from_local, other.file_from_local, atol=_SAME) for other in found):
-        raise InputError(f"{path} has the scene {len(found)} times at different places: leave one of them.")
+    first = placements[0]
+    if not all(np.allclose(first.file_from_local, other.file_from_local, atol=_SAME) for other in placements):
+        raise InputError(
+            f"{path} has the scene {len(placements)} times at different places: leave one of them."
+        )
     return first
 
 
@@ -190,8 +192,8 @@ def _in_ply(path: Path) -> Placement | None:
 
 def told_offset(text: str) -> Placement | None:
     """Read a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`, or return None."""
-    found = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
+    match = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
     try:
-        return None if found is None else less([float(number) for number in found.groups()])
+        return None if match is None else less([float(number) for number in match.groups()])
     except ValueError:
         return None

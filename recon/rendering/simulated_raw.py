@@ -66,8 +66,8 @@ class RawCamera:
         sites = np.tile(self.cfa.pattern, (-(-height // self.cfa.period[0]), -(-width // self.cfa.period[1])))
         sites = sites[:height, :width, None].astype(np.intp)
         finite = np.nan_to_num(light.astype(np.float64), posinf=_BRIGHTEST, neginf=0.0)
-        seen = np.take_along_axis(finite @ self.matrix.T, sites, axis=2)[..., 0]
-        arriving = np.maximum(seen * falloff(self.calibration, height, width), 0.0)
+        at_sites = np.take_along_axis(finite @ self.matrix.T, sites, axis=2)[..., 0]
+        arriving = np.maximum(at_sites * falloff(self.calibration, height, width), 0.0)
         noise = np.random.Generator(np.random.PCG64(seed))
         for shot in self.shots:
             yield self._recorded(arriving * shot.k, shot, noise)

@@ -71,8 +71,8 @@ def measured(scene: Scene, view: SceneView, camera: SplatCamera) -> Tensor:
         directions = torch.nn.functional.normalize(away, dim=1)
         colours = scene.renderer.appearance.colours(parameters, directions, scene.record.degree)
         light = torch.from_numpy(scene.in_units(colours[None])[0])
-    found = torch.zeros(len(light), dtype=torch.bool)
+    result = torch.zeros(len(light), dtype=torch.bool)
     for shot in view.shots:
         least, most = shot.measures or (-math.inf, math.inf)
-        found |= ((light > least) & (light < most)).any(1)
-    return found
+        result |= ((light > least) & (light < most)).any(1)
+    return result

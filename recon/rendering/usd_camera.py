@@ -37,8 +37,8 @@ def read_usd(path: Path, usual: SplatCamera, name: str | None) -> GivenPath:
         raise InputError(f"{path} has {len(numbers)} frames, more than {MOST_FRAMES}: export fewer.")
     times = [Usd.TimeCode(number) for number in numbers] or [Usd.TimeCode.Default()]
     cameras = [_camera(camera, time, usual, f"{prim.GetPath()} of {path}") for time in times]
-    found = CameraPath(path.stem, tuple(cameras), tuple(numbers), note)
-    return GivenPath(found, axes_of(stage), placement_in(stage, path))
+    path_read = CameraPath(path.stem, tuple(cameras), tuple(numbers), note)
+    return GivenPath(path_read, axes_of(stage), placement_in(stage, path))
 
 
 def _chosen(stage: Any, path: Path, name: str | None) -> tuple[Any, str]:

@@ -59,15 +59,15 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
         field = read_usd(path)
         file, linear, up, cameras = field.splats, field.linear, field.up, field.cameras
     values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
-    kept = np.isfinite(values).all(1) & ~np.isnan(file.logits) & (np.abs(file.quats).max(1, initial=0) > 0)
-    if not kept.any():
+    valid = np.isfinite(values).all(1) & ~np.isnan(file.logits) & (np.abs(file.quats).max(1, initial=0) > 0)
+    if not valid.any():
         raise InputError(f"{path} holds no Gaussian that can be drawn: export it again.")
-    means = file.means[kept]
+    means = file.means[valid]
     middle = np.median(means, axis=0)
     reach = float(np.median(np.linalg.norm(means - middle, axis=1)))
     world = WorldTransform(origin=tuple(middle.tolist()), unit=_AWAY * reach if reach > 0 else 1.0)
     views = tuple(map(_seen, cameras)) or _orbit(middle, world.unit, up)
-    gaussians = _gaussians(file, kept, world)
+    gaussians = _gaussians(file, valid, world)
     degree = min(int(np.sqrt(file.harmonics.shape[1])) - 1, DEGREE)
     brightest = float(PlainHarmonics().luminance(gaussians.parameters).max())
     reference = _SPAN * brightest if linear and brightest > 0 else None
@@ -76,16 +76,16 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     return record, gaussians, Renderer(PlainHarmonics(), limits)
 
 
-def _gaussians(file: PlySplats, kept: npt.NDArray[np.bool_], world: WorldTransform) -> Gaussians:
-    harmonics = file.harmonics[kept]
+def _gaussians(file: PlySplats, valid: npt.NDArray[np.bool_], world: WorldTransform) -> Gaussians:
+    harmonics = file.harmonics[valid]
     rest = np.zeros((len(harmonics), COEFFICIENTS - 1, 3))
     shown = harmonics[:, 1:COEFFICIENTS]
     rest[:, : shown.shape[1]] = shown
     values = {
-        "means": world.from_world(file.means[kept]),
-        "log_scales": file.log_scales[kept] - np.log(world.unit),
-        "quats": file.quats[kept],
-        "opacity_logits": file.logits[kept].clip(-80, 80),
+        "means": world.from_world(file.means[valid]),
+        "log_scales": file.log_scales[valid] - np.log(world.unit),
+        "quats": file.quats[valid],
+        "opacity_logits": file.logits[valid].clip(-80, 80),
         "sh_dc": harmonics[:, :1],
         "sh_rest": rest,
     }

@@ -250,8 +250,8 @@ class Opened:
 
     def view(self, name: str) -> View:
         """Return the view of that name, `frame/camera`; ReconstructionError for an unknown one."""
-        found = self.scene.view(name).name
-        return next(view for view in self.dataset.views if view.name == found)
+        full_name = self.scene.view(name).name
+        return next(view for view in self.dataset.views if view.name == full_name)
 
 
 @checked
@@ -315,8 +315,8 @@ def _dataset(folder: Path, record: ModelRecord, progress: Progress, width: int) 
     session = Session.open(place)
     shots = {shot.file: shot for shot in session.shots("scene")}
     wanted = [shot.file for view in record.views for shot in view.shots]
-    kept = [shots[file] for file in wanted if file in shots]
-    _require_photographs(folder, session, kept, len(wanted), record)
+    chosen = [shots[file] for file in wanted if file in shots]
+    _require_photographs(folder, session, chosen, len(wanted), record)
     groups = {view.id: [shots[shot.file] for shot in view.shots] for view in record.views}
     held_out = {view.id for view in record.views if view.use != "training"}
     calibration = read_own_calibration(folder)

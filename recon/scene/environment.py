@@ -76,8 +76,8 @@ class Environment:
         across = 2 * (2 * rows * right + 1) / (2 * rows + 2) - 1
         places = torch.stack([across, 2 * down - 1], 1)[None, None]
         map_light = pad(self.ln_light.exp()[None], (1, 1, 0, 0), mode="circular")
-        found = grid_sample(map_light, places, padding_mode="border", align_corners=False)
-        return found[0, :, 0].T.reshape(directions.shape)
+        sampled = grid_sample(map_light, places, padding_mode="border", align_corners=False)
+        return sampled[0, :, 0].T.reshape(directions.shape)
 
     def directions(self) -> npt.NDArray[np.float64]:
         """Unit vectors [rows, 2 * rows, 3] of the middles of the texels, in scene axes."""

@@ -172,8 +172,8 @@ class Renderer:
         if means.device.type != "cpu" or colours.shape[1] == CHANNELS_MOST:
             # As bright as the light, so that both are cut off alike.
             light = colours.detach().amax(1, keepdim=True).expand(-1, 2)
-            own = drawn(torch.cat([ln_depth, light], 1), None)
-            return replace(drawn(colours, stats), ln_depth=own.image[..., 0] / unit)
+            rendered = drawn(torch.cat([ln_depth, light], 1), None)
+            return replace(drawn(colours, stats), ln_depth=rendered.image[..., 0] / unit)
         render = drawn(torch.cat([colours, ln_depth], 1), stats)
         return replace(render, image=render.image[..., :-1], ln_depth=render.image[..., -1] / unit)
 

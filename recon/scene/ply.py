@@ -45,8 +45,8 @@ def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -
     """
     parameters = gaussians.parameters
     if isinstance(appearance, PlainHarmonics):
-        own = [parameters[name].detach().double().numpy() for name in ("sh_dc", "sh_rest")]
-        return np.concatenate(own, axis=1)[:, : (degree + 1) ** 2]
+        parts = [parameters[name].detach().double().numpy() for name in ("sh_dc", "sh_rest")]
+        return np.concatenate(parts, axis=1)[:, : (degree + 1) ** 2]
 
     def colours(towards: torch.Tensor) -> npt.NDArray[np.float64]:
         return appearance.colours(parameters, towards, degree).detach().double().numpy()

@@ -61,14 +61,16 @@ class Sampling:
         near, far = (finer > 1).nonzero()[:, 0], (coarser < 1).nonzero()[:, 0]
         if len(near):
             added = blur * (finer[near] ** 2 - 1) * spacing[near] ** 2
-            own = scales[near]  # one of zero, which is never drawn, stays so
-            scales = scales.index_put((near,), torch.where(own > 0, (own**2 + added[:, None]).sqrt(), own))
+            near_scales = scales[near]  # one of zero, which is never drawn, stays so
+            scales = scales.index_put(
+                (near,), torch.where(near_scales > 0, (near_scales**2 + added[:, None]).sqrt(), near_scales)
+            )
         if len(far):
             theirs = blur * coarser[far] ** 2
             ray = torch.nn.functional.normalize(away[far], dim=1)
             variances = (scales[far] / spacing[far, None]).square()
-            kept = _kept(ray, variances, quats[far], theirs, blur)
-            opacities = opacities.index_put((far,), opacities[far] * kept)
+            share = _kept(ray, variances, quats[far], theirs, blur)
+            opacities = opacities.index_put((far,), opacities[far] * share)
         return scales, opacities
 
 
@@ -118,8 +120,8 @@ def _kept(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: f
     Gaussian is in both determinants.
     """
     sharp, wide = _determinants(ray, variances, quats)
-    kept: Tensor = ((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur))).sqrt()
-    return kept
+    share: Tensor = ((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur))).sqrt()
+    return share
 
 
 def _determinants(ray: Tensor, variances: Tensor, quats: Tensor) -> tuple[Tensor, Tensor]:

@@ -54,9 +54,9 @@ def _drawn(counter, away, scales, quats, opacities, least, most, axis, focal, fi
             if finer > 1.0:
                 added = blur * (finer * finer - 1.0) * spacing * spacing
                 for k in range(3):
-                    own = float(scales[i, k])
-                    if own > 0.0:
-                        wide[i, k] = math.sqrt(own * own + added)
+                    size = float(scales[i, k])
+                    if size > 0.0:
+                        wide[i, k] = math.sqrt(size * size + added)
             coarser = most[i] / spacing
             if coarser < 1.0:
                 ray = x / distance, y / distance, z / distance

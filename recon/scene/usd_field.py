@@ -71,8 +71,8 @@ def read_usd(path: Path) -> UsdField:
         raise InputError(f"{path} is no file that OpenUSD can open: export it again.") from error
     prims = [prim for prim in stage.Traverse() if prim.IsA(UsdVol.ParticleField3DGaussianSplat)]
     if len(prims) != 1:
-        found = f"{len(prims)} fields" if prims else "no field"
-        raise InputError(f"{path} has {found} of Gaussians: export one ParticleField3DGaussianSplat.")
+        count = f"{len(prims)} fields" if prims else "no field"
+        raise InputError(f"{path} has {count} of Gaussians: export one ParticleField3DGaussianSplat.")
     field = UsdVol.ParticleField3DGaussianSplat(prims[0])
     placed = column_matrix(UsdGeom.Xformable(field).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime()))
     unit = abs(float(np.linalg.det(placed[:3, :3]))) ** (1 / 3)
@@ -122,8 +122,8 @@ def _splats(path: Path, field: Any) -> PlySplats:
 
 def _values(single: Any, half: Any, width: int) -> Array:
     """Values of an attribute in either precision, [N, width]."""
-    found = single.Get()
-    return np.array(half.Get() if found is None else found, np.float64).reshape(-1, width)
+    values = single.Get()
+    return np.array(half.Get() if values is None else values, np.float64).reshape(-1, width)
 
 
 def _space(field: Any) -> str:
@@ -147,7 +147,7 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
 
     times = UsdGeom.Xformable(camera).GetTimeSamples()
     size_attribute = camera.GetPrim().GetAttribute(SIZE)
-    found = []
+    cameras = []
     for time in times or [Usd.TimeCode.Default()]:
         gf = camera.GetCamera(time)
         if gf.projection != gf.Perspective or not gf.focalLength > 0 or not gf.verticalAperture > 0:
@@ -160,10 +160,10 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
         motion[:3, :3] = unscaled(pose[:3, :3]).T @ turn
         motion[:3, 3] = -motion[:3, :3] @ centre
         frame = 0 if isinstance(time, Usd.TimeCode) else max(0, round(time))
-        found.append(
+        cameras.append(
             UsdCamera(camera.GetPrim().GetDisplayName() or camera.GetPrim().GetName(), frame, lens, motion)
         )
-    return found
+    return cameras
 
 
 def pinhole_numbers(gf: Any, width: int, height: int | None) -> dict[str, Any]:

@@ -50,10 +50,10 @@ def far_light(
     light = np.full((MOST_LOOKS, len(directions), 3), np.nan, np.float32)
     count = np.zeros(len(directions), np.int64)
     for view, (rgb, _) in zip(views, images, strict=True):
-        at, seen = _looks(view, rgb, directions)
+        at, looks = _looks(view, rgb, directions)
         room = count[at] < MOST_LOOKS
-        at, seen = at[room], seen[room]
-        light[count[at], at] = seen
+        at, looks = at[room], looks[room]
+        light[count[at], at] = looks
         count[at] += 1
     best, friends = _most_like(light)
     planes = light[best, np.arange(len(directions))].reshape(rows, 2 * rows, 3)
@@ -71,9 +71,9 @@ def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int6
         logs = np.log(light @ LUMINANCE)
     logs[~np.isfinite(logs)] = np.nan
     best, friends = np.zeros(light.shape[1], np.int64), np.full(light.shape[1], -1, np.int64)
-    for one, own in enumerate(logs):
-        alike = (np.abs(logs - own) < ALIKE).sum(0) - np.isfinite(own)
-        better = np.isfinite(own) & (alike > friends)
+    for one, log in enumerate(logs):
+        alike = (np.abs(logs - log) < ALIKE).sum(0) - np.isfinite(log)
+        better = np.isfinite(log) & (alike > friends)
         best[better], friends[better] = one, alike[better]
     return best, np.maximum(friends, 0)
 
@@ -88,10 +88,12 @@ def within_reach(views: Sequence[View], points: Array) -> Bool:
 
 def without_far(start: Start, views: Sequence[View]) -> Start:
     """The points that Gaussians start from where an environment has the light of all beyond."""
-    kept = within_reach(views, start.xyz)
-    if kept.sum() < FEWEST_POINTS:
+    reachable = within_reach(views, start.xyz)
+    if reachable.sum() < FEWEST_POINTS:
         return start
-    return replace(start, xyz=start.xyz[kept], rgb=start.rgb[kept], sparse=int(kept[: start.sparse].sum()))
+    return replace(
+        start, xyz=start.xyz[reachable], rgb=start.rgb[reachable], sparse=int(reachable[: start.sparse].sum())
+    )
 
 
 def _axes(views: Sequence[View]) -> Array:
@@ -118,8 +120,8 @@ def _looks(view: View, rgb: Float, directions: Array) -> tuple[npt.NDArray[np.in
     shown = inside(lens, pixels, depth)
     ahead, pixels = ahead[shown], pixels[shown]
     at = np.floor(pixels).astype(int)
-    kept = view.seen[at[:, 1], at[:, 0]]
-    ahead, pixels = ahead[kept], (pixels[kept] - 0.5).astype(np.float32)
+    valid = view.seen[at[:, 1], at[:, 0]]
+    ahead, pixels = ahead[valid], (pixels[valid] - 0.5).astype(np.float32)
     if not len(ahead):
         return ahead, np.zeros((0, 3), np.float32)
     # OpenCV maps no more than 32767 places a side.

@@ -141,12 +141,12 @@ def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, npt
     pieces = [slice(first, first + at_once) for first in range(0, max(len(xyz), 1), at_once)]
     views = dataset.train
     if all(view.held for view in views):
-        seen = [view.seen for view in views]
+        masks = [view.seen for view in views]
         parts = [
             _median(
                 [
-                    _looks(view, own, image, xyz[piece])
-                    for view, own, (image, _) in zip(views, seen, images, strict=True)
+                    _looks(view, mask, image, xyz[piece])
+                    for view, mask, (image, _) in zip(views, masks, images, strict=True)
                 ]
             )
             for piece in pieces
@@ -163,46 +163,46 @@ def _medians_by_disk(
     with store.scratch(dataset.session) as file:
         try:
             for view, (image, _) in zip(dataset.train, images, strict=True):
-                seen = view.seen
+                mask = view.seen
                 for piece in pieces:
-                    looks = _looks(view, seen, image, xyz[piece])
+                    looks = _looks(view, mask, image, xyz[piece])
                     file.write(looks.data)
             channels, parts = looks.shape[1], []
             for piece in pieces:
-                found = np.empty((len(images), len(xyz[piece]), channels), np.float32)
-                for row, own in enumerate(found):
+                samples_of = np.empty((len(images), len(xyz[piece]), channels), np.float32)
+                for row, row_samples in enumerate(samples_of):
                     file.seek(4 * channels * (row * len(xyz) + piece.start))
-                    file.readinto(own.data)
-                parts.append(_median(found))
+                    file.readinto(row_samples.data)
+                parts.append(_median(samples_of))
         except OSError as error:
             raise store.refused(dataset.session, error) from error
     return parts
 
 
-def _looks(view: View, seen: npt.NDArray[np.bool_], image: Float, xyz: Array) -> Float:
+def _looks(view: View, mask: npt.NDArray[np.bool_], image: Float, xyz: Array) -> Float:
     """Radiance [P, C] that a view has at the places of points; NaN where it does not see them.
 
-    seen: of the view, which takes a look at all its pixels.
+    mask: of the view, which takes a look at all its pixels.
     """
-    found = np.full((len(xyz), image.shape[-1]), np.nan, np.float32)
+    colours = np.full((len(xyz), image.shape[-1]), np.nan, np.float32)
     pixels, depth = project(view.lens, xyz)
     x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
     inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
     at = y[inside].astype(int), x[inside].astype(int)
-    found[inside] = np.where(seen[at][:, None], image[at], np.nan)
-    return found
+    colours[inside] = np.where(mask[at][:, None], image[at], np.nan)
+    return colours
 
 
 def _median(looks: Sequence[Float] | Float) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Median of samples [V, P, C]."""
     samples = np.asarray(looks, np.float64)
-    seen = np.isfinite(samples).any(0)
-    visible = seen.any(-1)
+    sampled = np.isfinite(samples).any(0)
+    visible = sampled.any(-1)
     median = np.zeros(samples.shape[1:])
-    median[seen] = np.nanmedian(samples[:, seen], axis=0)
+    median[sampled] = np.nanmedian(samples[:, sampled], axis=0)
     # A band that no view of the point was taken through starts as bright as the others.
-    others = median.sum(-1, keepdims=True) / np.maximum(seen.sum(-1, keepdims=True), 1)
-    return np.maximum(np.where(seen, median, others), 0.0), np.asarray(visible)
+    others = median.sum(-1, keepdims=True) / np.maximum(sampled.sum(-1, keepdims=True), 1)
+    return np.maximum(np.where(sampled, median, others), 0.0), np.asarray(visible)
 
 
 def gaussians_at(

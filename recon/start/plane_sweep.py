@@ -104,10 +104,10 @@ def plane_sweep(
     swept: dict[int, tuple[Float, Float]] = {}
     order = sorted(chosen, key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
-        for done, (index, found) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
+        for done, (index, depth_map) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
             progress("sweeping depth", done, len(chosen))
-            if found is not None:
-                swept[index] = found
+            if depth_map is not None:
+                swept[index] = depth_map
     depths = {index: swept[index][0] for index in sorted(swept)}
     centres = {index: _coarse_centres(views[index], *depth.shape[::-1]) for index, depth in depths.items()}
     trusted, filled = {}, {}

@@ -121,13 +121,13 @@ def _decided(point: Point) -> dict[str, Any]:
 
 def distinct(choices: Sequence[Choice], session: Session, trained_before: set[Overrides]) -> list[Choice]:
     """The settings without those that would repeat `known`, or one before them."""
-    kept, trained = [], set(trained_before)
+    choices_left, trained = [], set(trained_before)
     for choice in choices:
         same = session.effective(choice)
         if same not in trained:
             trained.add(same)
-            kept.append(choice)
-    return kept
+            choices_left.append(choice)
+    return choices_left
 
 
 def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:

@@ -86,7 +86,7 @@ def train_point(
         corrected = opened.training.refinement
         _, _, rows, _ = measured(replace(opened, dataset=dataset))
         # Views of a mixed rig are each measured as their camera is.
-        own = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
+        by_view = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
         truth = [row["hdr_psnr_mu_aligned"] for row in rows if "hdr_psnr_mu_aligned" in row]
         return Point(
             key=key,
@@ -103,8 +103,8 @@ def train_point(
             at_once=at_once,
             size_bytes=(folder / SPLATS).stat().st_size,
             splats_sha256=store.sha256(folder / SPLATS),
-            db=float(np.mean(list(own.values()))),
-            views=own,
+            db=float(np.mean(list(by_view.values()))),
+            views=by_view,
             truth_db=float(np.mean(truth)) if truth else None,
         )
     finally:  # its scene can be made again by its command
@@ -116,10 +116,10 @@ MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
 
 def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:
     """The data set that all points of a session are measured on, read once a process."""
-    kept = _kept(session, width, store.sha256(session / "calibration" / "calibration.json"))
-    if not kept:
-        kept.append(load(session, max_width=width, progress=progress))
-    return kept[0]
+    measured_before = _kept(session, width, store.sha256(session / "calibration" / "calibration.json"))
+    if not measured_before:
+        measured_before.append(load(session, max_width=width, progress=progress))
+    return measured_before[0]
 
 
 @lru_cache(maxsize=1)

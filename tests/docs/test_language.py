@@ -29,6 +29,14 @@ NAMED = (
     "calib/luminance",
     "calib/sensor",
     "calib/survey",
+    "recon/data",
+    "recon/exports",
+    "recon/protocols",
+    "recon/rendering",
+    "recon/result",
+    "recon/scene",
+    "recon/start",
+    "recon/trade",
     "rig",
 )
 """Folders whose variables say what they hold; the others follow."""

@@ -120,18 +120,18 @@ def packed_splats(splats: Splats, least: Array, most: Array, floor: float) -> Pa
     places = np.round(exact[:, :3] * _FINE).astype(np.int64)
     codes[:, :3] = places // _FINE
     codes[:, 15] = (places % _FINE) @ [1024, 32, 1]
-    found = low + grain * codes
+    decoded = low + grain * codes
     bent = low[:3] + grain[:3] * places / _FINE
-    parts = found[:, 8:11]
+    parts = decoded[:, 8:11]
     whole = np.sqrt(np.maximum(0, 1 - np.square(parts).sum(axis=1)))
-    light = floor * np.sinh(found[:, 12:15])
+    light = floor * np.sinh(decoded[:, 12:15])
     harmonics, rest, book = _harmonics(splats, light, floor)
     held = replace(
         splats,
         means=origin + unit * np.sign(bent) * np.expm1(np.abs(bent)),
-        scales=np.exp(found[:, 4:7]) * unit,
+        scales=np.exp(decoded[:, 4:7]) * unit,
         quats=np.column_stack([whole, parts]),
-        opacities=1 / (1 + np.exp(-found[:, 3])),
+        opacities=1 / (1 + np.exp(-decoded[:, 3])),
         harmonics=harmonics,
     )
     return Packed(codes, rest, book, low, grain, floor, held)
@@ -143,12 +143,12 @@ def _harmonics(splats: Splats, light: Array, floor: float) -> tuple[Array, npt.N
     if not splats.degree:
         return constant, np.zeros((0, COEFFICIENTS - 1, 3), np.uint8), np.zeros(256)
     bent = np.zeros((len(splats), COEFFICIENTS - 1, 3))
-    kept = min(splats.harmonics.shape[1], COEFFICIENTS) - 1
-    bent[:, :kept] = np.arcsinh(splats.harmonics[:, 1 : kept + 1] / floor)
-    steps = codebook(bent[:, :kept])
+    degree_terms = min(splats.harmonics.shape[1], COEFFICIENTS) - 1
+    bent[:, :degree_terms] = np.arcsinh(splats.harmonics[:, 1 : degree_terms + 1] / floor)
+    steps = codebook(bent[:, :degree_terms])
     book = (floor * np.sinh(steps)).astype(np.float32).astype(np.float64)
     codes = nearest(bent, steps)
-    return np.concatenate([constant, book[codes[:, :kept]]], axis=1), codes, book
+    return np.concatenate([constant, book[codes[:, :degree_terms]]], axis=1), codes, book
 
 
 def _page(job: Job, packed: Packed) -> str:

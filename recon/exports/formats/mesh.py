@@ -62,12 +62,12 @@ def write(job: Job) -> Written:
         volume.add(picture)
     job.progress("finding the surface", 0, 0)
     # Behind a surface nothing is seen, and its end there is no surface: all neighbours have to be seen.
-    seen = binary_erosion(volume.weight >= _LEAST_VIEWS, np.ones((3, 3, 3)))
+    visible = binary_erosion(volume.weight >= _LEAST_VIEWS, np.ones((3, 3, 3)))
     distance = volume.distance
-    if not (seen & (distance < 0)).any():
+    if not (visible & (distance < 0)).any():
         raise _nothing(job)
     try:
-        places, faces, _, _ = measure.marching_cubes(distance, 0.0, mask=seen)
+        places, faces, _, _ = measure.marching_cubes(distance, 0.0, mask=visible)
     except (ValueError, RuntimeError) as error:
         raise _nothing(job) from error
     colours = np.stack(
@@ -182,8 +182,8 @@ def _points(picture: _Picture) -> Array:
     camera, depth = picture.camera, picture.depth[rows, columns].astype(np.float64)
     x = (columns + 0.5 - camera.cx) / camera.fx
     y = (rows + 0.5 - camera.cy) / camera.fy
-    seen = np.stack([x, y, np.ones_like(x)], -1) * depth[:, None]
-    return np.asarray((seen - camera.cam_from_world[:3, 3]) @ camera.cam_from_world[:3, :3])
+    in_camera = np.stack([x, y, np.ones_like(x)], -1) * depth[:, None]
+    return np.asarray((in_camera - camera.cam_from_world[:3, 3]) @ camera.cam_from_world[:3, :3])
 
 
 def _nothing(job: Job) -> ReconstructionError:

@@ -33,11 +33,11 @@ def palette(vectors: Array, progress: Progress = unreported) -> tuple[Array, npt
         sums = torch.zeros_like(entries).index_add_(0, labels, sample)
         counts = torch.bincount(labels, minlength=_SIZE)[:, None]
         entries = torch.where(counts > 0, sums / counts.clamp_min(1), entries)
-    found = []
+    chunk_labels = []
     for first in range(0, len(vectors), _CHUNK):
         progress("choosing harmonics", first, len(vectors))
-        found.append(_labels(torch.from_numpy(vectors[first : first + _CHUNK]).float(), entries))
-    return entries.double().numpy(), torch.cat(found).numpy()
+        chunk_labels.append(_labels(torch.from_numpy(vectors[first : first + _CHUNK]).float(), entries))
+    return entries.double().numpy(), torch.cat(chunk_labels).numpy()
 
 
 def _labels(vectors: torch.Tensor, entries: torch.Tensor) -> torch.Tensor:

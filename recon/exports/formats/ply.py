@@ -32,8 +32,8 @@ def write_points(job: Job) -> Written:
     light = solid.light * solid.factor
     store.write_bytes(job.out, packed_vertices(solid.means, shown(light), vertex_comments(job), light=light))
     notes = ["sizes, shapes and opacities, and how colours depend on the direction"]
-    if left := len(splats) - len(solid):
-        notes.append(f"{left} of {len(splats)} Gaussians, which are less than half opaque")
+    if omitted := len(splats) - len(solid):
+        notes.append(f"{omitted} of {len(splats)} Gaussians, which are less than half opaque")
     if job.scene.renderer.environment is not None:
         notes.append("light from far away")
     return Written([job.out], notes=tuple(notes))

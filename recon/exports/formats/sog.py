@@ -131,8 +131,8 @@ def _pack_means(means: Array, files: dict[str, Bytes]) -> _Means:
     codes = np.round(65535 * (bent - low) / span).astype(np.uint16)
     files["means_l.webp"] = _filled((codes & 255).astype(np.uint8), 255)
     files["means_u.webp"] = _filled((codes >> 8).astype(np.uint8), 255)
-    found = low + span * codes / 65535
-    return _Means(low, high, np.sign(found) * np.expm1(np.abs(found)))
+    decoded = low + span * codes / 65535
+    return _Means(low, high, np.sign(decoded) * np.expm1(np.abs(decoded)))
 
 
 def _pack_quats(quats: Array, files: dict[str, Bytes]) -> Array:
@@ -142,11 +142,11 @@ def _pack_quats(quats: Array, files: dict[str, Bytes]) -> Array:
     small = np.take_along_axis(turned, _OTHERS[largest], axis=1)
     codes = np.round(255 * (small * math.sqrt(2) + 1) / 2).clip(0, 255).astype(np.uint8)
     files["quats.webp"] = np.column_stack([codes, (252 + largest).astype(np.uint8)])
-    found = np.zeros_like(quats)
+    decoded = np.zeros_like(quats)
     small = (codes / 127.5 - 1) / math.sqrt(2)
-    np.put_along_axis(found, _OTHERS[largest], small, axis=1)
-    found[rows, largest] = np.sqrt(np.maximum(0, 1 - np.square(small).sum(axis=1)))
-    return found
+    np.put_along_axis(decoded, _OTHERS[largest], small, axis=1)
+    decoded[rows, largest] = np.sqrt(np.maximum(0, 1 - np.square(small).sum(axis=1)))
+    return decoded
 
 
 def _pack_rest(

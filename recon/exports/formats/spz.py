@@ -35,5 +35,7 @@ def write(job: Job) -> Written:
 def packed_splats(splats: Splats) -> tuple[bytes, Splats]:
     """The file of some Gaussians, and these as it has them."""
     data = pack(splats.means, np.log(splats.scales), splats.quats, splats.opacities, splats.harmonics)
-    found = as_splats(unpack(data), splats.world, splats.offset, linear=splats.linear, factor=splats.factor)
-    return data, replace(found, dome=splats.dome)
+    unpacked = as_splats(
+        unpack(data), splats.world, splats.offset, linear=splats.linear, factor=splats.factor
+    )
+    return data, replace(unpacked, dome=splats.dome)

@@ -28,7 +28,7 @@ def define_cameras(stage: Any, scene: Scene, offset: Vector) -> dict[str, str]:
     UsdGeom.Scope.Define(stage, "/World/Cameras")
     views = sorted(scene.views, key=lambda view: (view.camera, view.frame))
     paths: dict[str, str] = {}
-    for name, own in groupby(views, key=lambda view: view.camera):
+    for name, camera_views in groupby(views, key=lambda view: view.camera):
         valid = base = Tf.MakeValidIdentifier(name)
         number = 1
         while f"/World/Cameras/{valid}" in paths.values():
@@ -37,7 +37,7 @@ def define_cameras(stage: Any, scene: Scene, offset: Vector) -> dict[str, str]:
         paths[name] = f"/World/Cameras/{valid}"
         camera = UsdGeom.Camera.Define(stage, paths[name])
         camera.GetPrim().SetDisplayName(name)
-        _set(camera, list(own), scene, offset)
+        _set(camera, list(camera_views), scene, offset)
     frames = [view.frame for view in scene.views]
     if len(set(frames)) > 1:
         stage.SetStartTimeCode(min(frames))
