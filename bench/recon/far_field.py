@@ -1,11 +1,10 @@
-"""Environment behind the Gaussians: its gain before a far background, and its refusals elsewhere.
+"""Environment behind the Gaussians: its gain before a far background.
 
     python -m bench.recon.far_field [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
 
 Objects before a light probe, path-traced by Mitsuba and seen all around (`tests/foreign/scenes.py`), as RAW
-brackets with true poses and no points, trained by the preset draft with and without; and, of the simulated
-scenes with their true calibration, what share of the views agrees on the light of a direction, which decides
-whether an environment is considered. --quick: one seed of 40 iterations.
+brackets with true poses and no points, trained by the preset draft with and without. Where it is taken is in
+`bench/foreign/far_share.py`. --quick: one seed of 40 iterations.
 """
 
 import argparse
@@ -20,7 +19,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.support.record import arguments, deliver, machine, words
-from bench.support.trial import session as simulated
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -28,9 +26,6 @@ from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
-from recon.data.light import radiance_image
-from recon.data.load import load
-from recon.decide.far_field import BESIDE, CLEAR, SUGGESTED, far_share
 from recon.decide.overrides import Overrides
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
@@ -42,7 +37,6 @@ SIGNAL = 15.0
 MIDDLE = 0.02
 """Median light of the views."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-REFUSED = (("demo", 320), ("gallery", 320))
 
 
 def scene() -> Scene:
@@ -145,15 +139,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                 }
             )  # fmt: skip
             shutil.rmtree(out)
-    shares = {}
-    for name, path, width in [
-        ("objects before a light probe", folder, 240),
-        *((name, simulated(options.work, name, 0, "truth"), width) for name, width in REFUSED),
-    ]:
-        dataset = load(path, max_width=width)
-        images = [radiance_image(view) for view in dataset.train]
-        shares[name] = [far_share(dataset.train, images, turn) for turn in (0.0, BESIDE)]
-    return {"machine": machine(), "iterations": iterations, "rows": rows, "shares": shares}
+    return {"machine": machine(), "iterations": iterations, "rows": rows}
 
 
 def report(result: dict[str, Any]) -> str:
@@ -176,17 +162,6 @@ def report(result: dict[str, Any]) -> str:
             f"| {row['far']:.3f} | {row['near']:.3f} | {row['held_out_db']:.2f} "
             f"| {row['gaussians']:,} | {row['ms']:.0f} |"
         )
-    lines += [
-        "",
-        f"Considered where {100 * SUGGESTED:g} % of the views show the same light in the same direction from "
-        f"all places; without a trial taken where {100 * CLEAR:g} % fewer do {BESIDE:g} radians beside it:",
-        "",
-        "| scene | same direction | beside | |",
-        "|---|---|---|---|",
-    ]
-    for name, (share, beside) in result["shares"].items():
-        verdict = "refused" if share < SUGGESTED else "taken" if share - beside > CLEAR else "by a trial"
-        lines.append(f"| {name} | {100 * share:.1f} % | {100 * beside:.1f} % | {verdict} |")
     return "\n".join(lines) + "\n"
 
 

@@ -209,22 +209,24 @@ def trials(case: Case, decided: Decisions) -> Decisions:
 
 
 def environment(case: Case, decided: Decisions) -> Decisions:
-    """Decide whether an environment lies behind the Gaussians, by views that look in the same directions,
-    then by a trial, and leave its rung.
+    """Decide whether an environment lies behind the Gaussians, by views that look through the points of the
+    start, where that is not sure by a trial, and leave its rung.
     """
     points = decided.points
     assert points is not None
     dataset = case.dataset
+    units = decided.settings.composed(dataset, case.light).observation.units
     taken, rung = environment_for(
-        dataset, decided.settings, case.images, decided.against_trials, case.ranks, case.progress
-    )
+        dataset, decided.settings, case.images, points, units, decided.against_trials, case.ranks,
+        case.progress,
+    )  # fmt: skip
     decided = replace(decided, rungs=(*decided.rungs, rung))
     if not taken:
         return decided
-    units = decided.settings.composed(dataset, case.light).observation.units
     far = far_light(dataset.train, case.images, units)
+    points = without_far(points, dataset.train, case.images, far, units)
     settings = decided.settings.model_copy(update={"environment": True})
-    return replace(decided, settings=settings, far=far, points=without_far(points, dataset.train))
+    return replace(decided, settings=settings, far=far, points=points)
 
 
 def depth(case: Case, decided: Decisions) -> Decisions:

@@ -145,8 +145,9 @@ class Trials:
             method = Overrides(degree=degree).composed(method)
         started, far = points or self.points, None
         if self.settings.environment if environment is None else environment:
-            far = far_light(self.part.train, self.images, method.observation.units)
-            started = without_far(started, self.part.train)
+            units = method.observation.units
+            far = far_light(self.part.train, self.images, units)
+            started = without_far(started, self.part.train, self.images, far, units)
         start = gaussians_at(started, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
         training = Training.begin(method, self.light, start, self.part.extent, device, refinement, far)

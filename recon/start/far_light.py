@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import View
-from recon.data.geometry import inside, project_camera, rays
+from recon.data.geometry import inside, project, project_camera, rays
 from recon.scene.environment import Environment, texels
 from recon.start.initialisation import FEWEST_POINTS, Start
 
@@ -19,8 +19,9 @@ Array = npt.NDArray[np.float64]
 
 FINEST = 768
 """Rows at most: 3.5 million numbers, whose steps take a tenth of a training's time."""
-TEXEL = 1.5
-"""Pixels of a training view that a texel is across."""
+TEXEL = 1.0
+"""Pixels of a training view that a texel is across. Of a sun of three pixels, and its halo, fitted alone, 1.5
+leave it a stop too dark, and 1.0 a quarter (bench/foreign/yards.py has them trained)."""
 MOST_LOOKS = 8
 """Most samples of a direction; more views add nothing."""
 ALIKE = 0.2
@@ -36,15 +37,16 @@ def far_light(
     views: Sequence[View],
     images: Sequence[tuple[Float, Bool]],
     units: Callable[[torch.Tensor], torch.Tensor],
+    finest: int = FINEST,
 ) -> Environment:
-    """The environment that training starts from; images: radiance images of the views.
+    """The environment that training starts from, of `finest` rows at most; images: radiance images of views.
 
     Of the lights that views see in the direction of a texel it has the one that most others are like: what
     stands before it in one view looks otherwise from the next. Directions in which no two views see alike
     have the light of the nearest in which two do.
     """
     focal = float(np.median([max(view.lens.fx, view.lens.fy) for view in views]))
-    rows = int(np.clip(round(np.pi * focal / TEXEL), 16, FINEST))
+    rows = int(np.clip(round(np.pi * focal / TEXEL), 16, finest))
     axes = _axes(views)
     directions = (texels(rows) @ axes).reshape(-1, 3)
     light = np.full((MOST_LOOKS, len(directions), 3), np.nan, np.float32)
@@ -86,14 +88,60 @@ def within_reach(views: Sequence[View], points: Array) -> Bool:
     return np.asarray(np.linalg.norm(points - middle, axis=1) < BEYOND * extent)
 
 
-def without_far(start: Start, views: Sequence[View]) -> Start:
-    """The points that Gaussians start from where an environment has the light of all beyond."""
-    reachable = within_reach(views, start.xyz)
+def without_far(
+    start: Start,
+    views: Sequence[View],
+    images: Sequence[tuple[Float, Bool]],
+    far: Environment,
+    units: Callable[[torch.Tensor], torch.Tensor],
+) -> Start:
+    """The points that Gaussians start from where an environment has the light of all beyond.
+
+    A sky has no depth: the swept points of it stand in the air, and a Gaussian there that shows it to one
+    camera hides a sun from the next. images, units: as of `far_light`.
+    """
+    reachable = within_reach(views, start.xyz) & ~looked_through(start, views, images, far, units)
     if reachable.sum() < FEWEST_POINTS:
         return start
     return replace(
         start, xyz=start.xyz[reachable], rgb=start.rgb[reachable], sparse=int(reachable[: start.sparse].sum())
     )
+
+
+def looked_through(
+    start: Start,
+    views: Sequence[View],
+    images: Sequence[tuple[Float, Bool]],
+    far: Environment,
+    units: Callable[[torch.Tensor], torch.Tensor],
+) -> Bool:
+    """Return at which swept points the views rather see the light from far away, bool [P].
+
+    Most of those that look there see it to `ALIKE`, and all together differ less from it than from the light
+    of the point. images, units: as of `far_light`.
+    """
+    looks, through = np.zeros(len(start.xyz), np.int64), np.zeros(len(start.xyz), np.int64)
+    gain = np.zeros(len(start.xyz))
+    own = _log_luminance(units(torch.from_numpy(start.rgb)))
+    for view, (rgb, _) in zip(views, images, strict=True):
+        pixels, depth = project(view.lens, start.xyz)
+        at = np.flatnonzero(inside(view.lens, pixels, depth))
+        column, row = np.floor(pixels[at]).astype(int).T
+        seen = view.seen[row, column]
+        at, column, row = at[seen], column[seen], row[seen]
+        directions = torch.from_numpy((start.xyz[at] - view.centre) @ far.axes.T).to(far.ln_light)
+        shown = _log_luminance(units(torch.from_numpy(rgb[row, column])))
+        from_far = np.abs(shown - _log_luminance(far.light(directions)))
+        looks[at] += 1
+        through[at] += from_far < ALIKE
+        gain[at] += np.minimum(np.abs(shown - own[at]), 1) - np.minimum(from_far, 1)
+    swept = np.arange(len(start.xyz)) >= start.sparse
+    return np.asarray(swept & (2 * through > looks) & (gain > 0))
+
+
+def _log_luminance(light: torch.Tensor) -> Array:
+    """Natural log of the luminance [N] of light [N, 3]."""
+    return np.log(np.maximum(light.numpy() @ LUMINANCE, 1e-30))
 
 
 def _axes(views: Sequence[View]) -> Array:

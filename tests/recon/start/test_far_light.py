@@ -11,11 +11,12 @@ from imaging.progress import unreported
 from recon import reconstruct as stage
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
-from recon.decide.far_field import BESIDE, SUGGESTED, environment_for, far_share
+from recon.decide.far_field import SUGGESTED, SURE, environment_for, far_share
 from recon.decide.overrides import Overrides
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
-from recon.start.far_light import far_light
+from recon.start.far_light import far_light, without_far
+from recon.start.initialisation import Start
 from recon.train.ranks import Ranks
 from tests.recon.decide.test_corrections import settings
 
@@ -65,20 +66,52 @@ def test_a_near_thing_in_one_view_does_not_hide_what_others_see(toy_dataset: Dat
     assert float(far.ln_light.max()) < np.log(9)
 
 
+@pytest.mark.parametrize("wall", [None, 1.0])
+def test_no_gaussian_starts_in_the_air_where_views_look_through_to_the_sky(
+    toy_dataset: Dataset, wall: float | None
+) -> None:
+    """Points of one depth, with the light of the view that each comes from; on the wall they are true."""
+    images = pictures(toy_dataset, wall=wall)
+    far = far_light(toy_dataset.train, images, lambda radiance: radiance / 4)
+    middle = toy_dataset.train[0].lens.cam_from_world[2, :3]
+    points, colours = [], []
+    for view, (rgb, _) in zip(toy_dataset.train, images, strict=True):
+        towards = ahead(view)[::4, ::4]
+        along = (1.0 - view.centre @ middle) / (towards @ middle)
+        points.append((view.centre + along[..., None] * towards).reshape(-1, 3))
+        colours.append(rgb[::4, ::4].reshape(-1, 3))
+    start = Start(np.concatenate(points), np.concatenate(colours).astype(np.float64), sparse=20)
+    kept = without_far(start, toy_dataset.train, images, far, lambda radiance: radiance / 4)
+    assert kept.sparse == 20
+    assert np.array_equal(kept.xyz[:20], start.xyz[:20])
+    share = (len(kept.xyz) - 20) / (len(start.xyz) - 20)
+    assert share < 0.05 if wall is None else share > 0.9, share
+
+
+def start_of(dataset: Dataset, images: list[tuple[np.ndarray, np.ndarray]]) -> Start:
+    """What a training would start from; the calibration's points are of another world than these pictures."""
+    model = dataset.points().xyz
+    return Start(model, np.ones((len(model), 3)), len(model))
+
+
 def test_a_far_field_is_suggested_by_far_light_and_not_by_a_wall(toy_dataset: Dataset) -> None:
-    sky = pictures(toy_dataset, wall=None)
-    assert far_share(toy_dataset.train, sky) > 0.5
-    assert far_share(toy_dataset.train, sky, BESIDE) < 0.5 * far_share(toy_dataset.train, sky)
-    assert far_share(toy_dataset.train, pictures(toy_dataset, wall=1.0)) < SUGGESTED
+    shares = []
+    for wall in (None, 1.0):
+        images = pictures(toy_dataset, wall=wall)
+        shares.append(far_share(toy_dataset, images, start_of(toy_dataset, images), lambda light: light))
+    assert shares[0] > 2 * SURE
+    assert shares[1] < SUGGESTED
 
 
-def test_where_no_trial_is_made_the_agreement_of_views_decides(toy_dataset: Dataset) -> None:
-    wanted = settings()
-    grey = [(np.full_like(rgb, 0.2), seen) for rgb, seen in pictures(toy_dataset, wall=None)]
-    for images, taken in ((pictures(toy_dataset, wall=None), True), (grey, False)):
-        decided, rung = environment_for(toy_dataset, wanted, images, "no time", Ranks(), unreported)
+def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: Dataset) -> None:
+    for wall, taken in ((None, True), (1.0, False)):
+        images = pictures(toy_dataset, wall=wall)
+        decided, rung = environment_for(
+            toy_dataset, settings(), images, start_of(toy_dataset, images), lambda light: light, "no time",
+            Ranks(), unreported,
+        )  # fmt: skip
         assert decided is rung.taken is taken
-        assert "no time" in rung.reason
+        assert "light from far away" in rung.reason
 
 
 def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, monkeypatch) -> None:
@@ -132,7 +165,8 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     taken = {
         told: environment_for(
             replace(toy_dataset, train=covered if told else toy_dataset.train),
-            asked, sky, "no trials here", Ranks(), unreported,
+            asked, sky, start_of(toy_dataset, sky), lambda light: light, "no trials here", Ranks(),
+            unreported,
         )
         for told in (True, False)
     }  # fmt: skip

@@ -1,0 +1,232 @@
+"""Yards against the sun: errors of held-out light by band, with and without what stands far away.
+
+    python -m bench.foreign.yards [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
+        [--kinds raw,jpeg,single] [--variants "as decided;mu 5000;colours of 3DGS"]
+
+Two path-traced yards of 23 stops (`tests/foreign/yards.py`), the sun behind a wall or over a roof and a dark
+room behind a door: 24 views of 160 px with given poses, as RAW or JPEG brackets or as one RAW file a view,
+trained on at 80 px by the preset draft with fewer Gaussians. --quick: one yard, RAW brackets, 40 iterations.
+Finished rows are kept in FOLDER.
+"""
+
+import argparse
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
+from imaging.files.exr import read_exr
+from recon.decide.overrides import Overrides
+from recon.decide.presets import MethodName
+from recon.evaluate import evaluate
+from recon.reconstruct import reconstruct
+from recon.result.model import read_model
+from recon.start.far_light import within_reach
+from recon.start.initialisation import Start
+from rig.__main__ import main as rig
+from tests.foreign import judge, yards
+from tests.foreign.folder import Body, photograph, tell_poses
+from tests.foreign.lit import LitScene
+
+Image = npt.NDArray[np.float32]
+WIDTH, GAUSSIANS, ITERATIONS = 80, 5000, 300
+YARDS: dict[str, Callable[..., LitScene]] = {"low-sun": yards.low_sun, "high-sun": yards.high_sun}
+BRACKET = ((1 / 8000, 1 / 500, 1 / 30, 1 / 2, 8.0),)
+SINGLE = tuple((time,) for time in (1 / 2, 1 / 30, 8.0, 1 / 500, 1 / 4))
+BANDS = {
+    "darkest tenth": "stops_dark",
+    "middle": "stops_middle",
+    "brightest 1 %": "stops_bright",
+    "brightest 0.1 %": "stops_brightest",
+}
+PARTS = {"room": ("room",), "sky": ("background",)}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a yard is photographed."""
+
+    title: str
+    body: Body
+    times: tuple[tuple[float, ...], ...]
+    developed: bool = False
+
+
+KINDS = {
+    "raw": Kind("RAW brackets", Body(14, seed=5, seconds=4.0), BRACKET),
+    "jpeg": Kind("JPEG brackets", Body(seed=6, seconds=4.0, well=20_000.0), BRACKET, developed=True),
+    "single": Kind("a RAW file a view", Body(14, seed=7, seconds=4.0), SINGLE),
+}
+
+
+def session(work: Path, name: str, kind: str) -> Path:
+    """The photographs of a yard, imported and calibrated, with their truth."""
+    made, scene = KINDS[kind], YARDS[name]()
+    folder = work / f"{name}-{kind}"
+    if (folder / "S" / "truth" / "truth.json").exists():
+        return folder / "S"
+    shutil.rmtree(folder, ignore_errors=True)
+    light = scene.light()
+    shots = photograph(folder / "photos", light, made.body, made.times, developed=made.developed)
+    size = scene.width, scene.height
+    tell_poses(shots, scene.poses, scene.focal, size, scene.surface_points())
+    rig(["import", str(shots.folder), str(folder / "S")])
+    rig(["calibrate", str(folder / "S"), "--only", "response"])
+    judge.tell_truth(folder / "S", light, scene.poses, shots, developed=made.developed)
+    return folder / "S"
+
+
+MU = "recon.observe.linear.SIGNAL_MU"
+TEXEL = "recon.start.far_light.TEXEL"
+
+
+def points_in_the_air(start: Start, views: Any, *others: Any) -> Start:
+    """The start as it was: points that views look through to the sky stay."""
+    kept = within_reach(views, start.xyz)
+    return replace(start, xyz=start.xyz[kept], rgb=start.rgb[kept], sparse=int(kept[: start.sparse].sum()))
+
+
+@contextmanager
+def patched(where: str, value: Any) -> Iterator[None]:
+    """Another constant or function while a row is trained."""
+    with mock.patch(where, value):
+        yield
+
+
+@contextmanager
+def with_points_in_the_air() -> Iterator[None]:
+    """The far field as it was."""
+    with patched(TEXEL, 1.5), patched("recon.decide.decisions.without_far", points_in_the_air):
+        yield
+
+
+AS_DECIDED = Overrides()
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What is different of a row."""
+
+    overrides: Overrides = AS_DECIDED
+    within: Callable[[], Any] = nullcontext
+    method: MethodName = "auto"
+
+
+VARIANTS = {
+    "as decided": Variant(),
+    "texels of 1.5 px": Variant(within=partial(patched, TEXEL, 1.5)),
+    "texels of 1.5 px, points in the air": Variant(within=with_points_in_the_air),
+    "no far field": Variant(Overrides(environment=False)),
+    "mu 5000": Variant(within=partial(patched, MU, 5000.0)),
+    "colours of 3DGS": Variant(method="vanilla"),
+}
+MEASURED = ("as decided", "texels of 1.5 px", "texels of 1.5 px, points in the air", "no far field")
+
+
+def trained(place: Path, name: str, seed: int, variant: Variant, iterations: int) -> dict[str, Any]:
+    """A row of one training: errors by band and of parts, and whether there is a far field."""
+    sized = {"width": WIDTH, "gaussians": GAUSSIANS, "iterations": iterations}
+    overrides = variant.overrides.model_copy(update=sized)
+    with variant.within():
+        folder = reconstruct(
+            place, method=variant.method, quality="draft", seed=seed, overrides=overrides, name="scene",
+            replace=True,
+        )  # fmt: skip
+    figures = evaluate(folder).known()
+    return {
+        **{key: figures[key] for key in (*BANDS.values(), "stops_median", "hdr_psnr_mu_p999")},
+        **of_parts(folder, YARDS[name](), figures["alignment_scale"]),
+        "far": any(rung.taken for rung in read_model(folder).rungs if rung.name == "environment"),
+    }
+
+
+def of_parts(folder: Path, scene: LitScene, scale: float) -> dict[str, float]:
+    """Median errors, stops, of held-out renders at what is seen of each part, and whether they are too dark.
+
+    `_signed`: the median of the ratio itself, below 0 where renders are too dark. scale: aligns them.
+    """
+    logs: dict[str, list[Image]] = {part: [] for part in PARTS}
+    for path in sorted((folder / "renders").glob("*.exr")):
+        ours, frame = scale * read_exr(path).rgb().mean(-1), int(path.stem[:4])
+        step = scene.width // ours.shape[1]
+
+        def tiles(image: Any, step: int = step) -> Any:
+            return image.reshape(image.shape[0] // step, step, image.shape[1] // step, step)
+
+        true = tiles(scene.light()[frame].mean(-1)).mean((1, 3))
+        for part, names in PARTS.items():
+            there = tiles(scene.where(*names)[frame]).all((1, 3))
+            logs[part].append(np.log2(np.maximum(ours, 1e-9) / true)[there])
+    found = {}
+    for part, ratios in logs.items():
+        together = np.concatenate(ratios)
+        found[f"stops_{part}"] = float(np.median(np.abs(together)))
+        found[f"signed_{part}"] = float(np.median(together))
+    return found
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """A row of each variant on each set of photographs."""
+    cache = Cache(options.work / f"yards-{options.iterations}.jsonl")
+    rows = []
+    for title in options.variants:
+        for name, kind in options.cases:
+            for seed in range(options.seeds):
+
+                def train(name: str = name, kind: str = kind, seed: int = seed, title: str = title) -> Any:
+                    place = session(options.work, name, kind)
+                    return trained(place, name, seed, VARIANTS[title], options.iterations)
+
+                row = cache.get(f"{name} {kind} {seed} {title}", train)
+                rows.append({"yard": name, "kind": kind, "seed": seed, "variant": title} | row)
+    return {"machine": machine(), "iterations": options.iterations, "rows": rows}
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# Yards against the sun",
+        "",
+        "`python -m bench.foreign.yards --write`: two path-traced yards of 23 stops, 24 views, given poses; "
+        f"preset draft at {WIDTH} px with {GAUSSIANS:,} Gaussians and {result['iterations']} iterations. "
+        f"{words(result['machine'])}.",
+        "",
+        "Median errors of held-out light by how bright it is, stops; the room behind the door, and the sky, "
+        "where in brackets is by how much it is too bright. dB are of the mu-law over the 99.9th percentile.",
+        "",
+        f"| yard | photographs | seed | trained | far field | dB | {' | '.join(BANDS)} | room | sky |",
+        "|---" * (8 + len(BANDS)) + "|",
+    ]
+    for row in result["rows"]:
+        cells = [row["yard"], KINDS[row["kind"]].title, str(row["seed"]), row["variant"]]
+        cells += ["yes" if row["far"] else "no", f"{row['hdr_psnr_mu_p999']:.1f}"]
+        cells += [f"{row[key]:.2f}" for key in BANDS.values()]
+        cells += [f"{row[f'stops_{part}']:.2f} ({row[f'signed_{part}']:+.2f})" for part in PARTS]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--kinds", default="raw", help="of photographs, comma-separated")
+    parser.add_argument("--variants", default=";".join(MEASURED), help="by semicolons")
+    options = parser.parse_args()
+    options.variants = tuple(options.variants.split(";"))
+    options.cases = [(name, kind) for kind in options.kinds.split(",") for name in YARDS]
+    options.iterations = ITERATIONS
+    if options.quick:
+        options.cases, options.iterations, options.variants = options.cases[:1], 40, ("as decided",)
+    result = measure(options)
+    deliver(options, "yards", result, report(result))
+
+
+if __name__ == "__main__":
+    main()
