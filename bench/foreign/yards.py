@@ -129,7 +129,6 @@ VARIANTS = {
     "mu 5000": Variant(within=partial(patched, MU, 5000.0)),
     "colours of 3DGS": Variant(method="vanilla"),
 }
-MEASURED = ("as decided", "texels of 1.5 px", "texels of 1.5 px, points in the air", "no far field")
 
 
 def trained(place: Path, name: str, seed: int, variant: Variant, iterations: int) -> dict[str, Any]:
@@ -217,7 +216,7 @@ def report(result: dict[str, Any]) -> str:
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
     parser.add_argument("--kinds", default="raw", help="of photographs, comma-separated")
-    parser.add_argument("--variants", default=";".join(MEASURED), help="by semicolons")
+    parser.add_argument("--variants", default=";".join(VARIANTS), help="by semicolons")
     options = parser.parse_args()
     options.variants = tuple(options.variants.split(";"))
     options.cases = [(name, kind) for kind in options.kinds.split(",") for name in YARDS]
