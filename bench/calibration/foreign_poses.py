@@ -4,40 +4,28 @@
     crate,cube,...]
 
 Twenty scenes, rendered by Mitsuba, photographed as RAW brackets or as JPEGs of one exposure, and calibrated
-up to where views are placed, left out or refused; what follows only refines. The same model is compared with
-the truth as it comes from structure from motion (without the checks), and as the checks leave it. wrong: a
-view that is turned by more than 2 degrees or shifted by more than 2 % of the rig against those that agree
-best. in silence: wrong, though the poses are neither refused nor doubted. Features and matches are kept under
---work; matches that are kept are verified again. --quick: two scenes.
+up to their poses. without: the first model of structure from motion; with: the poses that `rig calibrate`
+would write. wrong: a view that is turned by more than 2 degrees or shifted by more than 2 % of the rig
+against those that agree best. in silence: wrong, though the poses are neither refused nor doubted. Learned
+features, an extra, are not used. Features and matches stay in the sessions, under --work, for another run.
+--quick: two scenes.
 """
 
 import argparse
-import pickle
+from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import numpy as np
-
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
+from bench.calibration.placed import FURTHER, place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from calib import all_views, view_images
-from calib.calibrate import calibrate
-from calib.data import features, matching
-from calib.poses import first_model, resolution
-from imaging.errors import CalibrationError, PartialError
-from imaging.session.view_id import ViewId
+from calib.data import learned
 from tests.foreign import truth
 from tests.foreign.photographs import session
-
-CHECK = "pose_contradictions"
-
-
-class Placed(Exception):
-    """Calibration has come to where views are placed."""
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -52,78 +40,25 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
     scene = SCENES[name]()
     if not (folder / "session").exists():
         session(folder / "session", scene.light(), developed=name in DEVELOPED)
-    kept: dict[str, Any] = {}
-    if (folder / "kept.pkl").exists():
-        kept = pickle.loads((folder / "kept.pkl").read_bytes())
-    row: dict[str, Any] = {"scene": name, "kind": "JPEG" if name in DEVELOPED else "RAW"}
-    row |= {"views": len(scene.poses), "before": _judged({}, scene.poses), "doubts": [], "refused": ""}
-
-    def settled(reconstruction: Any, matches: Any, **more: Any) -> Any:
-        row["before"] = _judged(_poses(reconstruction), scene.poses)
-        try:
-            done = settle(reconstruction, matches, **more)
-        except CalibrationError as error:
-            row["refused"] = str(error)
-            raise
-        row["after"] = _judged(_poses(done.reconstruction), scene.poses)
-        row["doubts"] = [rung.name for rung in done.rungs if rung.taken and rung.name != CHECK]
-        raise Placed
-
-    settle = resolution.resolve_contradictions
-    with ExitStack() as stack:
-        stack.enter_context(patch.object(first_model, "resolve_contradictions", settled))
-        _keep(kept, stack)
-        try:
-            calibrate(folder / "session")
-        except Placed:
-            pass
-        except (CalibrationError, PartialError) as error:
-            row["refused"] = row["refused"] or str(error)
-            row["after"] = _judged({}, scene.poses)
-    (folder / "kept.pkl").write_bytes(pickle.dumps(kept))
-    return row
-
-
-def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
-    """Let calibration use stored summaries and matches, and store those that are missing."""
-    summaries = kept.setdefault("summaries", {})
-    pairs = kept.get("pairs")
-
-    def summary(session: Any, view: Any, *rest: Any) -> Any:
-        if view.id not in summaries:
-            summaries[view.id] = view_images.summarise(session, view, *rest)
-        return summaries[view.id]
-
-    def filled(database: Any, cameras: Any, images: Any, *rest: Any) -> Any:
-        view_of = {id(own.descriptors): view for view, own in images.items()}
-
-        def matched(first: Any, other: Any) -> Any:
-            if pairs is None:
-                return matching.match(first, other)
-            pair = pairs.get((view_of[id(first)], view_of[id(other)]))
-            return np.empty((0, 2), np.uint32) if pair is None else pair.index
-
-        with patch.object(features, "match", matched):
-            verified = features.fill_database(database, cameras, images, *rest)
-        if pairs is None:
-            kept["pairs"] = verified
-        return verified
-
-    stack.enter_context(patch.object(all_views, "summarise", summary))
-    stack.enter_context(patch.object(first_model, "fill_database", filled))
-
-
-def _poses(reconstruction: Any) -> dict[int, Any]:
-    """cam_from_world [4, 4] of the frames of one camera that are placed."""
-    images = (reconstruction.image(index) for index in reconstruction.reg_image_ids())
+    without = ExitStack()
+    without.enter_context(patch.object(learned, "available", lambda: False))
+    placed = place(folder / "session", without)
     return {
-        ViewId.of_image(image.name).frame: np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
-        for image in images
+        "scene": name,
+        "kind": "JPEG" if name in DEVELOPED else "RAW",
+        "views": len(scene.poses),
+        "before": judged(placed.before or {}, scene.poses),
+        "after": judged(placed.poses, scene.poses),
+        "doubts": placed.doubts,
+        "further": placed.taken(*FURTHER),
+        "refused": placed.refused,
     }
 
 
-def _judged(placed: dict[int, Any], true: Any) -> dict[str, int]:
-    return {"placed": len(placed), "wrong": len(truth.errors(placed, true).wrong)}
+def judged(poses: Mapping[Any, Any], true: Any) -> dict[str, int]:
+    """Count the views of one camera that have poses, and those that stand wrongly."""
+    by_frame = {view.frame: pose for view, pose in poses.items()}
+    return {"placed": len(by_frame), "wrong": len(truth.errors(by_frame, true).wrong)}
 
 
 def silent(row: dict[str, Any]) -> bool:
@@ -131,7 +66,7 @@ def silent(row: dict[str, Any]) -> bool:
     return row["after"]["wrong"] > 0 and not row["doubts"]
 
 
-TOLD = {
+WARNINGS = {
     "pose_lit_differently": "lit differently",
     "pose_unconfirmed": "nothing confirms them",
     "pose_undecided": "undecided",
@@ -139,10 +74,11 @@ TOLD = {
 
 
 def warned(row: dict[str, Any]) -> str:
-    """Return the warnings about poses that are not to be trusted."""
+    """Return the warnings of poses that are not to be trusted."""
     if row["refused"]:
         return "refused"
-    said = [f"warned: {TOLD[name]}" for name in row["doubts"]]
+    said = [f"warned: {WARNINGS[name]}" for name in row["doubts"]]
+    said += [name.replace("_", " ") for name in row["further"]]
     return ", ".join(said) or ("**in silence**" if silent(row) else "")
 
 

@@ -84,8 +84,9 @@ def published_centres(name: str) -> dict[str, Array] | None:
     return {Path(one["file_path"]).name: np.array(one["transform_matrix"])[:3, 3] for one in frames}
 
 
-def centre_errors(centres: Mapping[str, Array], published: Mapping[str, Array]) -> dict[str, float]:
-    """Median and worst distance of centres from published ones, in per cent of the extent of these."""
+def away_of(centres: Mapping[str, Array], published: Mapping[str, Array]) -> Array:
+    """Distances of centres from published ones, in per cent of the extent of these, after the similarity that
+    fits best."""
     names = sorted(centres.keys() & published.keys())
     own, goal = (np.stack([of[name] for name in names]) for of in (centres, published))
     a, b = own - own.mean(0), goal - goal.mean(0)
@@ -93,11 +94,16 @@ def centre_errors(centres: Mapping[str, Array], published: Mapping[str, Array]) 
     sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
     scale = float(np.trace(np.diag(s) @ sign) / (a**2).sum())
     away = np.linalg.norm(scale * a @ (u @ sign @ vt).T - b, axis=1)
-    extent = float(np.linalg.norm(np.ptp(goal, axis=0)))
+    return np.asarray(100 * away / np.linalg.norm(np.ptp(goal, axis=0)))
+
+
+def centre_errors(centres: Mapping[str, Array], published: Mapping[str, Array]) -> dict[str, float]:
+    """Median and worst distance of centres from published ones, and how many stand wrongly."""
+    away = away_of(centres, published)
     return {
-        "centre_median": 100 * float(np.median(away)) / extent,
-        "centre_worst": 100 * float(away.max()) / extent,
-        "wrong": int((100 * away / extent > WRONG).sum()),
+        "centre_median": float(np.median(away)),
+        "centre_worst": float(away.max()),
+        "wrong": int((away > WRONG).sum()),
     }
 
 

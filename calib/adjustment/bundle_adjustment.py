@@ -18,6 +18,11 @@ Array = npt.NDArray[np.float64]
 
 CUT = 4.0
 """Observations that miss by more than this many times the median are dropped."""
+LOSS = 2.0
+"""Scale of the Cauchy loss, in median residuals: these are some 0.8 standard deviations of the noise, part of
+which a fit follows. With a scale of one, two or three, camera centres of a telephone's video are 0.093, 0.061
+and 0.040 % of the extent off in the median; with three, a few views beside a black one come to stand 2.8
+degrees off, for less than one degree."""
 MOST_ITERATIONS = 50
 STILL = 1e-6
 """Share of the loss that a step has to gain for another to follow."""
@@ -70,7 +75,7 @@ def adjust(
     options.refine_principal_point = free.principal_point and not points_only
     options.refine_rig_from_world = options.refine_sensor_from_rig = not points_only
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale
+    options.ceres.loss_function_scale = LOSS * scale
     solver = options.ceres.solver_options
     solver.num_threads = threads
     solver.max_num_iterations = ROUGH_ITERATIONS if rough else MOST_ITERATIONS

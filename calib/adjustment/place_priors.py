@@ -20,9 +20,9 @@ COMMON = 3e-6
 """Common error of the points of a view, as a share of the image's width: the residuals of a real flight, in
 quarters to sixteenths of its pictures, are 1e-6 to 3e-6 beyond their noise.
 """
-SHARE = 0.25
-"""Effective variance of a coordinate, as a share of the square of the Cauchy loss's scale: the scale is the
-median residual, 1.18 standard deviations of normal noise.
+SHARE = 0.5
+"""Effective variance of a coordinate, as a share of the square of the typical residual, the median: 1.18
+standard deviations of normal noise.
 """
 _OPEN = 1e6
 """Standard deviation of what is not stated."""

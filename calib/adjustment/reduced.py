@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from calib.adjustment.bundle_adjustment import Free, is_fisheye
+from calib.adjustment.bundle_adjustment import LOSS, Free, is_fisheye
 from calib.adjustment.jacobian import Linear
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 
@@ -43,9 +43,9 @@ class Reduced:
 
 
 def reduced(linear: Linear, scale: float) -> Reduced:
-    """Eliminate the points; scale: of the Cauchy loss, px."""
+    """Eliminate the points; scale: the typical miss, px."""
     squares = (linear.residual**2).sum(1)
-    pull = 1 / (1 + squares / scale**2)
+    pull = 1 / (1 + squares / (LOSS * scale) ** 2)
     weight = pull**2
     count, many = len(squares), int(linear.owner.max()) + 1
     blocks = np.zeros((many, 3, 3))

@@ -29,6 +29,12 @@ where sides of a crate are taken for one another, 96 % of the pairs within 8 deg
 tenth."""
 FEW_LIT = 0.2
 """Share of such pairs that may differ by more than the most without a warning."""
+MANY_BESIDE = 20
+"""Pairs below which light that differs in most of them says nothing: of six, all differ in brackets of
+fourteen stops."""
+MOSTLY_LIT, DARKER = 0.8, 0.3
+"""Share of such pairs that differ by more than the most, and their median difference, beyond which the light
+would have had to change with every photograph: 0.88 and 0.50 of a crate with like sides."""
 USUALLY_LIT = 4.0
 """Times the differences of the tenth of pairs that agree best, between those limits."""
 
@@ -75,6 +81,22 @@ def lit_apart(
     steps = _steps_within(NEARBY, poses, pairs, brightness, steady)
     apart = sum(step > OTHERWISE_LIT[1] for step in steps)
     return apart >= FEWEST_APART and apart > FEW_LIT * len(steps)
+
+
+def mostly_apart(
+    poses: Mapping[ViewId, Array], pairs: Pairs, brightness: Mapping[ViewId, Array], exact: Collection[str]
+) -> bool:
+    """Tell if nearly all views that look from nearly the same side differ much in brightness.
+
+    Args:
+        poses: cam_from_world [4, 4] of the registered views.
+        pairs: Those that match.
+        brightness: Natural log of the luminance at each feature of each view [K], NaN where unknown.
+        exact: Cameras whose brightness differs only where things do.
+    """
+    steps = _steps_within(BESIDE, poses, pairs, brightness, exact)
+    apart = sum(step > OTHERWISE_LIT[1] for step in steps)
+    return len(steps) >= MANY_BESIDE and apart > MOSTLY_LIT * len(steps) and median(steps) > DARKER
 
 
 def warning(

@@ -14,10 +14,17 @@ from calib.poses.apart import cameras_apart, unjoined
 from calib.poses.brightness_steps import Pairs
 from calib.poses.contradictions import placed_views
 from calib.poses.known_rig import KnownRig
-from calib.poses.mapping import map_views
+from calib.poses.mapping import map_at_once, map_views
 from calib.poses.refusals import require_depth
-from calib.poses.resolution import Matches, ResolvedModel, resolve_contradictions
+from calib.poses.resolution import (
+    UNCONFIRMED,
+    Contradicted,
+    Matches,
+    ResolvedModel,
+    resolve_contradictions,
+)
 from calib.poses.rig_twins import twins
+from calib.poses.rival import agreement
 from calib.sensor.focal_length import FocalLength
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
@@ -27,6 +34,19 @@ from imaging.session.view_id import ViewId
 
 PLACED = 0.5
 """Share of the views that match; a model that holds fewer is given up for one begun by going ahead."""
+MOST = 0.8
+"""The same; where one holds fewer, COLMAP's global mapper is asked as well."""
+AGREED = 0.9
+"""Share of the turns between two views that have to be the same by both mappers: 1.0 where poses are right,
+0.38 before a wall whose parts look alike."""
+_AT_ONCE = (
+    "only {} of {} views that match could be placed one after another; {} were placed at once, which agrees "
+    "with the turns of those"
+)
+_DISAGREE = (
+    "placed all at once, only {:.0f} % of the turns between views are the same. Keep the poses with a "
+    "warning by --keep-doubtful"
+)
 _AHEAD = (
     "only {} of {} views that match could be placed from views taken side by side, so that pairs taken by "
     "going ahead count too; these tell no focal length, and lenses stay as the files say"
@@ -147,6 +167,16 @@ class _Placing:
                 reconstruction = another
             else:
                 held = frozenset()
+        rival = None
+        if placed(reconstruction) < MOST * len(matched):
+            images = [view.image_name for view in views] if len(views) < len(scene.features) else []
+            scene.progress("placing views at once", 0, 1)
+            rival = map_at_once(database, camera_numbers(models, {*scene.known.lenses, *held}), images)
+            share = agreement(reconstruction, rival)
+            if share is not None and share >= AGREED and placed(rival) > placed(reconstruction):
+                reason = _AT_ONCE.format(placed(reconstruction), len(matched), placed(rival))
+                rungs = (*rungs, Rung(name="at_once", taken=True, reason=reason))
+                reconstruction = rival
         if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
             raise CalibrationError(NO_START.format(len(pairs)))
         settled = resolve_contradictions(
@@ -154,13 +184,28 @@ class _Placing:
             Matches(database, pairs, scene.brightness, max_error, mapped, scene.exact, scene.steady),
             keep_doubtful=scene.keep_doubtful,
         )
-        settled = self._without_twins(settled, pairs)
+        if not scene.keep_doubtful:
+            settled = self._without_twins(settled, pairs)
+            self._require_confirmed(settled, rival)
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
+
+    def _require_confirmed(self, settled: ResolvedModel, rival: Any | None) -> None:
+        """Refuse poses that nothing confirms and another mapper contradicts.
+
+        Raises:
+            Contradicted: the turns between the registered views are others in the rival.
+        """
+        doubts = {rung.name: rung.reason for rung in settled.rungs if rung.taken}
+        if UNCONFIRMED not in doubts:
+            return
+        share = agreement(settled.reconstruction, rival)
+        if share is not None and share < AGREED:
+            raise Contradicted(f"{doubts[UNCONFIRMED]}; {_DISAGREE.format(100 * share)}")
 
     def _without_twins(self, settled: ResolvedModel, pairs: Pairs) -> ResolvedModel:
         """The model without views at a look-alike of their place, as the mounting of the cameras shows."""
         rigs = self.scene.rigs
-        if not any(len(rig) > 1 for rig in rigs) or self.scene.keep_doubtful:
+        if not any(len(rig) > 1 for rig in rigs):
             return settled
         poses = {view: pose for view, (_, pose) in placed_views(settled.reconstruction).items()}
         wrong, frames = twins(poses, pairs, rigs)

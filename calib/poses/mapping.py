@@ -1,4 +1,4 @@
-"""Views placed one after another by COLMAP's incremental mapper."""
+"""Views placed one after another by COLMAP's incremental mapper, or all at once by its global one."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -70,5 +70,31 @@ def map_views(
     pipeline.add_callback(0, begun)  # the first pair of a model is placed
     pipeline.add_callback(1, another)  # one more image is placed
     pipeline.run()
+    every = [models.get(index) for index in range(models.size())]
+    return max(every, key=lambda model: model.num_reg_images(), default=None)
+
+
+def map_at_once(database: Any, fixed: frozenset[int], images: Sequence[str] = ()) -> Any | None:
+    """Place all views at once: first their turns, then where they stand.
+
+    Pan et al., "Global Structure-from-Motion Revisited", 2024.
+
+    Args:
+        database: pycolmap's, with verified pairs.
+        fixed: Numbers of cameras whose lenses stay; with any, all lenses do.
+        images: Names of those to place; all if empty.
+
+    Returns:
+        The pycolmap model with the most images; None if no two can be placed.
+    """
+    options = pycolmap.GlobalPipelineOptions()
+    options.image_names = list(images)
+    options.min_model_size = 2
+    options.num_threads = options.mapper.num_threads = 1
+    options.random_seed = options.mapper.random_seed = 0
+    adjusted = options.mapper.bundle_adjustment
+    adjusted.refine_focal_length = adjusted.refine_extra_params = not fixed
+    models = pycolmap.ReconstructionManager()
+    pycolmap.GlobalPipeline(options, database, models).run()
     every = [models.get(index) for index in range(models.size())]
     return max(every, key=lambda model: model.num_reg_images(), default=None)

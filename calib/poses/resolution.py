@@ -11,7 +11,14 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calib.poses.brightness_steps import Array, Pairs, lit_apart, otherwise_lit, warning
+from calib.poses.brightness_steps import (
+    Array,
+    Pairs,
+    lit_apart,
+    mostly_apart,
+    otherwise_lit,
+    warning,
+)
 from calib.poses.confirmation import seen_by_three, unconfirmed
 from calib.poses.contradictions import (
     contradicting,
@@ -46,7 +53,8 @@ class Contradicted(CalibrationError):
 
 
 CHECK = "pose_contradictions"
-DOUBTS = "pose_lit_differently", "pose_unconfirmed", "pose_undecided"
+UNCONFIRMED = "pose_unconfirmed"
+DOUBTS = "pose_lit_differently", UNCONFIRMED, "pose_undecided"
 """Rungs that make poses doubtful."""
 _ALIKE = (
     "the views contradict each other about where they stand, as where parts of a scene look alike: put "
@@ -148,7 +156,7 @@ class _Choice:
         against = contradicting(first, matches.pairs, matches.max_error)
         out = shut_out(first, matches.pairs)
         # Without exact light, views that fit nowhere show no more than that views are missing between them.
-        if not against and not (out and matches.exact):
+        if not against and not (out and matches.exact) and not self._mostly_apart():
             self.reason = f"none of {len(matches.pairs)} pairs of views that match contradicts the poses"
             return _Chosen(first, set(), self._rung(taken=False))
         self.reason = (
@@ -175,6 +183,12 @@ class _Choice:
             return True
         poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
         return lit_apart(poses, self.matches.pairs, self.matches.brightness, self.matches.steady)
+
+    def _mostly_apart(self) -> bool:
+        """Tell if the light would have had to change with every photograph, were the first model right."""
+        poses = {view: pose for view, (_, pose) in placed_views(self.first).items()}
+        matches = self.matches
+        return mostly_apart(poses, matches.pairs, matches.brightness, matches.exact)
 
     def _differs_beside(self) -> bool:
         """Return whether views that look from the same side in the first model differ in brightness."""

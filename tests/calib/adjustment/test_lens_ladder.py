@@ -55,8 +55,8 @@ def test_the_term_that_a_lens_has_is_taken(taken):
 
 
 def test_terms_that_it_has_not_are_left_out(taken):
-    """One in sixty trials may be taken by chance; by one standard error each, three are."""
-    assert sum(len(names) - 1 for names in taken) <= 1
+    """By two standard errors one or two of sixty trials are taken by chance; by one, nine would be."""
+    assert sum(len(names) - 1 for names in taken) <= 3
 
 
 def test_four_views_are_enough_for_a_lens_that_is_bent():
@@ -64,9 +64,11 @@ def test_four_views_are_enough_for_a_lens_that_is_bent():
     assert sum("lens_radial_1" in terms(seed, -0.2, frames=4) for seed in range(10)) >= 8
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_straight_lens_stays_straight(seed):
-    assert terms(seed, 0.0) == []
+def test_a_straight_lens_stays_straight():
+    """By chance one of forty trials is taken."""
+    taken = [name for seed in range(10) for name in terms(seed, 0.0)]
+    assert len(taken) <= 2
+    assert taken.count("lens_radial_1") <= 1
 
 
 def test_three_views_judge_nothing():

@@ -120,7 +120,7 @@ def test_what_a_board_knows_well_stays_as_it_is(short: Path, monkeypatch: pytest
         assert view.error is not None
         assert 0.02 < view.error.rotation < 0.1  # the rig's own error is part of it
     reasons = {rung.name: rung.reason for rung in record.rungs}
-    assert "a board told" in reasons["rig_constraint"]
-    assert "a board told" in reasons["lens_terms"]
+    assert "a board gave" in reasons["rig_constraint"]
+    assert "a board gave" in reasons["lens_terms"]
     assert record.reprojection_px is not None
     assert record.reprojection_px < 0.3

@@ -67,7 +67,7 @@ def test_the_lens_stays_as_the_files_say(model: SceneModel) -> None:
     assert model.lenses["phone"].fx == FOCAL
     assert model.errors is not None
     assert "phone" not in model.errors.lenses
-    assert "the files told" in next(rung.reason for rung in model.rungs if rung.name == "lens_terms")
+    assert "the files gave" in next(rung.reason for rung in model.rungs if rung.name == "lens_terms")
 
 
 def test_without_a_focal_length_such_views_are_refused(street: dict[ViewId, Features]) -> None:

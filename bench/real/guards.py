@@ -1,0 +1,202 @@
+"""Cost of each rule of placing views on real sets, and its gain where parts of a scene look alike.
+
+    python -m bench.real.guards [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
+
+Each set is calibrated up to its poses as `rig calibrate` does, and once more without each rule. Real sets
+under RIG_DATA, scaled; made ones are path-traced, with known poses. wrong: against published centres (fox)
+or the truth of made sets, unknown elsewhere. focal: of the first camera, in per cent above EXIF's or the
+truth. Rows, features and matches are kept in FOLDER. --quick: sceaux.
+"""
+
+import argparse
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from PIL import Image
+
+from bench.calibration.foreign_poses import judged
+from bench.calibration.foreign_scenes import DEVELOPED, SCENES
+from bench.calibration.placed import FURTHER, PlacedViews, place
+from bench.real.judges import SETS, WRONG, away_of, photographs, published_centres, stated_focal
+from bench.real.made_sets import METAL, metal_and_glass
+from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.trial import Cache
+from calib import place_views
+from calib.data import learned
+from calib.poses import first_model, resolution, sfm, tied_model
+from calib.poses.resolution import ResolvedModel
+from capture.imports.photos import import_photos
+from imaging.session.session import Session
+from tests.foreign.photographs import session as foreign_session
+
+LONG_SIDE = {"fox": 1000, "banana": 1200, "brighton": 1000, "sceaux": 1000, "monstree": 1000, "lund": 1000}
+"""Pixels that photographs of a set are scaled to; those of made ones stay."""
+ALIKE = "crate-alike", "column-2", "facade-weathered", "crate-few"
+
+
+def _first_model(reconstruction: Any, matches: Any, **_: Any) -> ResolvedModel:
+    return ResolvedModel(reconstruction, frozenset(), (), len(matches.pairs))
+
+
+def _off(module: Any, name: str, instead: Any) -> Any:
+    return partial(patch.object, module, name, instead)
+
+
+ALL = "nothing"
+RULES: Mapping[str, tuple[Callable[[], Any], ...]] = {
+    ALL: (),
+    "contradictions": (_off(first_model, "resolve_contradictions", _first_model),),
+    "brightness": (
+        _off(resolution, "otherwise_lit", lambda *_: set()),
+        _off(resolution, "lit_apart", lambda *_: False),
+        _off(resolution, "warning", lambda *_: None),
+    ),
+    "third views": (_off(resolution, "unconfirmed", lambda *_: None),),
+    "further features": (
+        _off(place_views, "ENOUGH_FEATURES", 10**9),
+        _off(learned, "available", lambda: False),
+    ),
+    "EXIF's focal length": (
+        _off(sfm, "focal_priors", lambda _: {}),
+        _off(sfm, "settle_focal", lambda _, free, *__: (free, ())),
+    ),
+    "lens ladder": (_off(sfm, "climb", lambda _, free, *__: (free, ())),),
+    "fisheye": (_off(tied_model, "sees_wide", lambda _: False),),
+}
+"""Patches that leave a rule out."""
+
+
+def session_of(name: str, work: Path) -> Path:
+    """A set as a session, which is made once."""
+    folder = work / f"guards-{name.replace(' ', '-')}"
+    session = folder / "S"
+    if (session / "session.json").exists():
+        return session
+    if name in SCENES:
+        return foreign_session(session, SCENES[name]().light(), developed=name in DEVELOPED)
+    if name == METAL:
+        import_photos(photographs(name)[0].parent, session)
+        return session
+    (folder / "photos").mkdir(parents=True, exist_ok=True)
+    for path in photographs(name):
+        with Image.open(path) as picture:
+            exif = picture.getexif()
+            picture.thumbnail((LONG_SIDE[name],) * 2, Image.Resampling.LANCZOS)
+            picture.save(folder / "photos" / path.name, quality=95, exif=exif)
+    import_photos(folder / "photos", session)
+    return session
+
+
+def one(name: str, rule: str, work: Path) -> dict[str, Any]:
+    """Return what became of the views of a set without a rule."""
+    session = session_of(name, work)
+    stack = ExitStack()
+    for off in RULES[rule]:
+        stack.enter_context(off())
+    placed = place(session, stack)
+    row: dict[str, Any] = {
+        "views": len({(shot.frame, shot.camera) for shot in Session.open(session).shots("scene")}),
+        "placed": len(placed.poses),
+        "wrong": _wrong(name, session, placed),
+        "doubts": placed.doubts,
+        "further": placed.taken(*FURTHER),
+        "refused": placed.refused,
+    }
+    if placed.model is not None:
+        lens = next(iter(placed.model.lenses.values()))
+        row |= {"lens": lens.model, "focal": lens.fx / max(lens.width, lens.height)}
+    return row
+
+
+def _wrong(name: str, session: Path, placed: PlacedViews) -> int | None:
+    if name in SCENES:
+        return judged(placed.poses, SCENES[name]().poses)["wrong"]
+    if name == METAL:
+        return judged(placed.poses, metal_and_glass(WORK / "metal_and_glass")[1])["wrong"]
+    published = published_centres(name)
+    if published is None or len(placed.poses) < 3:
+        return None
+    sources = {
+        (shot.frame, shot.camera): Path(shot.source or shot.file).name
+        for shot in Session.open(session).shots("scene")
+    }
+    centres = {
+        sources[view.frame, view.camera]: -pose[:3, :3].T @ pose[:3, 3] for view, pose in placed.poses.items()
+    }
+    return int((away_of(centres, published) > WRONG).sum())
+
+
+def stated(name: str) -> float | None:
+    """Return EXIF's focal length of a set, in long sides of the image; None where files say nothing."""
+    if name in SCENES or name == METAL:
+        return None
+    px = stated_focal(name)
+    with Image.open(photographs(name)[0]) as picture:
+        return None if px is None else px / max(picture.size)
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """A row of each set and rule."""
+    cache = Cache(options.work / "guards.jsonl")
+    rows = {
+        name: {rule: cache.get(f"{name} {rule}", partial(one, name, rule, options.work)) for rule in RULES}
+        for name in options.sets
+    }
+    return {"machine": machine(), "rows": rows}
+
+
+def table(result: dict[str, Any]) -> str:
+    """Markdown."""
+    rows = result["rows"]
+    lines = [
+        "# What each rule of placing costs and gains",
+        "",
+        f"`python -m bench.real.guards --write`. {words(result['machine'])}.",
+        "",
+        "Views that are placed, of these wrongly (where it is known), and what is said, with all rules and",
+        "without each. Then the focal length, in per cent above EXIF's.",
+        "",
+        "| without | " + " | ".join(f"{name} ({row[ALL]['views']})" for name, row in rows.items()) + " |",
+        "|" + "---|" * (len(rows) + 1),
+    ]
+    for rule in RULES:
+        lines.append(f"| {rule} | " + " | ".join(_cell(row[rule]) for row in rows.values()) + " |")
+    with_focal = {name: exif for name in rows if (exif := stated(name)) is not None}
+    lines += ["", "| without | " + " | ".join(with_focal) + " |", "|" + "---|" * (len(with_focal) + 1)]
+    for rule in RULES:
+        cells = [_focal(rows[name][rule], exif) for name, exif in with_focal.items()]
+        lines.append(f"| {rule} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: Mapping[str, Any]) -> str:
+    if row["refused"]:
+        return "refused"
+    wrong = "" if row["wrong"] is None else f", {row['wrong']} wrong"
+    said = [name.removeprefix("pose_").replace("_", " ") for name in (*row["doubts"], *row["further"])]
+    return f"{row['placed']}{wrong}{f' ({chr(44).join(said)})' if said else ''}"
+
+
+def _focal(row: Mapping[str, Any], exif: float) -> str:
+    if "focal" not in row:
+        return ""
+    return f"{100 * (row['focal'] / exif - 1):+.1f} ({row['lens']})"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--work", type=Path, default=WORK / "guards", help="keeps sessions and finished rows")
+    parser.add_argument("--sets", default=",".join((*SETS, *ALIKE)), help="comma-separated")
+    options = parser.parse_args()
+    options.sets = ("sceaux",) if options.quick else tuple(options.sets.split(","))
+    options.work.mkdir(parents=True, exist_ok=True)
+    result = measure(options)
+    deliver(options, "real_guards", result, table(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""A second mapper, which places all views at once: what it adds, and what it refuses."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.data.features import Features
+from calib.poses import first_model
+from calib.poses.contradictions import placed_views
+from calib.poses.resolution import Contradicted
+from calib.poses.rival import agreement
+from calib.poses.sfm import solve
+from imaging.lens import Lens
+from imaging.progress import unreported
+from imaging.session.view_id import ViewId
+
+SIZE, FOCAL, VIEWS, FEW = 500, 550.0, 12, 4
+FILE = Lens(model="SIMPLE_RADIAL", width=SIZE, height=SIZE, fx=FOCAL, fy=FOCAL, cx=250, cy=250)
+
+
+def pose(view: int) -> np.ndarray:
+    """cam_from_world [4, 4] of a view of a ring of radius 4, which looks at its middle."""
+    angle = 2 * np.pi * view / VIEWS
+    centre = 4 * np.array([np.cos(angle), np.sin(angle), 0.3])
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    made = np.eye(4)
+    made[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    made[:3, 3] = -made[:3, :3] @ centre
+    return made
+
+
+@pytest.fixture(scope="module")
+def ring() -> dict[ViewId, Features]:
+    """What each view sees of the nearer side of a ball of points."""
+    rng = np.random.default_rng(8)
+    world = rng.normal(size=(500, 3))
+    world /= np.linalg.norm(world, axis=1)[:, None]
+    descriptors = rng.exponential(30, (len(world), 128))
+    views = {}
+    for view in range(VIEWS):
+        made = pose(view)
+        centre = -made[:3, :3].T @ made[:3, 3]
+        x, y, z = (world @ made[:3, :3].T + made[:3, 3]).T
+        facing = np.flatnonzero((world * (centre - world)).sum(1) > 0.3)
+        places = np.stack([FOCAL * x / z + 250, FOCAL * y / z + 250], axis=1)[facing]
+        places += rng.normal(0, 0.2, places.shape)
+        noisy = descriptors[facing] + rng.normal(0, 2, (len(facing), 128))
+        views[ViewId(view, "cam")] = Features(places, np.clip(noisy, 0, 255).astype(np.uint8))
+    return views
+
+
+def only(model: Any, kept: int) -> Any:
+    """The model with its first views only."""
+    copy = type(model)(model)
+    for view in sorted(placed_views(copy))[kept:]:
+        copy.deregister_frame(copy.find_image_with_name(view.image_name).frame_id)
+    return copy
+
+
+def turns(model: Any) -> dict[ViewId, np.ndarray]:
+    return {view: one.matrix()[:3, :3] for view, one in model.poses.items()}
+
+
+def test_views_that_one_by_one_leaves_out_are_placed_at_once(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the incremental mapper stops after a few views, the other places all, rightly."""
+    one_by_one = first_model.map_views
+    monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
+    model = solve(ring, {"cam": FILE}, [], 1, unreported)
+    (rung,) = (rung for rung in model.rungs if rung.name == "at_once")
+    assert rung.taken
+    assert f"only {FEW} of {VIEWS} views" in rung.reason
+    assert len(model.poses) == VIEWS
+    found = turns(model)
+    for view in found:
+        goal = pose(view.frame)[:3, :3] @ pose(0)[:3, :3].T
+        miss = found[view] @ found[ViewId(0, "cam")].T @ goal.T
+        assert np.degrees(np.arccos(np.clip((np.trace(miss) - 1) / 2, -1, 1))) < 0.3
+
+
+def test_all_views_placed_one_by_one_ask_no_rival(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    monkeypatch.setattr(first_model, "map_at_once", lambda *a: asked.append(a))
+    assert len(solve(ring, {"cam": FILE}, [], 1, unreported).poses) == VIEWS
+    assert not asked
+
+
+def test_unconfirmed_poses_that_the_rival_contradicts_are_refused(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one_by_one = first_model.map_views
+    monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
+    monkeypatch.setattr(first_model, "agreement", lambda one, other: 0.4)
+    with pytest.raises(Contradicted, match=r"40 % of the turns.*--keep-doubtful"):
+        solve(ring, {"cam": FILE}, [], 1, unreported)
+
+
+def test_agreement_of_models(ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch) -> None:
+    """All turns of a model agree with its own; few views tell nothing."""
+    made = []
+    one_by_one = first_model.map_views
+
+    def mapped(*rest: Any, **more: Any) -> Any:
+        made.append(one_by_one(*rest, **more))
+        return made[-1]
+
+    monkeypatch.setattr(first_model, "map_views", mapped)
+    solve(ring, {"cam": FILE}, [], 1, unreported)
+    (model,) = made
+    assert agreement(model, only(model, 5)) == 1.0
+    assert agreement(model, only(model, 2)) is None
+    assert agreement(model, None) is None
+    folded = type(model)(model)
+    last = folded.find_image_with_name(ViewId(VIEWS - 1, "cam").image_name).frame
+    first = folded.find_image_with_name(ViewId(0, "cam").image_name).frame
+    last.rig_from_world = first.rig_from_world
+    assert agreement(model, folded) == pytest.approx(1 - 2 / VIEWS)
