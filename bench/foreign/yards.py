@@ -1,12 +1,11 @@
 """Yards against the sun: errors of held-out light by band, with and without what stands far away.
 
     python -m bench.foreign.yards [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
-        [--kinds raw,jpeg,single] [--variants "as decided;mu 5000;colours of 3DGS"]
+        [--variants "as decided;mu 5000;colours of 3DGS"]
 
 Two path-traced yards of 23 stops (`tests/foreign/yards.py`), the sun behind a wall or over a roof and a dark
-room behind a door: 24 views of 160 px with given poses, as RAW or JPEG brackets or as one RAW file a view,
-trained on at 80 px by the preset draft with fewer Gaussians. --quick: one yard, RAW brackets, 40 iterations.
-Finished rows are kept in FOLDER.
+room behind a door: 24 views of 160 px with given poses, as RAW or JPEG brackets, trained on at 80 px by the
+preset draft with fewer Gaussians. --quick: RAW brackets, 40 iterations. Finished rows are kept in FOLDER.
 """
 
 import argparse
@@ -15,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -41,7 +41,6 @@ Image = npt.NDArray[np.float32]
 WIDTH, GAUSSIANS, ITERATIONS = 80, 5000, 300
 YARDS: dict[str, Callable[..., LitScene]] = {"low-sun": yards.low_sun, "high-sun": yards.high_sun}
 BRACKET = ((1 / 8000, 1 / 500, 1 / 30, 1 / 2, 8.0),)
-SINGLE = tuple((time,) for time in (1 / 2, 1 / 30, 8.0, 1 / 500, 1 / 4))
 BANDS = {
     "darkest tenth": "stops_dark",
     "middle": "stops_middle",
@@ -64,7 +63,6 @@ class Kind:
 KINDS = {
     "raw": Kind("RAW brackets", Body(14, seed=5, seconds=4.0), BRACKET),
     "jpeg": Kind("JPEG brackets", Body(seed=6, seconds=4.0, well=20_000.0), BRACKET, developed=True),
-    "single": Kind("a RAW file a view", Body(14, seed=7, seconds=4.0), SINGLE),
 }
 
 
@@ -119,10 +117,11 @@ class Variant:
     overrides: Overrides = AS_DECIDED
     within: Callable[[], Any] = nullcontext
     method: MethodName = "auto"
+    kinds: tuple[str, ...] = ("raw",)
 
 
 VARIANTS = {
-    "as decided": Variant(),
+    "as decided": Variant(kinds=tuple(KINDS)),
     "texels of 1.5 px": Variant(within=partial(patched, TEXEL, 1.5)),
     "texels of 1.5 px, points in the air": Variant(within=with_points_in_the_air),
     "no far field": Variant(Overrides(environment=False)),
@@ -178,7 +177,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / f"yards-{options.iterations}.jsonl")
     rows = []
     for title in options.variants:
-        for name, kind in options.cases:
+        for kind, name in product(VARIANTS[title].kinds[: options.kinds], YARDS):
             for seed in range(options.seeds):
 
                 def train(name: str = name, kind: str = kind, seed: int = seed, title: str = title) -> Any:
@@ -215,14 +214,12 @@ def report(result: dict[str, Any]) -> str:
 
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
-    parser.add_argument("--kinds", default="raw", help="of photographs, comma-separated")
     parser.add_argument("--variants", default=";".join(VARIANTS), help="by semicolons")
     options = parser.parse_args()
     options.variants = tuple(options.variants.split(";"))
-    options.cases = [(name, kind) for kind in options.kinds.split(",") for name in YARDS]
-    options.iterations = ITERATIONS
+    options.kinds, options.iterations = len(KINDS), ITERATIONS
     if options.quick:
-        options.cases, options.iterations, options.variants = options.cases[:1], 40, ("as decided",)
+        options.kinds, options.iterations, options.variants = 1, 40, ("as decided",)
     result = measure(options)
     deliver(options, "yards", result, report(result))
 

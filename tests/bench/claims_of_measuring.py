@@ -223,7 +223,16 @@ CLAIMS = (
                 ("brightest 0.1 %", "colours of 3DGS"),
                 ("darkest tenth", "mu 5000"),
             )
-            for row in cells("yards", column, trained)
+            for row in cells("yards", column, "RAW brackets", trained)
+        ],
+    ),
+    Claim(
+        r"HDR-GS has ([\d.]+) and ([\d.]+) in the darkest tenth, and ([\d.]+) and ([\d.]+) in the brightest "
+        r"hundredth",
+        lambda: [
+            row[0]
+            for column in ("darkest tenth", "brightest 1 %")
+            for row in cells("yards", column, "JPEG brackets", "as decided")
         ],
     ),
 )
