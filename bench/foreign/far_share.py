@@ -58,16 +58,16 @@ def views_of(light: np.ndarray, poses: Array, focal: float) -> tuple[tuple[View,
 
 def fox(folder: Path) -> tuple[np.ndarray, Array, float]:
     """Light, poses and focal length, px, of the video's frames, 108 px wide, by the published poses."""
-    told = json.loads((folder / "transforms.json").read_text())
+    published = json.loads((folder / "transforms.json").read_text())
     light, poses = [], []
-    for frame in told["frames"]:
+    for frame in published["frames"]:
         path = folder / frame["file_path"]
         if path.is_file():
             picture = Image.open(path).resize((108, 192), Image.Resampling.BOX)
             light.append(srgb_decode(np.asarray(picture, np.float32) / 255))
             placed = np.array(frame["transform_matrix"]) @ np.diag([1.0, -1.0, -1.0, 1.0])
             poses.append(np.linalg.inv(placed))
-    return np.stack(light), np.stack(poses), told["fl_x"] * 108 / told["w"]
+    return np.stack(light), np.stack(poses), published["fl_x"] * 108 / published["w"]
 
 
 def cases(options: argparse.Namespace) -> Iterator[tuple[str, float]]:
@@ -96,7 +96,7 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[str, float]]:
 
 
 def share(views: tuple[View, ...], images: Images, points: Array | None) -> float:
-    """Of swept points, as `recon.decide.far_field.far_share` has it; points: sparse ones [P, 3], or none."""
+    """Share of swept points, as in `recon.decide.far_field.far_share`; points: sparse ones [P, 3], if any."""
     maps = plane_sweep(views, images, points)
     xyz = sample(maps, SWEPT, np.random.default_rng(0))
     dataset = argparse.Namespace(train=views, session=Path())

@@ -52,7 +52,7 @@ PARTS = {"room": ("room",), "sky": ("background",)}
 
 @dataclass(frozen=True)
 class Kind:
-    """How a yard is photographed."""
+    """Photographs of a yard: camera and exposures."""
 
     title: str
     body: Body
@@ -112,7 +112,7 @@ AS_DECIDED = Overrides()
 
 @dataclass(frozen=True)
 class Variant:
-    """What is different of a row."""
+    """Differences of a row from the others."""
 
     overrides: Overrides = AS_DECIDED
     within: Callable[[], Any] = nullcontext

@@ -23,13 +23,13 @@ from recon.train.ranks import Ranks
 
 NAME = "environment"
 SUGGESTED, SURE = 0.06, 0.12
-"""Shares of the swept points through which views see the light of far away: below the first there is none,
-above the second there is, and in between a trial decides. Yards before a sky have 19 and 29 %, objects before
-a light probe 23, a room with lamps and mirrors 3 (bench/foreign/far_share.py)."""
+"""Shares of the swept points through which views see the light of far away: below the first no far field
+is taken, above the second one is, and in between a trial decides. Yards before a sky have 19 and 29 %,
+objects before a light probe 23, a room with lamps and mirrors 3 (bench/foreign/far_share.py)."""
 ROWS = 128
-"""Of the map that is looked at for it."""
+"""Rows of the map that is compared with for it."""
 FEWEST_SWEPT, MOST_VIEWS, MOST_POINTS = 200, 8, 2000
-"""Where a start has fewer swept points than the first, so many views are swept for so many of them."""
+"""Swept points below which views are swept again: at most this number of views, for this number of points."""
 TRIAL_LOOKS = 10
 """Iterations a view in a trial; an environment that is worth anything shows at once."""
 

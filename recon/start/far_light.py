@@ -122,19 +122,19 @@ def looked_through(
     """
     looks, through = np.zeros(len(start.xyz), np.int64), np.zeros(len(start.xyz), np.int64)
     gain = np.zeros(len(start.xyz))
-    own = _log_luminance(units(torch.from_numpy(start.rgb)))
+    of_point = _log_luminance(units(torch.from_numpy(start.rgb)))
     for view, (rgb, _) in zip(views, images, strict=True):
         pixels, depth = project(view.lens, start.xyz)
         at = np.flatnonzero(inside(view.lens, pixels, depth))
         column, row = np.floor(pixels[at]).astype(int).T
-        seen = view.seen[row, column]
-        at, column, row = at[seen], column[seen], row[seen]
+        unmasked = view.seen[row, column]
+        at, column, row = at[unmasked], column[unmasked], row[unmasked]
         directions = torch.from_numpy((start.xyz[at] - view.centre) @ far.axes.T).to(far.ln_light)
         shown = _log_luminance(units(torch.from_numpy(rgb[row, column])))
         from_far = np.abs(shown - _log_luminance(far.light(directions)))
         looks[at] += 1
         through[at] += from_far < ALIKE
-        gain[at] += np.minimum(np.abs(shown - own[at]), 1) - np.minimum(from_far, 1)
+        gain[at] += np.minimum(np.abs(shown - of_point[at]), 1) - np.minimum(from_far, 1)
     swept = np.arange(len(start.xyz)) >= start.sparse
     return np.asarray(swept & (2 * through > looks) & (gain > 0))
 
