@@ -95,6 +95,11 @@ def map_at_once(database: Any, fixed: frozenset[int], images: Sequence[str] = ()
     adjusted = options.mapper.bundle_adjustment
     adjusted.refine_focal_length = adjusted.refine_extra_params = not fixed
     models = pycolmap.ReconstructionManager()
-    pycolmap.GlobalPipeline(options, database, models).run()
+    # That no model can be made is logged as an error; here it is an answer.
+    level, pycolmap.logging.minloglevel = pycolmap.logging.minloglevel, int(pycolmap.logging.FATAL)
+    try:
+        pycolmap.GlobalPipeline(options, database, models).run()
+    finally:
+        pycolmap.logging.minloglevel = level
     every = [models.get(index) for index in range(models.size())]
     return max(every, key=lambda model: model.num_reg_images(), default=None)

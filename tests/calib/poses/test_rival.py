@@ -5,12 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.data.features import Features
+from calib.data.features import Features, fill_database
+from calib.data.unfinished import Unfinished
 from calib.poses import first_model
 from calib.poses.contradictions import placed_views
+from calib.poses.mapping import map_at_once
 from calib.poses.resolution import Contradicted
 from calib.poses.rival import agreement
 from calib.poses.sfm import solve
+from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
@@ -121,3 +124,15 @@ def test_agreement_of_models(ring: dict[ViewId, Features], monkeypatch: pytest.M
     first = folded.find_image_with_name(ViewId(0, "cam").image_name).frame
     last.rig_from_world = first.rig_from_world
     assert agreement(model, folded) == pytest.approx(1 - 2 / VIEWS)
+
+
+def test_two_views_are_not_placed_at_once(
+    ring: dict[ViewId, Features], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Without a third view there is no model, and nothing is printed about it."""
+    database = pycolmap.Database.open(":memory:")
+    cameras = {"cam": pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", FOCAL, SIZE, SIZE)}
+    two = {view: ring[view] for view in sorted(ring)[:2]}
+    assert fill_database(database, cameras, two, 2.0, [], Unfinished(), unreported)
+    assert map_at_once(database, frozenset()) is None
+    assert capfd.readouterr().err == ""
