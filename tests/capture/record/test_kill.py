@@ -80,7 +80,7 @@ def test_the_judgement_notices_a_finished_shot_without_record(reference, session
     index.write_bytes(b"".join(lines[:-1]))
     assert judged(reference, session, [lost]) == [f"finished and lost: {lost}"]
     index.with_name("session.json").unlink()
-    assert judged(reference, session, [lost]) == ["1 shots were told and there is no session"]
+    assert judged(reference, session, [lost]) == ["1 shots were reported and there is no session"]
 
 
 def test_the_judgement_notices_a_check_that_accepts_a_flipped_bit(session, monkeypatch):

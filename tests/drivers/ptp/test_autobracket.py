@@ -215,6 +215,6 @@ def test_a_body_without_brackets_refuses_them_in_a_sentence(toy: SimulatedRig, a
     body = camera._connected()
     assert body.auto_brackets() == ()
     given = (None,) if act == "set_auto_bracket" else (None, 1.0)
-    with pytest.raises(CameraRefused, match=r"shoots no brackets .*: set and trigger each exposure\.$"):
+    with pytest.raises(CameraRefused, match=r"has no brackets .*: set and trigger each exposure\.$"):
         getattr(body, act)(*given)
     camera.close()
