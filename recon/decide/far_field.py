@@ -22,7 +22,7 @@ from recon.start.plane_sweep import plane_sweep, sample
 from recon.train.ranks import Ranks
 
 NAME = "environment"
-SUGGESTED, SURE = 0.06, 0.12
+SUGGESTED, SURE = 0.12, 0.16
 """Shares of the swept points through which views see the light of far away: below the first no far field
 is taken, above the second one is, and in between a trial decides. Yards before a sky have 19 and 29 %,
 objects before a light probe 23, a room with lamps and mirrors 3 (bench/foreign/far_share.py)."""
