@@ -22,18 +22,28 @@ _TOLD = 20
 """Lines of Ray's output among which the reason is looked for why it did not start."""
 
 
-_WITH_PARENT = """
-import ctypes, os, signal, sys
-parent = int(sys.argv[1])
+SUPERVISOR = """
+import ctypes, os, signal, subprocess, sys
+parent, seconds, child = int(sys.argv[1]), int(sys.argv[2]), None
+def end(*_):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.alarm(seconds)
+    if child is not None:
+        child.terminate()
+signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGKILL))
+signal.signal(signal.SIGTERM, end)
 try:
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)
 except (OSError, AttributeError):
     pass
 if os.getppid() == parent:
-    os.execv(sys.executable, [sys.executable, *sys.argv[2:]])
+    child = subprocess.Popen([sys.executable, *sys.argv[3:]])
+    sys.exit(child.wait())
 """
-"""Command prefix for a program that gets a SIGTERM when its parent has ended (PR_SET_PDEATHSIG of Linux).
-Ray's processes, in a session of their own, would go on as an orphaned node.
+"""Supervisor of a command, which it ends when its parent has ended (PR_SET_PDEATHSIG of Linux).
+
+Ray's processes, in a session of their own, would go on as an orphaned node. Linux sends that signal for each
+thread of the parent that had the child in turn, and Ray hangs in its handler at the second: it gets one only.
 """
 
 
@@ -105,8 +115,8 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
     if guarded:
         make_token()
     door = OpenDoor(address) if guarded else None
-    command = [sys.executable, "-c", _WITH_PARENT, str(os.getpid()), "-m", "ray.scripts.scripts"]
-    command += ["start", "--block", "--disable-usage-stats"]
+    command = [sys.executable, "-c", SUPERVISOR, str(os.getpid()), f"{LEAVE:.0f}"]
+    command += ["-m", "ray.scripts.scripts", "start", "--block", "--disable-usage-stats"]
     command += ["--address", address, "--num-cpus", "1"]
     command += ["--resources", json.dumps({resource_of(settings.name): 1})]
     process = subprocess.Popen(
