@@ -3,6 +3,7 @@
 import io
 import socket
 import threading
+import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager, redirect_stdout
 from types import TracebackType
@@ -18,6 +19,9 @@ from rig.view.serving.frame import Frame
 from rig.view.serving.start import NARROW, Start, stand
 from rig.view.serving.state import State, said_state
 from rig.view.serving.window import css_width
+
+# A browser may leave while its picture is drawn: that picture is not missed.
+warnings.filterwarnings("ignore", r"Queued a \w+ on a closed connection", UserWarning)
 
 _ANY = ("0.0.0.0", "::")
 

@@ -14,6 +14,8 @@ from rig.view.pages.opening import show_scenes
 from rig.view.serving.server import Viewer
 
 CANVAS = "document.querySelector('canvas[data-engine]').clientWidth * devicePixelRatio"
+AT_REST = 30
+"""Looks at a canvas, 20 ms apart or more, that find it as wide as before, until it counts as at rest."""
 LIMIT = 20.0
 """Seconds that a browser without a GPU may take for anything."""
 
@@ -39,9 +41,20 @@ class Window:
         self.page = viewer.pages[max(viewer.pages)]
         self.until(lambda: self.page.frame is not None)
         self.tab.get_by_text("Exposure, stops", exact=True).wait_for()
-        # The panel slides in beside the canvas.
-        self.until(lambda: self.tab.evaluate("document.getAnimations().length") == 0)
-        self.until(lambda: self.width == self.tab.evaluate(CANVAS))
+        self._until_at_rest()
+
+    def _until_at_rest(self) -> None:
+        """Wait for the panel: on a busy machine it slides in beside the canvas some time after its text."""
+        widths: list[int] = []
+
+        def at_rest() -> bool:
+            moving = self.tab.evaluate("document.getAnimations().length") > 0
+            if moving or self.width != self.tab.evaluate(CANVAS) or self.width != (widths or [0])[-1]:
+                widths.clear()
+            widths.append(self.width)
+            return len(widths) > AT_REST
+
+        self.until(at_rest)
 
     def until(self, done: Callable[[], bool]) -> None:
         end = time.monotonic() + LIMIT
