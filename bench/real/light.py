@@ -20,9 +20,10 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import torch
 from PIL import Image
+from torch import Tensor
 
-from bench.decided.each_photograph import as_labelled, figures
 from bench.recon.auto_exposure import CASES, photographed
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
@@ -33,12 +34,15 @@ from calib.light import each_photograph
 from calib.light.each_photograph import Development
 from calib.light.stated import NOTHING
 from capture.imports.photos import import_photos
+from imaging import metrics
 from imaging.errors import PartialError
 from imaging.files import store
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
+from recon.observe.recorded import as_recorded
 from recon.reconstruct import reconstruct
+from recon.result.scene import open_model
 
 REAL: Mapping[str, tuple[str, int, int]] = {
     "banana": ("banana/*.JPG", 960, 1),
@@ -110,6 +114,17 @@ def _as_json(found: Development) -> dict[str, Any]:
     }
 
 
+def as_labelled(session: Path, record: CalibrationRecord) -> CalibrationRecord:
+    """A calibration of single photographs that does not know what each was developed with."""
+    files = {shot.view: shot.file for shot in Session.open(session).shots("scene")}
+    scale = dict(record.exposure_scale)
+    for view in record.views:
+        scale[files[view.id]] /= view.exposure
+    alike = {"exposure": 1.0, "white_balance": (1.0, 1.0, 1.0)}
+    views = tuple(view.model_copy(update=alike) for view in record.views)
+    return record.model_copy(update={"views": views, "exposure_scale": scale})
+
+
 def record_by(session: Path, rule: str) -> CalibrationRecord:
     """The calibration with what a rule takes."""
     opened = Session.open(session)
@@ -137,6 +152,32 @@ def trained(options: argparse.Namespace, name: str, rule: str, seed: int) -> dic
         return figures(made)
     finally:
         store.write_bytes(file, before)
+
+
+@torch.no_grad()
+def figures(made: Path) -> dict[str, float]:
+    """PSNR and SSIM of the held-out photographs, as predicted and after gains that are fitted; seconds."""
+    opened, rows = open_model(made), []
+    for view in opened.dataset.reported:
+        (shot,) = view.shots
+        image = opened.training.method.observation.predict(opened.render(view.lens), view, shot.k)
+        ours, true = as_recorded(image, shot)
+        row = {}
+        for suffix, one in (("", ours), ("_fitted", fitted(ours, true))):
+            error = (one - true)[torch.from_numpy(shot.valid)].double().square().mean()
+            row["psnr" + suffix] = -10 * float(torch.log10(error))
+            ssim = metrics.ssim(one.numpy(), true.numpy(), shot.valid)
+            assert ssim is not None  # no mask hides these photographs
+            row["ssim" + suffix] = ssim
+        rows.append(row)
+    means = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    return means | {"seconds": opened.record.train_seconds}
+
+
+def fitted(ours: Tensor, true: Tensor) -> Tensor:
+    """Display values [H, W, 3] with the gain of each channel that brings them nearest to others."""
+    gain = (ours * true).sum((0, 1)) / ours.square().sum((0, 1)).clamp_min(1e-12)
+    return (ours * gain).clamp(0, 1)
 
 
 def evidence(session: Path) -> dict[str, Any]:

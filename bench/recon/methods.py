@@ -26,8 +26,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.decided.colours import SoftplusRadiance
 from bench.recon import inputs
+from bench.recon.softplus_radiance import SoftplusRadiance
 from bench.support.differences import kept, paired, units
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, Trial, prepare, run, session

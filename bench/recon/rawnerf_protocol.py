@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.decided.noise_losses import (
+from bench.recon import inputs
+from bench.recon.noise_losses import (
     RelativeSquares,
     Residual,
     Stabilised,
@@ -30,7 +31,6 @@ from bench.decided.noise_losses import (
     coarse_to_fine,
     squares,
 )
-from bench.recon import inputs
 from bench.support.differences import paired, units
 from bench.support.phone_views import LEVEL, NOISE, SCENES, PhoneViews, phone_views
 from bench.support.record import WORK, arguments, deliver, machine, words

@@ -20,12 +20,12 @@ from recon.train.ranks import Ranks
 
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)
-"""Weights that are tried (bench/decided/depth.py)."""
+"""Weights that are tried (bench/results/depth.md)."""
 USUAL = 0.1
 """The weight where no trial can be made, and there are few views."""
 FEW_VIEWS = 12
 """Training views, below which the term is worth it even without a trial: to what the start gains it adds 0.2
-to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/decided/depth.py)."""
+to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/results/depth.md)."""
 SURE_SCATTER = 0.03
 """Scatter of ln depth about scene points below which depth is accurate enough for that."""
 

@@ -13,7 +13,7 @@ from recon.observe.tone_grid import EXACT
 BEYOND_ONE = 1.5
 """Stops between separately exposed photographs above which they hold more light than display values. A castle
 whose photographs lie 1.1 stops apart is better with gains on display values
-(bench/decided/each_photograph.py).
+(bench/results/each_photograph.md).
 """
 
 

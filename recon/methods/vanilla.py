@@ -11,7 +11,7 @@ those at first and twice at the end, since there are fewer iterations.
 On photographs alone it is trained on their display values, with no idea of exposure; only what the camera
 chose anew for each of them, as the calibration found it, it knows as gains. On RAW and EXR, and on
 photographs beside them, it sees the same mosaics through the same mu-law as NH-3DGS; only the appearance
-differs, with learning rates tuned for it (bench/decided/appearance.py).
+differs, with learning rates tuned for it (bench/results/appearance.md).
 """
 
 from dataclasses import replace

@@ -17,7 +17,7 @@ from recon.scene.appearance import Rate
 ASSUMED = Rate(2e-1, 5e-4)
 """Learning rate of a curve that was not measured. That of one that was cannot leave a wrong start: where an
 assumed curve is flat and the true one is not, its steps have to grow fifty times
-(bench/decided/ablation_hdr_gs.py)."""
+(bench/results/ablation_hdr_gs.md)."""
 ASSUMED_SMOOTHNESS = 0.1
 """Weight of roughness of a curve that was not measured: such a rate follows more of the noise."""
 STOP_APART = 0.99

@@ -24,7 +24,7 @@ from recon.scene.appearance import Rate
 MIDDLE_GREY = 0.18
 SIGNAL_MU = 500.0
 """Mu of the signal of a sensor. With the 5000 of the papers the noise of its darkest tones weighs more: 0.24
-dB less, and 0.39 less in RAW (bench/decided/ablation.py).
+dB less, and 0.39 less in RAW (bench/results/ablation.md).
 """
 LIGHT_MU = 5000.0
 """Mu of light, which has no known noise floor and reaches far above its white: EXR."""

@@ -8,7 +8,7 @@ USUAL = 2000
 POWER = 0.4
 """Exponent of the rates by length. Over the usual rates the light of five scenes gains 4 to 6 dB at 25
 iterations, 2 to 4 at 100, 0.6 to 1.3 at 300 and -0.2 to 0.2 at 1000; no other rates that were tried had much
-more (bench/decided/learning_rates.py).
+more (bench/results/learning_rates.md).
 """
 
 

@@ -1,4 +1,4 @@
-"""Colours through a softplus and an exponential: measured against those of the methods, and not taken."""
+"""Colours through a softplus: measured against those of the methods, and not taken."""
 
 from dataclasses import dataclass
 
@@ -41,37 +41,3 @@ class SoftplusRadiance:
     def penalty(self, parameters: Parameters) -> Tensor:
         """Zero: nothing is penalised."""
         return parameters["sh_dc"].new_zeros(())
-
-
-@dataclass(frozen=True)
-class LogRadiance:
-    """`c(d) = exp(SH(d))`, each channel on its own: positive and scale-free, without a shared luminance."""
-
-    floor: float = 2.0**-20
-    dc_rate: Rate = Rate(0.1, 0.01)
-    rest_rate: Rate = Rate(0.01, 0.002)
-
-    @property
-    def rates(self) -> dict[str, Rate]:
-        """The constant and the direction-dependent coefficients."""
-        return {"log_dc": self.dc_rate, "log_rest": self.rest_rate}
-
-    def start(self, rgb: Tensor) -> Parameters:
-        """ln rgb, not below the floor."""
-        return {
-            "log_dc": (rgb.clamp_min(self.floor).log() / C0)[:, None],
-            "log_rest": rgb.new_zeros(len(rgb), COEFFICIENTS - 1, 3),
-        }
-
-    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
-        """The exponential of the series, which is kept below 2^30."""
-        value = series(parameters["log_dc"], parameters["log_rest"], directions, degree)
-        return value.clamp_max(20.0).exp()
-
-    def luminance(self, parameters: Parameters) -> Tensor:
-        """The largest channel of the constant term."""
-        return (C0 * parameters["log_dc"].detach()[:, 0]).amax(1).clamp_max(20.0).exp()
-
-    def penalty(self, parameters: Parameters) -> Tensor:
-        """Penalise nothing."""
-        return parameters["log_dc"].new_zeros(())
