@@ -53,7 +53,9 @@ def read_shot(
     cache_of = _DECODED.get()
     if cache_of is None:
         return decode_shot(path, name, kind, k, response, max_width, sensors, mask)
-    written = tuple((file, os.stat(file).st_mtime_ns) for file in (path, mask) if file is not None)
+    # A session is named from here by its user, and from its root by the scene in it.
+    files = [os.path.realpath(file) for file in (path, mask) if file is not None]
+    written = tuple((file, os.stat(file).st_mtime_ns) for file in files)
     what = (written, name, kind, k, response, max_width, tuple(sensors))
     if what not in cache_of:
         cache_of[what] = decode_shot(path, name, kind, k, response, max_width, sensors, mask)
