@@ -2,15 +2,18 @@
 
     python -m bench.real.guards [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
 
-Each set is calibrated up to its poses as `rig calibrate` does, and once more without each rule. Real sets
-under RIG_DATA, scaled; made ones are path-traced, with known poses. wrong: against published centres (fox)
+Each set is calibrated up to its poses as `rig calibrate` does, and once more without each rule that made a
+difference: one of its functions returned something else than would stand in its place without it. Learned
+features, an extra, are not used. Real sets under RIG_DATA, scaled; made ones are path-traced, with known
+poses. wrong: against published centres (fox)
 or the truth of made sets, unknown elsewhere. focal: of the first camera, in per cent above EXIF's or the
 truth. Rows, features and matches are kept in FOLDER. --quick: sceaux.
 """
 
 import argparse
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,36 +41,66 @@ LONG_SIDE = {"fox": 1000, "banana": 1200, "brighton": 1000, "sceaux": 1000, "mon
 ALIKE = "crate-alike", "column-2", "facade-weathered", "crate-few"
 
 
+@dataclass(frozen=True)
+class Part:
+    """A function or a number of a rule, and what stands in its place where the rule is left out."""
+
+    module: Any
+    name: str
+    instead: Any
+
+    def off(self) -> Any:
+        """Patch that leaves it out."""
+        return patch.object(self.module, self.name, self.instead)
+
+    def watched(self, acted: Callable[[], None]) -> Any:
+        """Patch that calls `acted` where the function returns something else than would stand instead."""
+        function = getattr(self.module, self.name)
+        if not callable(function):
+            return nullcontext()
+
+        def watching(*given: Any, **named: Any) -> Any:
+            returned = function(*given, **named)
+            if not _same(returned, self.instead(*given, **named)):
+                acted()
+            return returned
+
+        return patch.object(self.module, self.name, watching)
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, ResolvedModel):
+        return one.reconstruction is other.reconstruction and not one.left_out
+    if isinstance(one, tuple):  # lenses and rungs: a rung that was not taken changes nothing
+        one, other = one[0], other[0]
+    return one is other or bool(one == other)
+
+
 def _first_model(reconstruction: Any, matches: Any, **_: Any) -> ResolvedModel:
     return ResolvedModel(reconstruction, frozenset(), (), len(matches.pairs))
 
 
-def _off(module: Any, name: str, instead: Any) -> Any:
-    return partial(patch.object, module, name, instead)
-
-
 ALL = "nothing"
-RULES: Mapping[str, tuple[Callable[[], Any], ...]] = {
+RULES: Mapping[str, tuple[Part, ...]] = {
     ALL: (),
-    "contradictions": (_off(first_model, "resolve_contradictions", _first_model),),
+    "contradictions": (Part(first_model, "resolve_contradictions", _first_model),),
     "brightness": (
-        _off(resolution, "otherwise_lit", lambda *_: set()),
-        _off(resolution, "lit_apart", lambda *_: False),
-        _off(resolution, "warning", lambda *_: None),
+        Part(resolution, "otherwise_lit", lambda *_: set()),
+        Part(resolution, "lit_apart", lambda *_: False),
+        Part(resolution, "mostly_apart", lambda *_: False),
+        Part(resolution, "warning", lambda *_: None),
     ),
-    "third views": (_off(resolution, "unconfirmed", lambda *_: None),),
-    "further features": (
-        _off(place_views, "ENOUGH_FEATURES", 10**9),
-        _off(learned, "available", lambda: False),
-    ),
+    "third views": (Part(resolution, "unconfirmed", lambda *_: None),),
+    "placed at once": (Part(first_model, "map_at_once", lambda *_: None),),
+    "further features": (Part(place_views, "ENOUGH_FEATURES", 10**9),),
     "EXIF's focal length": (
-        _off(sfm, "focal_priors", lambda _: {}),
-        _off(sfm, "settle_focal", lambda _, free, *__: (free, ())),
+        Part(sfm, "focal_priors", lambda _: {}),
+        Part(sfm, "settle_focal", lambda _, free, *__: (free, ())),
     ),
-    "lens ladder": (_off(sfm, "climb", lambda _, free, *__: (free, ())),),
-    "fisheye": (_off(tied_model, "sees_wide", lambda _: False),),
+    "lens ladder": (Part(sfm, "climb", lambda _, free, *__: (free, ())),),
+    "fisheye": (Part(tied_model, "sees_wide", lambda _: False),),
 }
-"""Patches that leave a rule out."""
+"""Rules of placing, by their parts."""
 
 
 def session_of(name: str, work: Path) -> Path:
@@ -92,11 +125,16 @@ def session_of(name: str, work: Path) -> Path:
 
 
 def one(name: str, rule: str, work: Path) -> dict[str, Any]:
-    """Return what became of the views of a set without a rule."""
+    """Return what became of the views of a set without a rule, and which rules made a difference."""
     session = session_of(name, work)
     stack = ExitStack()
-    for off in RULES[rule]:
-        stack.enter_context(off())
+    stack.enter_context(patch.object(learned, "available", lambda: False))
+    acted: set[str] = set()
+    for part in RULES[rule]:
+        stack.enter_context(part.off())
+    for other in RULES.keys() - {rule}:
+        for part in RULES[other]:
+            stack.enter_context(part.watched(partial(acted.add, other)))
     placed = place(session, stack)
     row: dict[str, Any] = {
         "views": len({(shot.frame, shot.camera) for shot in Session.open(session).shots("scene")}),
@@ -105,6 +143,7 @@ def one(name: str, rule: str, work: Path) -> dict[str, Any]:
         "doubts": placed.doubts,
         "further": placed.taken(*FURTHER),
         "refused": placed.refused,
+        "acted": sorted(acted | ({"further features"} if placed.taken(*FURTHER) else set())),
     }
     if placed.model is not None:
         lens = next(iter(placed.model.lenses.values()))
@@ -140,12 +179,14 @@ def stated(name: str) -> float | None:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """A row of each set and rule."""
+    """Rows of each set: with all rules, and without each that made a difference."""
     cache = Cache(options.work / "guards.jsonl")
-    rows = {
-        name: {rule: cache.get(f"{name} {rule}", partial(one, name, rule, options.work)) for rule in RULES}
-        for name in options.sets
-    }
+    rows: dict[str, dict[str, Any]] = {}
+    for name in options.sets:
+        row = cache.get(f"{name} {ALL}", partial(one, name, ALL, options.work))
+        rows[name] = {ALL: row} | {
+            rule: cache.get(f"{name} {rule}", partial(one, name, rule, options.work)) for rule in row["acted"]
+        }
     return {"machine": machine(), "rows": rows}
 
 
@@ -158,22 +199,25 @@ def table(result: dict[str, Any]) -> str:
         f"`python -m bench.real.guards --write`. {words(result['machine'])}.",
         "",
         "Views that are placed, of these wrongly (where it is known), and what is said, with all rules and",
-        "without each. Then the focal length, in per cent above EXIF's.",
+        "without each that made a difference; empty: it made none. Then the focal length, in per cent above",
+        "EXIF's.",
         "",
         "| without | " + " | ".join(f"{name} ({row[ALL]['views']})" for name, row in rows.items()) + " |",
         "|" + "---|" * (len(rows) + 1),
     ]
     for rule in RULES:
-        lines.append(f"| {rule} | " + " | ".join(_cell(row[rule]) for row in rows.values()) + " |")
+        lines.append(f"| {rule} | " + " | ".join(_cell(row.get(rule)) for row in rows.values()) + " |")
     with_focal = {name: exif for name in rows if (exif := stated(name)) is not None}
     lines += ["", "| without | " + " | ".join(with_focal) + " |", "|" + "---|" * (len(with_focal) + 1)]
     for rule in RULES:
-        cells = [_focal(rows[name][rule], exif) for name, exif in with_focal.items()]
+        cells = [_focal(rows[name].get(rule), exif) for name, exif in with_focal.items()]
         lines.append(f"| {rule} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
-def _cell(row: Mapping[str, Any]) -> str:
+def _cell(row: Mapping[str, Any] | None) -> str:
+    if row is None:
+        return ""
     if row["refused"]:
         return "refused"
     wrong = "" if row["wrong"] is None else f", {row['wrong']} wrong"
@@ -181,8 +225,8 @@ def _cell(row: Mapping[str, Any]) -> str:
     return f"{row['placed']}{wrong}{f' ({chr(44).join(said)})' if said else ''}"
 
 
-def _focal(row: Mapping[str, Any], exif: float) -> str:
-    if "focal" not in row:
+def _focal(row: Mapping[str, Any] | None, exif: float) -> str:
+    if row is None or "focal" not in row:
         return ""
     return f"{100 * (row['focal'] / exif - 1):+.1f} ({row['lens']})"
 
