@@ -71,13 +71,7 @@ def standard_errors(
     progress("measuring how sure it is", 0, 1)
     linear = linearise(reconstruction, free)
     moves = _moves(linear, reconstruction, free, scale)
-    whole = _poses(reconstruction)
-    turns: dict[ViewId, list[Array]] = {view: [] for view in whole}
-    shifts: dict[ViewId, list[Array]] = {view: [] for view in whole}
-    for move in moves:
-        for view, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
-            turns[view].append(_turned((pose @ np.linalg.inv(whole[view]))[:3, :3]))
-            shifts[view].append(_centre(pose) - _centre(whole[view]))
+    turns, shifts = _drawn(reconstruction, linear, moves)
     names = {
         reconstruction.image(index).camera_id: ViewId.of_image(reconstruction.image(index).name).camera
         for index in reconstruction.reg_image_ids()
@@ -103,6 +97,33 @@ def standard_errors(
             for number, at in linear.sensors.items()
         },
     )
+
+
+def drawn_poses(
+    reconstruction: Any, free: Free, scale: float
+) -> tuple[dict[ViewId, list[Array]], dict[ViewId, list[Array]]]:
+    """Return how each view turns [3], rad, and shifts [3] in the models that `standard_errors` draws.
+
+    Args:
+        reconstruction: pycolmap's, adjusted; it is not changed.
+        free: How it was adjusted.
+        scale: Of the Cauchy loss, px.
+    """
+    linear = linearise(reconstruction, free)
+    return _drawn(reconstruction, linear, _moves(linear, reconstruction, free, scale))
+
+
+def _drawn(
+    reconstruction: Any, linear: Linear, moves: Array
+) -> tuple[dict[ViewId, list[Array]], dict[ViewId, list[Array]]]:
+    whole = _poses(reconstruction)
+    turns: dict[ViewId, list[Array]] = {view: [] for view in whole}
+    shifts: dict[ViewId, list[Array]] = {view: [] for view in whole}
+    for move in moves:
+        for view, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
+            turns[view].append(_turned((pose @ np.linalg.inv(whole[view]))[:3, :3]))
+            shifts[view].append(_centre(pose) - _centre(whole[view]))
+    return turns, shifts
 
 
 def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Array:
