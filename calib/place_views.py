@@ -23,6 +23,7 @@ from calib.light.stated import stated_by
 from calib.luminance.measure import scaled
 from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
+from calib.poses.refusals import OnePlace
 from calib.poses.resolution import CHECK, DOUBTS, Contradicted
 from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
@@ -176,7 +177,7 @@ def _placed(
     """Place the views by SIFT's features, and by more or learned ones where these leave views out.
 
     Further features are taken if they place more views. Where views contradict each other they are no way
-    out: they match what only looks alike as well.
+    out, since they match what only looks alike as well, nor where all views were taken from one place.
 
     Returns:
         The model, and the summaries that it was made of.
@@ -184,7 +185,7 @@ def _placed(
     model, refusal = None, None
     try:
         model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
-    except Contradicted:
+    except (Contradicted, OnePlace):
         raise
     except CalibrationError as error:
         refusal = error

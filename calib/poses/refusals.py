@@ -17,10 +17,19 @@ MOST_ASKED = 40
 """Pairs of views that are asked whether they show depth."""
 
 
+class OnePlace(CalibrationError):
+    """All views were taken from one place, so that other features of them give no poses either."""
+
+
 def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId, str]) -> None:
-    """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
+    """Refuse views of which fewer than two have anything to hold on to.
+
+    Raises:
+        OnePlace: There is one view.
+        CalibrationError: Names the commonest cause.
+    """
     if len(features) < 2:
-        raise CalibrationError(
+        raise OnePlace(
             "Only one view: poses need at least two, so take more views of the same scene from other places."
         )
     lost = {view: blank.get(view, "without texture or blurred") for view, own in features.items()
@@ -38,12 +47,12 @@ def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId,
 def require_depth(
     pairs: Mapping[tuple[ViewId, ViewId], MatchedPair], cameras: Mapping[str, Lens], max_error: float
 ) -> None:
-    """CalibrationError when all views were taken from one place, of which no model can be made."""
+    """Raise OnePlace when all views were taken from one place, of which no model can be made."""
     every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]
     sizes = {name: (lens.width, lens.height) for name, lens in cameras.items()}
     shown = [pair.parallax(sizes[one.camera], max_error) for (one, _), pair in every]
     if float(np.median(shown)) < LEAST_PARALLAX:
-        raise CalibrationError(
+        raise OnePlace(
             "The views match but show no depth, as if the camera had turned on the spot: move it sideways "
             "between views."
         )

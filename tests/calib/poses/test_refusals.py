@@ -3,12 +3,16 @@
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from calib import all_views
 from calib.calibrate import calibrate
+from calib.view_images import ViewSummary
 from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.exposure import Exposure
@@ -60,6 +64,26 @@ def test_nothing_to_place_and_nothing_measured(
     assert "\n" not in message
     assert not (session / "calibration").exists()
     assert not list(session.glob(".*"))
+
+
+def test_no_further_features_are_looked_for_from_one_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They cost minutes, and no feature shows depth there."""
+    kinds = []
+
+    def summaries(*given: Any) -> dict[ViewId, ViewSummary]:
+        kinds.append(given[3:])
+        return all_views.summaries(*given)
+
+    monkeypatch.setattr("calib.place_views.learned.available", lambda: True)
+    monkeypatch.setattr("calib.place_views.all_views", SimpleNamespace(summaries=summaries))
+    # The same picture three times: all of it matches, without parallax.
+    for pictures, cause in (([noise(0)], "only one view"), ([noise(0)] * 3, "show no depth")):
+        session = make_session(tmp_path / f"{len(pictures)}", [[(picture, None)] for picture in pictures])
+        with pytest.raises(CalibrationError, match=cause):
+            calibrate(session, on_progress=unreported)
+    assert kinds == [(), ()]
 
 
 def test_dim_raw_is_called_black(tmp_path: Path) -> None:
