@@ -24,7 +24,7 @@ from PIL import Image
 from bench.calibration.foreign_poses import judged
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
 from bench.calibration.placed import FURTHER, PlacedViews, place
-from bench.real.judges import SETS, WRONG, away_of, photographs, published_centres, stated_focal
+from bench.real.judges import WRONG, away_of, photographs, published_centres, stated_focal
 from bench.real.made_sets import METAL, metal_and_glass
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
@@ -160,7 +160,7 @@ def _wrong(name: str, session: Path, placed: PlacedViews) -> int | None:
     if published is None or len(placed.poses) < 3:
         return None
     sources = {
-        (shot.frame, shot.camera): Path(shot.source or shot.file).name
+        (shot.frame, shot.camera): Path(shot.source or shot.file).stem
         for shot in Session.open(session).shots("scene")
     }
     centres = {
@@ -234,7 +234,7 @@ def _focal(row: Mapping[str, Any] | None, exif: float) -> str:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--work", type=Path, default=WORK / "guards", help="keeps sessions and finished rows")
-    parser.add_argument("--sets", default=",".join((*SETS, *ALIKE)), help="comma-separated")
+    parser.add_argument("--sets", default=",".join((*LONG_SIDE, METAL, *ALIKE)), help="comma-separated")
     options = parser.parse_args()
     options.sets = ("sceaux",) if options.quick else tuple(options.sets.split(","))
     options.work.mkdir(parents=True, exist_ok=True)

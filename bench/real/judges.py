@@ -48,9 +48,12 @@ SETS: Mapping[str, str] = {
     "sceaux": "sceaux/*.[jJ][pP][gG]",
     "monstree": "monstree/*.jpg",
     "lund": "lund/*.jpg",
+    "lego": "lego/train/*.png",
     METAL: "",
 }
 """Photographs of each set; those of the last are made."""
+PUBLISHED = {"fox": "fox/transforms.json", "lego": "lego/transforms_train.json"}
+"""Poses that were published with a set."""
 WRONG = 2.0
 """Per cent of the extent, by which a camera centre misses the published one that stands wrongly."""
 PARTS = {
@@ -76,12 +79,11 @@ def stated_focal(name: str) -> float | None:
 
 
 def published_centres(name: str) -> dict[str, Array] | None:
-    """Camera centres [3] that were published with a set, by file name; None where none were."""
-    file = Path(os.environ["RIG_DATA"]) / name / "transforms.json"
-    if not file.is_file():
+    """Camera centres [3] that were published with a set, by stem of the file name; None where none were."""
+    if name not in PUBLISHED:
         return None
-    frames = json.loads(file.read_text())["frames"]
-    return {Path(one["file_path"]).name: np.array(one["transform_matrix"])[:3, 3] for one in frames}
+    frames = json.loads((Path(os.environ["RIG_DATA"]) / PUBLISHED[name]).read_text())["frames"]
+    return {Path(one["file_path"]).stem: np.array(one["transform_matrix"])[:3, 3] for one in frames}
 
 
 def away_of(centres: Mapping[str, Array], published: Mapping[str, Array]) -> Array:
@@ -126,7 +128,7 @@ def by_rig(name: str, work: Path) -> dict[str, Any]:
         "said": list(record.doubts),
     }
     sources = {
-        (shot.frame, shot.camera): Path(shot.source or shot.file).name
+        (shot.frame, shot.camera): Path(shot.source or shot.file).stem
         for shot in Session.open(session).shots("scene")
     }
     if (published := published_centres(name)) is not None:
@@ -192,7 +194,8 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
         row |= judged(poses, metal_and_glass(WORK / "metal_and_glass")[1])
     if (published := published_centres(name)) is not None:
         centres = {
-            best.image(index).name: best.image(index).projection_center() for index in best.reg_image_ids()
+            Path(best.image(index).name).stem: best.image(index).projection_center()
+            for index in best.reg_image_ids()
         }
         row |= centre_errors(centres, published)
     return row
