@@ -8,6 +8,7 @@ from calib.data.unfinished import Unfinished
 from calib.data.views import View
 from calib.exports import pictures
 from calib.view_images import ViewSummary, summarise
+from imaging.arrays import Bytes
 from imaging.compute import memory
 from imaging.compute.cores import available_cores
 from imaging.compute.processes import in_processes
@@ -63,7 +64,7 @@ def summaries(
 
 def shown(
     evidence: Evidence, record: CalibrationRecord, sizes: Mapping[ViewId, tuple[int, int]], factor: float
-) -> Iterator[tuple[ViewId, pictures.Picture]]:
+) -> Iterator[tuple[ViewId, Bytes]]:
     """Picture of each view, at the size (w, h) at which its features were found; factor: its exposure."""
     found = in_processes(
         processes(evidence.views),

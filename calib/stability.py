@@ -6,18 +6,16 @@ No files and no pictures: the numbers that the steps of a calibration work on, m
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.light.falloff import Tracks
 from calib.light.vignetting import estimate
 from calib.sensor.photon_transfer import Points, fit
+from imaging.arrays import Array
 from imaging.lens import Lens, project, rays
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.merge.ratios import overlap, ratio
 from imaging.stress_case import StressCase
-
-Array = npt.NDArray[np.float64]
 
 WELL = 15_000.0
 """Electrons at white."""

@@ -7,13 +7,13 @@ from typing import cast
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.features import FeatureKind, Features, find, unmasked
 from calib.data.previews import is_faint, preview
 from calib.data.unfinished import Arrays
 from calib.data.views import View, of_one_band, read_view
 from calib.light.tracks import brightness_at, colour_at, light
+from imaging.arrays import Array
 from imaging.files.photo import encode_png
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import LinearFrame
@@ -47,8 +47,8 @@ class ViewSummary:
     width: int
     height: int
     features: Features
-    brightness: npt.NDArray[np.float64]
-    colour: npt.NDArray[np.float64]
+    brightness: Array
+    colour: Array
     blank: str | None
     faint: bool
 

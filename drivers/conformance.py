@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.camera import Camera, CameraFile, Capabilities, ShootsBrackets
 from drivers.clock import Clock
 from drivers.errors import CameraRefused
+from imaging.arrays import Array
 from imaging.errors import CameraError, RigError
 from imaging.exposure import Exposure
 from imaging.files import raw
@@ -86,7 +86,7 @@ class Subject:
         opened = self.camera.trigger()
         return opened, self.camera.collect()
 
-    def pixels(self) -> npt.NDArray[np.float64]:
+    def pixels(self) -> Array:
         """A frame's signal in shares of its range, NaN where it is full; Skipped where it is no RAW frame."""
         _, frame = self.shoot()
         if isinstance(frame, CameraFile):
@@ -294,7 +294,7 @@ def _levels(subject: Subject) -> list[float]:
     return nearest
 
 
-def _bright(signal: npt.NDArray[np.float64]) -> float:
+def _bright(signal: Array) -> float:
     """A bright photosite's, 1 where it is full."""
     return float(np.quantile(np.nan_to_num(signal, nan=1.0), BRIGHT))
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
+from imaging.arrays import Array, Array32, Bytes, Floats, Mask
+
 Tile = tuple[tuple[float, ...], ...]
 """Values of the sites of a tile that repeats over the photosites, row by row."""
 
@@ -86,7 +86,7 @@ class Cfa:
         return lcm(2, self.period[0]), lcm(2, self.period[1])
 
     @cached_property
-    def pattern(self) -> npt.NDArray[np.uint8]:
+    def pattern(self) -> Bytes:
         """Channel of each site of the tile, uint8 [h, w]; 0 red, 1 green, 2 blue, 3 white; of mono 0."""
         letters = self.letters
         return np.array([[letters.index(letter) for letter in row] for row in self.rows], np.uint8)
@@ -126,7 +126,7 @@ class Cfa:
         rows = self.rows[top % height :] + self.rows[: top % height]
         return Cfa(tuple(row[left % width :] + row[: left % width] for row in rows))
 
-    def channels(self, height: int, width: int) -> npt.NDArray[np.uint8]:
+    def channels(self, height: int, width: int) -> Bytes:
         """Channel of every photosite, uint8 [height, width]."""
         return repeated(self.pattern, height, width)
 
@@ -160,13 +160,13 @@ def rolled(tile: Tile, top: int, left: int) -> Tile:
     return as_tile(np.roll(np.array(tile), (-top, -left), axis=(0, 1)))
 
 
-def mosaic(light: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating]:
+def mosaic(light: Floats, cfa: Cfa) -> Floats:
     """Keep of each pixel of `light` [H, W, channels] the one channel that `cfa` lets through: [H, W]."""
     channels = cfa.channels(*light.shape[:2])
     return np.take_along_axis(light, channels[..., None].astype(np.intp), axis=2)[..., 0]
 
 
-def cell_means(image: npt.NDArray[np.generic], cfa: Cfa | None) -> Float:
+def cell_means(image: npt.NDArray[np.generic], cfa: Cfa | None) -> Array32:
     """Mean of each channel over the cells of a mosaic [H, W]: float32 [H // cell, W // cell, channels].
 
     Rows and columns that complete no cell are left out. Without a CFA the image has its channels already.
@@ -188,7 +188,7 @@ def cell_means(image: npt.NDArray[np.generic], cfa: Cfa | None) -> Float:
     return total
 
 
-def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = None) -> tuple[Float, Bool]:
+def bilinear(image: Floats, cfa: Cfa, valid: Mask | None = None) -> tuple[Array32, Mask]:
     """Bilinear demosaic of a linear mosaic [H, W] -> light float32 [H, W, channels] and valid, bool.
 
     Each missing sample is the mean of its *valid* neighbours of the same channel, weighted by a tent that
@@ -211,7 +211,7 @@ def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = Non
     return light, known
 
 
-def bilinear_variance(variance: npt.NDArray[np.float64], cfa: Cfa, valid: Bool) -> npt.NDArray[np.float64]:
+def bilinear_variance(variance: Array, cfa: Cfa, valid: Mask) -> Array:
     """Variance [H, W, channels] of what `bilinear` makes of photosites of such a variance [H, W].
 
     Infinite next to a photosite whose own is, NaN where nothing is known.
@@ -229,9 +229,7 @@ def bilinear_variance(variance: npt.NDArray[np.float64], cfa: Cfa, valid: Bool) 
     return np.stack(planes, axis=-1)
 
 
-def _around(
-    values: npt.NDArray[np.generic], weights: npt.NDArray[np.float64], cfa: Cfa
-) -> npt.NDArray[np.float64]:
+def _around(values: npt.NDArray[np.generic], weights: Array, cfa: Cfa) -> Array:
     """Weighted sums over the neighbours; beyond the edges the photosites of the last tile come again."""
     import cv2  # which takes a while to load, and most of what imports this does without
 
@@ -245,7 +243,7 @@ def _around(
     return np.asarray(filtered[reach : len(filtered) - reach, reach : filtered.shape[1] - reach])
 
 
-def tents(cfa: Cfa) -> Iterable[npt.NDArray[np.float64]]:
+def tents(cfa: Cfa) -> Iterable[Array]:
     """Interpolation kernels: for each channel the narrowest tent, 1 at its middle, that reaches a photosite
     from everywhere.
     """

@@ -6,12 +6,12 @@ Bradford's matrix (Lam 1985).
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-Matrix3 = npt.NDArray[np.float64]
+from imaging.arrays import AnyArray, Array, Array32
 
 PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
     "rec709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)),
@@ -22,7 +22,7 @@ PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
 """CIE 1931 xy of red, green, blue and white."""
 
 
-def xyz_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
+def xyz_from_rgb(primaries: Sequence[tuple[float, float]]) -> Array:
     """float64 [3, 3] from linear RGB to CIE XYZ, Y = 1 for RGB (1, 1, 1); SMPTE RP 177."""
     red, green, blue, white = (np.array((x, y, 1.0 - x - y)) for x, y in primaries)
     columns = np.stack([red, green, blue], axis=1)
@@ -39,13 +39,13 @@ SPACE_NAMES: dict[Space, str] = {"rec709": "Rec.709", "acescg": "ACEScg", "aces2
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
-def adaptation(white: tuple[float, float], to: tuple[float, float]) -> Matrix3:
+def adaptation(white: tuple[float, float], to: tuple[float, float]) -> Array:
     """float64 [3, 3], XYZ under one white (CIE xy) to XYZ of what looks alike under another."""
     before, after = (_BRADFORD @ (np.array((x, y, 1.0 - x - y)) / y) for x, y in (white, to))
     return np.asarray(np.linalg.inv(_BRADFORD) @ np.diag(after / before) @ _BRADFORD, np.float64)
 
 
-def rec709_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
+def rec709_from_rgb(primaries: Sequence[tuple[float, float]]) -> Array:
     """float64 [3, 3], linear RGB of these primaries and white to linear Rec.709; white stays (1, 1, 1).
 
     ValueError when these are no primaries of a space: all on one line, or without a white.
@@ -60,14 +60,14 @@ def rec709_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
     return np.asarray(REC709_FROM_XYZ @ adapted, np.float64)
 
 
-def space_from_rec709(space: Space) -> Matrix3:
+def space_from_rec709(space: Space) -> Array:
     """float64 [3, 3], linear Rec.709 to the linear RGB of a space; white stays (1, 1, 1)."""
     if space == "rec709":
         return np.eye(3)  # exactly: no rounding where nothing is to be done
     return np.asarray(np.linalg.inv(rec709_from_rgb(PRIMARIES[SPACE_PRIMARIES[space]])), np.float64)
 
 
-def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:
+def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Array:
     """Linear Rec.709 to camera RGB (RGBW), float64 [channels, 3], its green row summing to 1.
 
     `camera_from_xyz` [channels, 3] is a DNG ColorMatrix for D65, of any scale. ValueError if it is not
@@ -80,7 +80,7 @@ def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:
     return np.asarray(matrix / green, np.float64)
 
 
-def unmeasured(channels: int) -> Matrix3:
+def unmeasured(channels: int) -> Array:
     """Matrix from linear Rec.709 to a camera of unknown colour response, float64 [channels, 3].
 
     R, G and B are taken for Rec.709's; what has no filter (W) for their sum; mono for the mean, so that a
@@ -91,7 +91,7 @@ def unmeasured(channels: int) -> Matrix3:
     return np.concatenate([np.eye(3), np.ones((channels - 3, 3))])
 
 
-def of_channels(matrix: Sequence[Sequence[float]] | None, channels: int) -> Matrix3:
+def of_channels(matrix: Sequence[Sequence[float]] | None, channels: int) -> Array:
     """camera_from_rec709 with a row for each channel, float64 [channels, 3]; None as `unmeasured` has it.
 
     Where only R, G and B were measured, what has no filter is taken for their sum.
@@ -102,7 +102,7 @@ def of_channels(matrix: Sequence[Sequence[float]] | None, channels: int) -> Matr
     return rows if len(rows) == channels else np.concatenate([rows, rows.sum(0, keepdims=True)])
 
 
-def with_rgb(matrix: npt.ArrayLike, rgb: npt.ArrayLike) -> Matrix3:
+def with_rgb(matrix: npt.ArrayLike, rgb: npt.ArrayLike) -> Array:
     """camera_from_rec709 [channels, 3] with other R, G and B; W stays the mixture of them that it was."""
     before, after = np.asarray(matrix, np.float64), np.asarray(rgb, np.float64)
     return (
@@ -110,14 +110,14 @@ def with_rgb(matrix: npt.ArrayLike, rgb: npt.ArrayLike) -> Matrix3:
     )
 
 
-def rec709_from_camera(matrix: npt.ArrayLike) -> Matrix3:
+def rec709_from_camera(matrix: npt.ArrayLike) -> Array:
     """The inverse [3, channels] of camera_from_rec709 [channels, 3]: by least squares of more than three
     channels, grey of one."""
     rows = np.asarray(matrix, np.float64)
     return np.asarray(np.linalg.inv(rows) if len(rows) == 3 else np.linalg.pinv(rows))
 
 
-def balanced(light: npt.NDArray[np.float32], neutral: Sequence[float] | None) -> npt.NDArray[np.float32]:
+def balanced(light: Array32, neutral: Sequence[float] | None) -> Array32:
     """Camera light [..., channels] as RGB in which a neutral surface is grey: W left out, mono repeated.
 
     neutral: what the camera sees of such a surface; default: the same in all channels.
@@ -130,18 +130,18 @@ def balanced(light: npt.NDArray[np.float32], neutral: Sequence[float] | None) ->
     return np.asarray(rgb / np.maximum(np.asarray(neutral[:3], np.float32), np.float32(1e-3)), np.float32)
 
 
-def srgb_encode(linear: npt.ArrayLike) -> npt.NDArray[Any]:
+def srgb_encode(linear: npt.ArrayLike) -> AnyArray:
     """Linear light to sRGB code values (0..1 to 0..1); values outside 0..1 are clipped."""
     light = np.clip(_floating(linear), 0.0, 1.0)
     return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
 
 
-def srgb_decode(code: npt.ArrayLike) -> npt.NDArray[Any]:
+def srgb_decode(code: npt.ArrayLike) -> AnyArray:
     """sRGB code values (0..1) to linear light; the inverse of `srgb_encode`."""
     value = np.clip(_floating(code), 0.0, 1.0)
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
-def _floating(values: npt.ArrayLike) -> npt.NDArray[Any]:
+def _floating(values: npt.ArrayLike) -> AnyArray:
     array = np.asarray(values)
     return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)

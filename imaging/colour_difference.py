@@ -3,9 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import XYZ_FROM_REC709
-
-Array = npt.NDArray[np.float64]
 
 
 def lab(rgb: npt.ArrayLike) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from imaging.arrays import Array, Mask
 from imaging.record import Record
 
 LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "RADIAL_FISHEYE", "OPENCV_FISHEYE"]
@@ -75,8 +76,6 @@ class Lens(Record):
         )
 
 
-Array = npt.NDArray[np.float64]
-
 WIDEST = math.radians(88.0)
 """Largest angle from the axis. Tangents x/z end at a right angle, and near it they lose all digits."""
 _ROUNDS = 80
@@ -133,7 +132,7 @@ def undistort(bent: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
     return tangents if fisheye or not any(terms[2:]) else _with_tangential(bent, tangents, terms)
 
 
-def covers(lens: Lens, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def covers(lens: Lens, pixels: npt.ArrayLike) -> Mask:
     """Return which pixels [..., 2] a ray ends at: not those beyond the fold of the lens."""
     bent = (np.asarray(pixels, np.float64) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     terms, fisheye = lens.terms[4:], lens.fisheye

@@ -4,13 +4,11 @@ Every function takes arrays of one shape and raises ValueError for other shapes,
 and for values that are not finite. Every result is a finite number, also for black images.
 """
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import AnyArray, Array, Mask
 
 PSNR_CAP = 150.0
 """PSNR in dB for images that are equal or closer than float32 resolves: JSON has no infinity.
@@ -68,9 +66,7 @@ def ssim_taps() -> Array:
     return np.asarray(taps / taps.sum())
 
 
-def ssim(
-    prediction: npt.ArrayLike, truth: npt.ArrayLike, valid: npt.NDArray[np.bool_] | None = None
-) -> float | None:
+def ssim(prediction: npt.ArrayLike, truth: npt.ArrayLike, valid: Mask | None = None) -> float | None:
     """Mean structural similarity of images on 0..1, [H, W] or [H, W, C] (channels apart, then averaged).
 
     Wang et al. 2004: Gaussian window of 11 taps, sigma 1.5, K1 0.01, K2 0.03, in float64, mean over the
@@ -169,8 +165,8 @@ def stops_median(
     truth: npt.ArrayLike,
     among: tuple[float, float] = (0.0, 1.0),
     *,
-    at_least: npt.NDArray[np.bool_] | None = None,
-    at_most: npt.NDArray[np.bool_] | None = None,
+    at_least: Mask | None = None,
+    at_most: Mask | None = None,
 ) -> float:
     """Median |log2(prediction / truth)| over the values where the truth is positive; 0 without any.
 
@@ -220,8 +216,8 @@ def relative_error_by_decade(prediction: npt.ArrayLike, truth: npt.ArrayLike) ->
 
 
 def _pair(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> tuple[Array, Array]:
-    a: npt.NDArray[Any] = np.asarray(prediction, np.float64)
-    b: npt.NDArray[Any] = np.asarray(truth, np.float64)
+    a: AnyArray = np.asarray(prediction, np.float64)
+    b: AnyArray = np.asarray(truth, np.float64)
     if a.shape != b.shape:
         raise ValueError(f"prediction {a.shape} and truth {b.shape} differ in shape")
     if a.size == 0:

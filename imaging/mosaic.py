@@ -6,6 +6,7 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import Cfa, Tile, repeated, rolled
 from imaging.colour import camera_from_rec709
 from imaging.exposure import Exposure
@@ -89,7 +90,7 @@ class RawMosaic:
     camera_from_xyz: Matrix | None = None
     noise_profile: tuple[float, float] | None = None
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
-    black_offset: npt.NDArray[np.float32] | None = None
+    black_offset: Array32 | None = None
     noise_shares: tuple[float, ...] | None = None
 
     @property
@@ -109,17 +110,17 @@ class RawMosaic:
         except ValueError:  # a matrix that cannot be one is as good as none
             return None
 
-    def black_map(self) -> npt.NDArray[np.float32]:
+    def black_map(self) -> Array32:
         """Black level of every photosite, DN, float32 [H, W]."""
         level = repeated(np.array(self.black, np.float32), *self.pixels.shape[:2])
         return level if self.black_offset is None else level + self.black_offset
 
-    def signal(self) -> npt.NDArray[np.float32]:
+    def signal(self) -> Array32:
         """Linear signal, black 0 and white 1, float32 [H, W]; noise below black stays negative."""
         black = self.black_map() if self.pixels.ndim == 2 else self.black_map()[..., None]
         return ((self.pixels.astype(np.float32) - black) / (self.white - black)).astype(np.float32)
 
-    def saturated(self) -> npt.NDArray[np.bool_]:
+    def saturated(self) -> Mask:
         """Photosites at or above white, bool [H, W]."""
         return self.pixels >= self.white
 

@@ -1,8 +1,9 @@
 """The sensor noise model that capture, calibration, merge and training share (EMVA 1288 terms)."""
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
+
+from imaging.arrays import Floats
 
 
 class SensorNoise(BaseModel):
@@ -19,7 +20,7 @@ class SensorNoise(BaseModel):
     read_noise: float = Field(ge=0)
     prnu: float = Field(default=0.0, ge=0)
 
-    def variance(self, signal: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    def variance(self, signal: Floats) -> Floats:
         """Variance in DN^2 where the mean signal above black is `signal` DN (negative counts as 0)."""
         level = np.maximum(signal, 0.0)
         floor = (self.gain * self.read_noise) ** 2 + 1.0 / 12.0

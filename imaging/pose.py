@@ -1,8 +1,8 @@
 """Rigid motions: where a camera, a rig or a board stands."""
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.record import Record
 
 
@@ -12,7 +12,7 @@ class Pose(Record):
     quaternion: tuple[float, float, float, float]
     translation: tuple[float, float, float]
 
-    def matrix(self) -> npt.NDArray[np.float64]:
+    def matrix(self) -> Array:
         """The motion as float64 [4, 4]."""
         w, x, y, z = np.array(self.quaternion) / np.linalg.norm(self.quaternion)
         motion = np.eye(4)

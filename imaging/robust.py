@@ -1,9 +1,8 @@
 """Huber's function: residuals count by their square while they are small, and by their size where not."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array
 
 _TINY = 1e-12
 """Far below any limit, so that a residual of nothing has the whole weight."""

@@ -5,15 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import Tile
 from imaging.noise import SensorNoise
 from imaging.record import Record
-
-Bool = npt.NDArray[np.bool_]
-Float = npt.NDArray[np.float32]
 
 
 class Measured(Record):
@@ -106,7 +103,7 @@ class Levels:
     defects: tuple[tuple[int, int], ...] = ()
     bend: float = 0.0
 
-    def straight(self, signal: Float) -> Float:
+    def straight(self, signal: Array32) -> Array32:
         """Linearise a signal relative to white; the inverse of `x (1 - bend x)`."""
         if self.bend == 0.0:
             return signal
@@ -114,7 +111,7 @@ class Levels:
         root = np.sqrt(np.maximum(1.0 - 4.0 * self.bend * signal.astype(np.float64), 0.0))
         return np.asarray(2.0 * signal / (1.0 + root), np.float32)
 
-    def valid(self, height: int, width: int) -> Bool:
+    def valid(self, height: int, width: int) -> Mask:
         """False at the defects, bool [H, W]."""
         mask = np.ones((height, width), bool)
         if self.defects:

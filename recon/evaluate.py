@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from imaging import metrics
 from imaging.arguments import checked
+from imaging.arrays import Array, Array32, Mask
 from imaging.errors import ReconstructionError
 from imaging.files import store
-from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress, unreported
 from imaging.session.paths import find_reconstruction
 from recon.data.dataset import View
@@ -136,7 +135,7 @@ def measured(
     reference = _reference(opened) if views else None
     recorded: list[RecordedLight] = []
 
-    def each() -> Iterator[tuple[Float, Bool]]:
+    def each() -> Iterator[tuple[Array32, Mask]]:
         for done, view in enumerate(views):
             progress("rendering held-out views", done, len(views))
             started = time.perf_counter()
@@ -162,7 +161,7 @@ def measured(
     return light, seconds, rows, pooled
 
 
-def _reference(opened: Opened) -> list[Float] | None:
+def _reference(opened: Opened) -> list[Array32] | None:
     """The true light of the held-out views: of the simulator, or of EXR files; None without either."""
     if has_truth(opened.dataset.session):
         return [
@@ -174,7 +173,7 @@ def _reference(opened: Opened) -> list[Float] | None:
     return None
 
 
-def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _against_light(light: list[Array32], truth: list[Array32], rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Fills the rows; returns what is pooled over the views."""
     peak = max(0.0, *(float(image.max()) for image in truth))
     # Views of several cameras may differ in size: pooled, they are plain pixels.
@@ -236,7 +235,9 @@ def _against_shots(opened: Opened, image: torch.Tensor, view: View, row: dict[st
             _note(row, "ldr_psnr_white", (_psnr_before_white(*pair, alpha) for pair in pairs))
 
 
-def _by_band(opened: Opened, light: list[Float], truth: list[Float], scale: float) -> list[dict[str, Any]]:
+def _by_band(
+    opened: Opened, light: list[Array32], truth: list[Array32], scale: float
+) -> list[dict[str, Any]]:
     """Figures of each band: raw_psnr of its shots, and errors of its true light; the scale is that of all
     bands.
     """
@@ -290,7 +291,7 @@ def _response(opened: Opened) -> dict[str, float]:
         observation = observation.photographs
     response = responses[0]
 
-    def calibrated(logs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def calibrated(logs: Array) -> Array:
         return encode(np.exp(logs)[:, None].repeat(3, 1), response).astype(np.float64)
 
     code_of = observation.codes_of if isinstance(observation, ToneCurve) else calibrated

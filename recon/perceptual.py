@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array32, Bytes, Mask
 from imaging.colour import srgb_decode
 from imaging.colour_difference import delta_e
 from imaging.files import store
@@ -25,9 +25,6 @@ from recon.data.light import Images
 from recon.rendering.light_files import stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened
-
-Float = npt.NDArray[np.float32]
-Codes = npt.NDArray[np.uint8]
 
 RENDERS, REFERENCES = "renders", "references"
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -40,16 +37,16 @@ class Pair:
     """A render and its reference as a display shows them, sRGB [H, W, 3]; seen [H, W]: not masked."""
 
     name: str
-    ours: Codes
-    reference: Codes
-    seen: npt.NDArray[np.bool_]
+    ours: Bytes
+    reference: Bytes
+    seen: Mask
 
 
 def compare_pictures(
     folder: Path,
     opened: Opened,
     light: Images,
-    truth: list[Float] | None,
+    truth: list[Array32] | None,
     scale: float,
     progress: Progress = unreported,
 ) -> list[dict[str, float]]:
@@ -84,7 +81,7 @@ def compare_pictures(
     return rows
 
 
-def _pairs(opened: Opened, view: View, light: Float, goal: Float | None) -> Iterator[Pair]:
+def _pairs(opened: Opened, view: View, light: Array32, goal: Array32 | None) -> Iterator[Pair]:
     if view.sensor.kind != "ldr":
         if goal is not None:
             exposure = opened.record.exposure
@@ -101,7 +98,7 @@ def _pairs(opened: Opened, view: View, light: Float, goal: Float | None) -> Iter
             yield Pair(f"{stem(view)}_{number}", ours, reference, np.asarray(shot.valid.all(-1)))
 
 
-def _summary(name: str, maps: list[Float]) -> dict[str, float]:
+def _summary(name: str, maps: list[Array32]) -> dict[str, float]:
     """Mean and median of the pixels of all pictures; empty without pictures."""
     pixels = np.concatenate([errors.reshape(-1) for errors in maps]) if maps else np.empty(0)
     if not pixels.size:
@@ -109,18 +106,18 @@ def _summary(name: str, maps: list[Float]) -> dict[str, float]:
     return {f"{name}_mean": float(pixels.mean(dtype=np.float64)), f"{name}_median": float(np.median(pixels))}
 
 
-def _colour_difference(pair: Pair) -> Float:
+def _colour_difference(pair: Pair) -> Array32:
     """CIEDE2000 of the pixels that are seen."""
     ours, reference = (srgb_decode(side[pair.seen] / 255.0) for side in (pair.ours, pair.reference))
     return np.asarray(delta_e(ours, reference), np.float32)
 
 
-def _flip(pair: Pair) -> Float | None:
+def _flip(pair: Pair) -> Array32 | None:
     ours, reference = (np.asarray(side / np.float32(255), np.float32) for side in (pair.ours, pair.reference))
     return _compared(ours, reference, pair.seen, "LDR", {})
 
 
-def hdr_flip(light: Float, truth: Float, seen: npt.NDArray[np.bool_]) -> Float | None:
+def hdr_flip(light: Array32, truth: Array32, seen: Mask) -> Array32 | None:
     """HDR-FLIP of the pixels that are seen, of linear Rec.709 [H, W, 3]; None where it has no exposures.
 
     Its exposures are those that FLIP finds by itself, from the one at which the median of the truth is bright
@@ -141,8 +138,8 @@ def hdr_flip(light: Float, truth: Float, seen: npt.NDArray[np.bool_]) -> Float |
 
 
 def _compared(
-    ours: Float, reference: Float, seen: npt.NDArray[np.bool_], kind: str, parameters: dict[str, Any]
-) -> Float | None:
+    ours: Array32, reference: Array32, seen: Mask, kind: str, parameters: dict[str, Any]
+) -> Array32 | None:
     if not seen.any():
         return None
     import flip_evaluator

@@ -8,9 +8,9 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from imaging.arguments import checked
+from imaging.arrays import Array
 from imaging.colour import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
@@ -200,7 +200,7 @@ def render_probe(
     return files
 
 
-def _place(scene: Scene, place: Sequence[float] | str) -> npt.NDArray[np.float64]:
+def _place(scene: Scene, place: Sequence[float] | str) -> Array:
     if isinstance(place, str):
         motion = scene.view(place).cam_from_world.matrix()
         return np.asarray(-motion[:3, :3].T @ motion[:3, 3])

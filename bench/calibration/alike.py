@@ -17,7 +17,6 @@ from typing import Any
 from unittest import mock
 
 from bench.calibration.full_size import truth_of
-from bench.calibration.pose_error import Array
 from bench.calibration.size import question, row, session_of
 from bench.support import walk
 from bench.support.record import arguments, deliver, machine, words
@@ -26,6 +25,7 @@ from calib.data import pairs as chosen
 from calib.data.matching import match
 from calib.data.unfinished import Unfinished
 from capture.imports.photos import import_photos
+from imaging.arrays import Array
 from imaging.compute.threads import one_thread_a_product
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

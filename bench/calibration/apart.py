@@ -11,19 +11,17 @@ none, about one axis, about a point.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from bench.calibration.pose_error import covered, degrees_of
 from bench.support.record import arguments, deliver
 from calib.data.features import Features
 from calib.poses.sfm import SceneModel, solve
+from imaging.arrays import Array
 from imaging.lens import Lens
 from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT, FOCAL, NOISE, POINTS = 640, 480, 620.0, 0.2, 1200
 GUESS = Lens(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=640.0, fy=640.0, cx=320.0, cy=240.0)

@@ -6,7 +6,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bench.calibration.pose_error import degrees_of
 from calib.boards.corners import Corners, find_all
@@ -14,11 +13,11 @@ from calib.boards.measure import Group, solve_group
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
+from imaging.arrays import Array, Bytes
 from imaging.progress import unreported
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT, FRAMES, NOISE = 960, 720, 25, 0.06
 EDGE = 5.0
 """px; no detector finds a corner nearer to the edge."""
@@ -56,7 +55,7 @@ def corners(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
 def detected(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
     """Corners that the detector finds in pictures with noise of two codes."""
 
-    def picture(view: ViewId) -> npt.NDArray[np.uint8]:
+    def picture(view: ViewId) -> Bytes:
         camera = names.index(view.camera)
         light = SHOWN.render(
             rig.mounts[camera].optics.lens, cam_from_board(rig, camera, view.frame), samples=2

@@ -15,18 +15,16 @@ from typing import Any
 
 import colour
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
 from calib.colour.chart import Found, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, held_out
+from imaging.arrays import Array
 from imaging.cfa import Cfa, cell_means
 from imaging.colour_difference import delta_e
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
 from tests.calib.colour.charts import FULL_WELL, READ, painted, photograph, square_on, world
-
-Array = npt.NDArray[np.float64]
 
 LIGHTS = ("D65", "A", "LED-B3")
 STOPS = (None, 0, -3, -6)

@@ -15,7 +15,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bench.calibration import tracks
 from bench.support.record import arguments, deliver
@@ -25,10 +24,9 @@ from calib.adjustment.uncertainty import drawn_poses, standard_errors
 from calib.poses.focal import focal_priors, settle_focal
 from calib.sensor.focal_length import FocalLength
 from calib.survey import similarity
+from imaging.arrays import Array
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 SEEDS = 20
 SPREAD = 0.03

@@ -9,13 +9,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bench.calibration import board as boards
 from bench.calibration.pose_error import auc, found_poses, pairs
 from calib.boards.corners import PRINTS, Print, find_all
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
+from imaging.arrays import Array, Mask
 from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, PartialError
 from imaging.exposure import Exposure
@@ -28,8 +28,6 @@ from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
-Sites = npt.NDArray[np.bool_]
 CAMERAS, FRAMES = 2, 4
 GAIN, READ, WELL, BLACK = 0.4, 3.0, 9500.0, 256
 WHITE = BLACK + int(GAIN * WELL)
@@ -46,7 +44,7 @@ def studio() -> tuple[SimulatedRig, dict[ViewId, Array], dict[ViewId, Array]]:
     return rig, light, {view: rig.cam_from_world(int(view.camera[3:]), view.frame) for view in views}
 
 
-def exposed(light: Array, time: float, rng: np.random.Generator, hot: Sites | None) -> RawMosaic:
+def exposed(light: Array, time: float, rng: np.random.Generator, hot: Mask | None) -> RawMosaic:
     """A RAW frame of a sensor of WELL electrons; hot: which sites are always white, [H, W]."""
     sites = np.empty(light.shape[:2])
     for (row, column), channel in zip(((0, 0), (0, 1), (1, 0), (1, 1)), (0, 1, 1, 2), strict=True):

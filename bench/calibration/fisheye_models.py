@@ -12,12 +12,10 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import arguments, deliver
+from imaging.arrays import Array
 from imaging.lens import WIDEST, Lens, LensModel, project
-
-Array = npt.NDArray[np.float64]
 
 ALPHAS = (0.5, 0.55, 0.6, 0.65, 0.7)
 BETAS = (0.9, 1.0, 1.1, 1.2, 1.4)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.foreign.photographs import Light, probe
+from imaging.arrays import Array, Array32
+from tests.foreign.photographs import probe
 from tests.foreign.scenes import (
-    Array,
     Scene,
     Shape,
     box,
@@ -26,7 +26,7 @@ from tests.foreign.scenes import (
 PLAIN = surface(plain(0.4))
 
 
-def hall() -> Light:
+def hall() -> Array32:
     """A light probe of a cathedral (Paul Debevec's), where RIG_DATA has it; else one that is made."""
     path = Path(os.environ.get("RIG_DATA", "")) / "radiance" / "Grace_Cathedral.hdr"
     return probe(path) if path.is_file() else windows(1)
@@ -91,7 +91,7 @@ def _scenes() -> dict[str, Callable[[], Scene]]:
         name: str,
         shapes: Callable[[], dict[str, Shape]],
         poses: Array = AROUND,
-        light: Callable[[], Light] = hall,
+        light: Callable[[], Array32] = hall,
         width: int = 320,
     ) -> tuple[str, Callable[[], Scene]]:
         return name, lambda: Scene(name, shapes(), light(), poses, width, width * 3 // 4)

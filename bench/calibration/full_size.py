@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.calibration.pose_error import Array, auc, pairs
+from bench.calibration.pose_error import auc, pairs
 from bench.calibration.scene import WIDTH
 from bench.support import walk
 from bench.support.record import arguments, deliver, machine, words
@@ -31,6 +31,7 @@ from bench.support.spent import Memory, processor_seconds
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

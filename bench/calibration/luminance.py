@@ -19,7 +19,6 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from bench.support.record import arguments, deliver, machine, words
@@ -28,6 +27,7 @@ from calib.exports.merge_session import merge
 from calib.luminance.area import LUMINANCE
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import SimulatedRig, simulate
+from imaging.arrays import Array, Array32
 from imaging.errors import CalibrationError
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -35,8 +35,6 @@ from imaging.files.exr import read_exr
 from imaging.session.luminance import Area, LuminanceReading
 from imaging.session.records import Subject
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 CANDELAS = 100.0
 SPOT, CARD, AIM = 0.03, 0.05, 0.01
@@ -70,7 +68,7 @@ def mean_of(light: Array, area: Area) -> float:
 class RigWithCards(SimulatedRig):
     """The same scene with even squares in the picture, as bright as the seed has it."""
 
-    def _render(self, camera: int, frame: int, subject: Subject) -> npt.NDArray[np.float32]:
+    def _render(self, camera: int, frame: int, subject: Subject) -> Array32:
         image = super()._render(camera, frame, subject)
         if subject == "scene":
             rng, middle = np.random.default_rng((self.seed, 24)), float(np.median(image))

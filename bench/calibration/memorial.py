@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Bytes, Floats, Integers, Mask
 from imaging.files.photo import read_photo
 
 LOST = -1
@@ -23,9 +23,9 @@ MARK = bytes([2, 2, WIDTH >> 8, WIDTH & 255])
 class Series:
     """codes: uint8 [H, W, 3] of each exposure, ascending in times [N], s; valid: bool [H, W]."""
 
-    codes: list[npt.NDArray[np.uint8]]
-    times: npt.NDArray[np.float64]
-    valid: npt.NDArray[np.bool_]
+    codes: list[Bytes]
+    times: Array
+    valid: Mask
 
 
 def series(folder: Path) -> Series:
@@ -38,7 +38,7 @@ def series(folder: Path) -> Series:
     return Series(codes, np.array([time for time, _ in listed]), ~near)
 
 
-def radiance(path: Path) -> npt.NDArray[np.float64]:
+def radiance(path: Path) -> Array:
     """The authors' map, float64 [H, W, 3]; NaN where the file is ambiguous."""
     data = path.read_bytes()
     damaged = b"\r\n" in data[:200]
@@ -61,7 +61,7 @@ def _tokens(data: bytes, damaged: bool) -> tuple[int, ...]:
     return tuple(token for piece in pieces for token in (*piece, LOST))[:-1]
 
 
-def _row(tokens: tuple[int, ...]) -> npt.NDArray[np.int64] | None:
+def _row(tokens: tuple[int, ...]) -> Integers | None:
     """The four planes [4, W] of a run-length encoded row; None unless it can be read in just one way."""
 
     @cache
@@ -90,9 +90,7 @@ def _row(tokens: tuple[int, ...]) -> npt.NDArray[np.int64] | None:
     return out.reshape(4, WIDTH)
 
 
-def stops(
-    image: npt.NDArray[np.floating], goal: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
-) -> float:
+def stops(image: Floats, goal: Floats, valid: Mask) -> float:
     """Median absolute log2 difference of two maps, after one scale for all of both."""
     used = valid[..., None] & (image > 0) & (goal > 0)
     logs = np.log2(image[used].astype(np.float64) / goal[used])

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 Name = TypeVar("Name", ViewId, str)
 """Key of a view."""
 

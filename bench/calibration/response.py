@@ -27,7 +27,6 @@ from bench.calibration.response_curves import (
     LEVELS,
     PEERS,
     SITES,
-    Array,
     error,
     logs_of,
     ours,
@@ -39,6 +38,7 @@ from bench.support.record import arguments, deliver, machine, words
 from calib.light.codes import Samples, patches, sample
 from calib.light.response import Estimate, estimate
 from calib.light.response_curve import channel_of, neighbours
+from imaging.arrays import Array
 from imaging.files.photo import read_photo
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import from_codes

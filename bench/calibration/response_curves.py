@@ -5,15 +5,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.light.codes import patches, sample
 from calib.light.response import Estimate, estimate
+from imaging.arrays import Array, Bytes
 from imaging.colour import srgb_encode
 from imaging.merge.linear_frame import decode
 
-Array = npt.NDArray[np.float64]
-Codes = npt.NDArray[np.uint8]
 FAMILIES: dict[str, Callable[[Array], Array]] = {
     "sRGB": srgb_encode,
     "gamma 2.2": lambda x: x ** (1 / 2.2),
@@ -33,7 +31,7 @@ PEERS: dict[str, Callable[[], Any]] = {
 """OpenCV's, with their defaults or, beside them, 500 random samples."""
 
 
-def shoot(curve: Callable[[Array], Array], seed: int, jitter: float, labels: Array = LABELS) -> list[Codes]:
+def shoot(curve: Callable[[Array], Array], seed: int, jitter: float, labels: Array = LABELS) -> list[Bytes]:
     """A bracket of codes [240, 320, 3]."""
     rng = np.random.default_rng(seed)
     knots = rng.uniform(np.log(1e-3), np.log(100.0), (7, 10, 3))
@@ -46,7 +44,7 @@ def shoot(curve: Callable[[Array], Array], seed: int, jitter: float, labels: Arr
     return shots
 
 
-def ours(shots: Sequence[Codes], labels: Array) -> Estimate:
+def ours(shots: Sequence[Bytes], labels: Array) -> Estimate:
     return estimate(sample([patches(shot.astype(np.float32) / 255) for shot in shots], labels, SITES))
 
 

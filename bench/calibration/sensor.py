@@ -15,16 +15,15 @@ from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import WORK, arguments, deliver, machine, words
 from calib.sensor import brackets, emva
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import gather
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
+from imaging.arrays import Array
 from imaging.files import store
 
-Array = npt.NDArray[np.float64]
 SIDE, DARKS, FLATS = 256, 16, 4
 TIMES = (0.01, 1.0, 8.0)
 

@@ -22,7 +22,7 @@ from unittest import mock
 
 import numpy as np
 
-from bench.calibration.pose_error import Array, auc, pairs, true_poses
+from bench.calibration.pose_error import auc, pairs, true_poses
 from bench.calibration.scene import plain
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
@@ -35,6 +35,7 @@ from calib.poses import first_model, mapping, sfm
 from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress

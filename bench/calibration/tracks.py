@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import lens_of
+from imaging.arrays import Array, Integers
 from imaging.files.colmap import pycolmap
 from imaging.lens import project
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT, FOCAL = 1000, 750, 800.0
 NOISE, WRONG, FARTHEST = 0.3, 0.03, 20.0
@@ -55,7 +53,7 @@ def noisy(model: Any, seed: int, noise: float = NOISE) -> Any:
     return copy
 
 
-def _seen(model: Any, pose: Array, world: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+def _seen(model: Any, pose: Array, world: Array) -> tuple[Array, Integers]:
     """Places of the points that a pose sees, px, and their rows."""
     local = world @ pose[:3, :3].T + pose[:3, 3]
     front = np.flatnonzero(local[:, 2] > 0.5)

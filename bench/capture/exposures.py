@@ -19,7 +19,6 @@ from unittest.mock import patch
 
 import imagecodecs
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
 from capture.check import developed_ratios
@@ -32,10 +31,9 @@ from drivers.sim.camera import camera, shutter
 from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.seeds import generator
+from imaging.arrays import Array
 from imaging.exposure import Exposure
 from imaging.merge.linear_frame import from_raw
-
-Array = npt.NDArray[np.float64]
 
 OFF = 0.05
 GOAL = 0.1

@@ -14,17 +14,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
+from imaging.arrays import Array, Floats
 from imaging.cfa import Cfa
 from imaging.merge.alignment import shifts
 from imaging.merge.bracket import MARGIN, merge_bracket
 from imaging.merge.ghosts import without_ghosts
 from imaging.merge.linear_frame import LinearFrame, Noise, SensorSignalNoise
 from imaging.merge.ratios import overlap, ratio, solve
-
-Array = npt.NDArray[np.float64]
 
 FULL_WELL, READ = 15_000.0, 4.0
 NOISE = SensorSignalNoise(slope=1 / FULL_WELL, floor=(READ / FULL_WELL) ** 2)
@@ -82,7 +80,7 @@ def decade(low: float, high: float, scales: Sequence[float], seed: int) -> dict[
     away = (merged.radiance - light)[known]
     whitened = away / merged.sigma[known]
 
-    def noise(image: npt.NDArray[np.floating]) -> float:
+    def noise(image: Floats) -> float:
         return float(np.sqrt(np.mean(((image - light) / best)[known] ** 2)))
 
     return {

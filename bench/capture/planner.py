@@ -18,7 +18,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, noise_of, shown, unit
 from bench.support.record import arguments, deliver, machine, words
@@ -29,11 +28,11 @@ from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.cfa import mosaic
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
-Values = npt.NDArray[np.float64]
 SIDE, TAKES = 64, 32
 """Photosites along a side of the flat fields, and how often each is shot."""
 LONG = 2.0
@@ -113,7 +112,7 @@ def decisive(case: Case, plan: BracketPlan) -> list[tuple[Exposure, float, float
 
 def sensor_differences(
     sensor: SensorModel, cases: list[Case], seed: int, cold: bool = False
-) -> tuple[Values, Values]:
+) -> tuple[Array, Array]:
     """Measured minus predicted SNR, dB, of flat fields [n], and the seconds of the exposures [n].
 
     cold: only what is LONG, without dark current.
@@ -138,12 +137,12 @@ def sensor_differences(
     return pairs[:, 0], pairs[:, 1]
 
 
-def measured(signal: Values) -> float:
+def measured(signal: Array) -> float:
     """dB: mean over the deviation from take to take of `signal` [takes, ...]."""
     return float(20 * np.log10(signal.mean() / np.sqrt(signal.var(axis=0, ddof=1).mean())))
 
 
-def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
+def rig_differences(seed: int, takes: int) -> tuple[Array, Array]:
     """The same of the toy rig before ramps, by the shutter's labels and by the times that it applies."""
     by_label, by_time = [], []
     for stops in (4, 8, 12, 16):
@@ -180,12 +179,12 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
     return np.array(by_label), np.array(by_time)
 
 
-def steady(view: Values, frame: int) -> Values:
+def steady(view: Array, frame: int) -> Array:
     """Return what a camera sees of a scene that is the same in every frame."""
     return view
 
 
-def spread(differences: Values) -> dict[str, float]:
+def spread(differences: Array) -> dict[str, float]:
     """Spread of the absolute differences; bias is their signed median."""
     size = np.abs(differences)
     return {

@@ -16,11 +16,10 @@ from capture.bracket.code_noise import CodeNoise
 from capture.bracket.planner import SLACK, Target
 from capture.bracket.raw_noise import RawNoise
 from drivers.sim.camera.sensor import SensorModel
+from imaging.arrays import Array, Mask
 from imaging.exposure import Exposure
 from imaging.merge.bracket import MARGIN
 from imaging.noise import SensorNoise
-
-Values = npt.NDArray[np.float64]
 
 MOST = 24
 """Exposures of a list, all shutter times at all ISOs together."""
@@ -87,7 +86,7 @@ def draw(sensor: SensorModel, rng: np.random.Generator) -> Case:
     return Case(tuple(targets), times, isos, float(rng.choice([10.0, 20.0, 20.0, 30.0])))
 
 
-def _light(rng: np.random.Generator) -> Values:
+def _light(rng: np.random.Generator) -> Array:
     """Radiance of 20,000 photosites: one to four log-normal parts, up to 14 stops apart."""
     parts = int(rng.integers(1, 5))
     which = rng.choice(parts, 20_000, p=rng.dirichlet(np.ones(parts)))
@@ -96,9 +95,7 @@ def _light(rng: np.random.Generator) -> Values:
     return np.asarray(2.0**stops)
 
 
-def shown(
-    noise: RawNoise | CodeNoise, exposure: Exposure, snr: float, radiance: Values
-) -> npt.NDArray[np.bool_]:
+def shown(noise: RawNoise | CodeNoise, exposure: Exposure, snr: float, radiance: Array) -> Mask:
     """Enough electrons, even if the exposure is SLACK shorter; no clipping, even if it is SLACK longer."""
     assert isinstance(noise, RawNoise)  # photographs tell of no electrons
     gain, read, scale = noise.sensor.gain * exposure.iso_gain, noise.sensor.read_noise, exposure.scale

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from bench.support.record import arguments, deliver, machine, words
 from drivers.genicam import pixels
 from drivers.genicam.pixels import BY_NAME, unpack
+from imaging.arrays import Bytes
 
-Bytes = npt.NDArray[np.uint8]
 Pixels = npt.NDArray[np.uint16]
 FORMATS = ("BayerRG12p", "BayerRG12Packed", "BayerRG10p", "BayerRG10Packed")
 GOAL = 4.0

@@ -20,6 +20,7 @@ from PIL import Image
 
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import session as simulated
+from imaging.arrays import Array
 from imaging.colour import srgb_decode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
@@ -32,7 +33,6 @@ from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at
 from recon.start.plane_sweep import plane_sweep, sample
 from tests.foreign import subjects, yards
-from tests.foreign.scenes import Array
 
 WIDTH = 80
 SIMULATED = ("demo",)

@@ -20,10 +20,10 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
+from imaging.arrays import Array32
 from imaging.files.exr import read_exr
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName
@@ -37,7 +37,6 @@ from tests.foreign import judge, yards
 from tests.foreign.folder import Body, photograph, tell_poses
 from tests.foreign.lit import LitScene
 
-Image = npt.NDArray[np.float32]
 WIDTH, GAUSSIANS, ITERATIONS = 80, 5000, 300
 YARDS: dict[str, Callable[..., LitScene]] = {"low-sun": yards.low_sun, "high-sun": yards.high_sun}
 BRACKET = ((1 / 8000, 1 / 500, 1 / 30, 1 / 2, 8.0),)
@@ -152,7 +151,7 @@ def of_parts(folder: Path, scene: LitScene, scale: float) -> dict[str, float]:
 
     `_signed`: the median of the ratio itself, below 0 where renders are too dark. scale: aligns them.
     """
-    logs: dict[str, list[Image]] = {part: [] for part in PARTS}
+    logs: dict[str, list[Array32]] = {part: [] for part in PARTS}
     for path in sorted((folder / "renders").glob("*.exr")):
         ours, frame = scale * read_exr(path).rgb().mean(-1), int(path.stem[:4])
         step = scene.width // ours.shape[1]

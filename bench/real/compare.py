@@ -25,13 +25,14 @@ from typing import Any
 import numpy as np
 
 from bench.real import opensplat
-from bench.real.neutral import Array, PlySplats, in_world, measured
+from bench.real.neutral import PlySplats, in_world, measured
 from bench.real.peer_folder import picture_of, write_peer_folder
 from bench.support import walk
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
+from imaging.arrays import Array
 from imaging.session.session import SESSION
 from recon.data.dataset import Dataset, View
 from recon.data.light import radiance_image

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import PIL.Image
 
 from bench.real.made_sets import METAL, fuse, judged, metal_and_glass
@@ -33,13 +32,12 @@ from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from calib.sensor.focal_length import focal_length
 from capture.imports.photos import import_photos
+from imaging.arrays import Array
 from imaging.errors import RigError
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import read_metadata
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
 from imaging.session.session import Session
-
-Array = npt.NDArray[np.float64]
 
 SETS: Mapping[str, str] = {
     "fox": "fox/images/*.jpg",

@@ -6,12 +6,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from tests.foreign import subjects, truth
 from tests.foreign.folder import Body, photograph
-
-Array = npt.NDArray[np.float64]
 
 METAL = "metal and glass"
 TIMES = ((1 / 125, 1 / 30, 1 / 8, 1 / 2, 2.0),)

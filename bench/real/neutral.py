@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from imaging import metrics
+from imaging.arrays import Array
 from recon.data.dataset import View
 from recon.data.world import WorldTransform
 from recon.splat import Limits, SplatCamera, rasterize
-
-Array = npt.NDArray[np.float64]
 
 _DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}
 

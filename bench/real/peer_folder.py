@@ -3,14 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.imports.layouts.given import OPENCV_FROM_OPENGL
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.photo import encode_png
 from recon.data.dataset import Dataset, View
-
-Array = npt.NDArray[np.float64]
 
 
 def write_peer_folder(

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
+from imaging.arrays import Array
 from imaging.colour import srgb_encode
 from imaging.files import store
 from imaging.files.exr import read_exr
@@ -53,7 +53,7 @@ MIDDLE = 0.25
 """Mean of an average photograph, relative to the scene's median radiance, linear."""
 
 
-def photographed(base: Path, case: Case, seed: int, frames: int) -> tuple[Path, npt.NDArray[np.float64]]:
+def photographed(base: Path, case: Case, seed: int, frames: int) -> tuple[Path, Array]:
     """A folder of photographs, and the factors [V, 3] that they were developed with."""
     truth = sorted(oracle_session(base / "demo", "demo", seed=seed, frames=frames).glob("truth/**/*.exr"))
     rng = np.random.default_rng([seed, 0xA3])

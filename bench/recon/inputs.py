@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
-from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
 from recon.data.shot import Shot
 
-Picture = Callable[[View], tuple[Float, Bool]]
+Picture = Callable[[View], tuple[Array32, Mask]]
 
 
 def brackets(dataset: Dataset) -> Dataset:
@@ -32,7 +32,7 @@ def merged(dataset: Dataset, picture: Picture = radiance_image) -> Dataset:
     return _with(dataset, lambda view: _merged(view, picture))
 
 
-def bilinear_image(view: View) -> tuple[Float, Bool]:
+def bilinear_image(view: View) -> tuple[Array32, Mask]:
     """Demosaic bilinearly, otherwise as `radiance_image`."""
     sensor = view.sensor
     assert sensor.cfa is not None

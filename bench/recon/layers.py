@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import session
 from drivers.sim.rigs import simulate
 from drivers.sim.scene.scene import Scene as Subject
+from imaging.arrays import Array, Floats
 from imaging.session.session import Session
 from recon.data.geometry import inside, project, rays
 from recon.reconstruct import reconstruct
@@ -30,7 +30,6 @@ from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import drawn_values
 from recon.splat import SplatCamera
 
-Array = npt.NDArray[np.float64]
 SETS = "demo,gallery"
 NEARER = 0.98
 """Ratio of the distance of a place below which a nearer surface hides it."""
@@ -88,7 +87,7 @@ def true_trust(scene: Scene, view: SceneView, xyz: Array, depths: dict[str, Arra
     return counts
 
 
-def angle(a: npt.NDArray[np.floating], b: Array) -> Array:
+def angle(a: Floats, b: Array) -> Array:
     """Degrees between unit vectors."""
     return np.asarray(np.degrees(np.arccos(np.clip((a * b).sum(-1), -1, 1))))
 

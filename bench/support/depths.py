@@ -4,9 +4,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.depth import MILLIMETRE
 from imaging.files.photo import encode_png
@@ -19,7 +19,7 @@ BLOB = 0.04
 """Size of a hole, in widths of the picture."""
 
 
-def true_depth(dataset: Dataset, view: View) -> npt.NDArray[np.float64]:
+def true_depth(dataset: Dataset, view: View) -> Array:
     """Depth along the axis of a simulated view at every pixel, in units of the world, [H, W]."""
     lens = view.lens
     pixels = np.stack(np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5), -1)
@@ -31,9 +31,7 @@ def true_depth(dataset: Dataset, view: View) -> npt.NDArray[np.float64]:
     return np.asarray(scene.depth(origin, directions / lengths[..., None]) / lengths)
 
 
-def measured(
-    depth: npt.NDArray[np.float64], noise: float, holes: float, rng: np.random.Generator
-) -> npt.NDArray[np.float64]:
+def measured(depth: Array, noise: float, holes: float, rng: np.random.Generator) -> Array:
     """True depth [H, W] with noise, a share of itself, and holes of 0 over a share of the picture."""
     seen = depth * (1 + noise * rng.standard_normal(depth.shape))
     blobs = cv2.GaussianBlur(rng.standard_normal(depth.shape), (0, 0), BLOB * depth.shape[1])

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.mounting import look_at
 from drivers.sim.scene.tabletop import LAMP, TARGET, demo_scene
+from imaging.arrays import Array, Floats
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
 from imaging.lens import Lens
-
-Array = npt.NDArray[np.float64]
 
 TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)
 """Seconds."""
@@ -43,7 +41,7 @@ class Size:
         return self.columns * self.rows
 
 
-def curve(log_exposure: npt.NDArray[np.floating]) -> Array:
+def curve(log_exposure: Floats) -> Array:
     """Code 0..1 of ln(E t): `sigmoid(x) ^ (1 / 2.2)`, 0.73 at unit exposure."""
     return np.asarray((1 / (1 + np.exp(-np.asarray(log_exposure, np.float64)))) ** (1 / 2.2))
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import read_exr
@@ -103,7 +103,7 @@ def _points(
     lenses: dict[str, Lens],
     count: int,
     rng: np.random.Generator,
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """World points under the best-textured tenth of random pixels of every view."""
     # Where surfaces are depends on the rig's name alone, not on its light or its seed.
     scene = simulate(Session.open(folder).record.origin.removeprefix("sim:")).scene
@@ -130,7 +130,7 @@ def _write_colmap(
     folder: Path,
     poses: dict[ViewId, Pose],
     lenses: dict[str, Lens],
-    xyz: npt.NDArray[np.float64],
+    xyz: Array,
 ) -> dict[ViewId, int]:
     """A COLMAP model of the views and points; how many points each view sees."""
     model = pycolmap.Reconstruction()

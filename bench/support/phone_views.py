@@ -13,11 +13,11 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bench.support.hdr_nerf_scene import RADIUS
 from drivers.sim.mounting import look_at
 from drivers.sim.scene.tabletop import TARGET, demo_scene
+from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa, mosaic
 from imaging.files.colmap import SparsePoints
 from imaging.lens import Lens
@@ -29,9 +29,6 @@ from recon.data.shot import Shot
 from recon.protocols.rawnerf import Reference
 from recon.splat import SplatCamera
 from recon.start.initialisation import start_points
-
-Array = npt.NDArray[np.float64]
-Light = npt.NDArray[np.float32]
 
 NOISE = SensorSignalNoise(1.690e-4, 3.223e-6)
 BLACK, WHITE = 528, 4095
@@ -73,7 +70,7 @@ class PhoneViews:
 class PosedViews(Dataset):
     """A data set in memory, with its points."""
 
-    sparse: npt.NDArray[np.float64] | None = None
+    sparse: Array | None = None
 
     def points(self) -> SparsePoints:
         """Points without tracks."""
@@ -126,7 +123,7 @@ def _view(number: int, camera: SplatCamera, sensor: Sensor, shot: Shot) -> View:
     return View("phone", number, camera, sensor, (shot,))
 
 
-def tabletop(seed: int) -> tuple[Light, Array, float]:
+def tabletop(seed: int) -> tuple[Array32, Array, float]:
     """The demo's table from a grid of 9 x 6 places; the seed is of where the cameras stand and look."""
     rng, poses = np.random.default_rng([seed, 0x7AB]), []
     for row, up in enumerate(np.linspace(12.0, 40.0, 6)):
@@ -142,7 +139,7 @@ def tabletop(seed: int) -> tuple[Light, Array, float]:
     return np.stack([scene.render(lens, pose, 2) for pose in poses]), np.stack(poses), FOCAL
 
 
-def objects(seed: int) -> tuple[Light, Array, float]:
+def objects(seed: int) -> tuple[Array32, Array, float]:
     """Crate, metal and glass, path-traced by Mitsuba, seen all around; behind them darkness. Of one seed."""
     from tests.foreign.subjects import objects as foreign
 
@@ -154,7 +151,7 @@ def objects(seed: int) -> tuple[Light, Array, float]:
     return small, scene.poses, scene.focal * WIDTH / scene.width
 
 
-SCENES: dict[str, Callable[[int], tuple[Light, Array, float]]] = {
+SCENES: dict[str, Callable[[int], tuple[Array32, Array, float]]] = {
     "tabletop": tabletop,
     "path-traced objects": objects,
 }
@@ -169,7 +166,7 @@ def _shot(name: str, signal: Array, rng: np.random.Generator) -> Shot:
     return Shot.of(name, 1.0, pixels, codes >= WHITE, never, ~never, NOISE, 1.0)
 
 
-def _light_shot(light: Light) -> Shot:
+def _light_shot(light: Array32) -> Shot:
     never = np.zeros(light.shape, bool)
     return Shot.of("light", 1.0, light, never, never, ~never)
 

@@ -16,20 +16,16 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from bench.support.walk_rays import LEVELS, TILE, cast
+from imaging.arrays import AnyArray, Array, Array32, Bytes, Integers
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.lens import Lens, rays
-
-Array = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 SIZE = 4000, 3000
 """px."""
@@ -54,9 +50,9 @@ class House:
     """
 
     boxes: Array
-    light: npt.NDArray[np.float32]
+    light: Array32
     texels: Bytes
-    at: npt.NDArray[np.int64]
+    at: Integers
 
 
 def lens_of(size: tuple[int, int]) -> Lens:
@@ -234,7 +230,7 @@ _LINEAR = srgb_decode(np.arange(256) / 255).astype(np.float32)
 _CODES = np.rint(255 * srgb_encode(np.arange(8192) / 8191)).astype(np.uint8)
 
 
-def _visible(scene: House, pose: Array, lens: Lens) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def _visible(scene: House, pose: Array, lens: Lens) -> tuple[AnyArray, AnyArray]:
     """Visibility of boxes in each tile: numbers, and the beginning of each tile's, [tiles + 1]."""
     rows, columns = math.ceil(lens.height / TILE), math.ceil(lens.width / TILE)
     shown = np.zeros((len(scene.boxes), rows, columns), bool)

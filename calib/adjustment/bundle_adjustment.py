@@ -5,16 +5,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.fisheye import nearest_terms
 from calib.adjustment.focal_priors import FocalPrior, add_focal_priors
 from calib.adjustment.observations import observations
 from calib.adjustment.place_priors import StatedPlace, add_place_priors
+from imaging.arrays import Array, Integers
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
-
-Array = npt.NDArray[np.float64]
 
 CUT = 4.0
 """Observations that miss by more than this many times the median are dropped."""
@@ -158,8 +156,8 @@ def lens_of(camera: Any) -> Lens:
 class Misses:
     """Distance of each observation from its point's projection, px; inf where it is behind the camera."""
 
-    image: npt.NDArray[np.int64]
-    feature: npt.NDArray[np.int64]
+    image: Integers
+    feature: Integers
     error: Array
 
     @property

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
 from calib.adjustment.bundle_adjustment import Free, is_fisheye, opencv_parameters
 from calib.adjustment.observations import observations
+from imaging.arrays import Array, Integers
 from imaging.files.colmap import pycolmap
-
-Array = npt.NDArray[np.float64]
 
 TERMS = 8
 """Numbers of a lens: `Lens.terms`."""
@@ -33,8 +31,8 @@ class Linear:
     seen: Array
     cameras: Any
     points: Array
-    owner: npt.NDArray[np.int64]
-    image: npt.NDArray[np.int64]
+    owner: Integers
+    image: Integers
     frames: dict[int, int]
     sensors: dict[int, int]
     lenses: dict[int, int]

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
+from imaging.arrays import Array, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,11 +16,11 @@ class Observations:
     each point [M], ascending; world: the points [M, 3].
     """
 
-    image: Index
-    feature: Index
-    point: Index
+    image: Integers
+    feature: Integers
+    point: Integers
     seen: Array
-    numbers: Index
+    numbers: Integers
     world: Array
 
     def of_images(self) -> list[tuple[int, slice]]:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-
-Array = npt.NDArray[np.float64]
 
 COMMON = 3e-6
 """Common error of the points of a view, as a share of the image's width: the residuals of a real flight, in

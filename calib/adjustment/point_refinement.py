@@ -12,16 +12,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from calib.adjustment.observations import observations
+from imaging.arrays import Array, Array32, Integers
 from imaging.compute.threads import in_turn
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
 
 RADIUS = 7
 """Half width of a patch, px."""
@@ -44,9 +41,9 @@ class _Sights:
     """Observations, in order of points: image and feature, by COLMAP's numbers, point by order, int64 [N];
     place: px [N, 2]; world: the point [N, 3]."""
 
-    image: Index
-    feature: Index
-    point: Index
+    image: Integers
+    feature: Integers
+    point: Integers
     place: Array
     world: Array
 
@@ -74,7 +71,7 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
         still = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
         templates[sights.point[rows]] = _unit(_sample(picture, still, sights.place[rows]))
 
-    def matched(number: int) -> tuple[Index, Array, Array]:
+    def matched(number: int) -> tuple[Integers, Array, Array]:
         """The sights of an image, where they belong, and how much that looks like their points."""
         image = images[number]
         rows = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
@@ -146,35 +143,33 @@ def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
     return slopes, (toward * facing).sum(1)
 
 
-def _references(sights: _Sights, middle: Array) -> Index:
+def _references(sights: _Sights, middle: Array) -> Integers:
     """Reference observation of each point, with which all others are compared."""
     order = np.lexsort((-middle, sights.point))
     first = np.concatenate([[True], np.diff(sights.point[order]) > 0])
     return np.asarray(order[first], np.int64)
 
 
-def _decoded(png: bytes) -> npt.NDArray[np.float32]:
+def _decoded(png: bytes) -> Array32:
     """A picture as coefficients of a cubic spline."""
     picture = np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE), np.float32)
     return np.asarray(ndimage.spline_filter(picture, 3, np.float32, "mirror"))
 
 
-def _sample(picture: npt.NDArray[np.float32], warps: Array, places: Array) -> npt.NDArray[np.float32]:
+def _sample(picture: Array32, warps: Array, places: Array) -> Array32:
     """Patches [N, P] around places [N, 2], px, the grid turned and stretched by warps [N, 2, 2]."""
     at = np.einsum("nij,pj->inp", warps, _GRID) + places.T[:, :, None] - 0.5
     return np.asarray(ndimage.map_coordinates(picture, at[::-1], np.float32, 3, "mirror", prefilter=False))
 
 
-def _unit(patches: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _unit(patches: Array32) -> Array32:
     """Patches of mean 0 and length 1, so that brightness and contrast do not matter; flat ones are 0."""
     less = patches - (patches @ _WEIGHT.astype(np.float32))[:, None]
     length = np.sqrt((less**2) @ _WEIGHT.astype(np.float32))
     return np.asarray(less / (length + np.float32(0.01))[:, None])
 
 
-def _search(
-    picture: npt.NDArray[np.float32], templates: npt.NDArray[np.float32], warps: Array, places: Array
-) -> tuple[Array, Array]:
+def _search(picture: Array32, templates: Array32, warps: Array, places: Array) -> tuple[Array, Array]:
     """Places [N, 2] in a picture where patches look like templates [N, P], and how much they do, [N]."""
     steps = _steps(templates)
     warps, places, likeness = warps.copy(), places.copy(), np.zeros(len(places))
@@ -194,7 +189,7 @@ def _search(
     return places, likeness
 
 
-def _steps(templates: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _steps(templates: Array32) -> Array32:
     """Gauss-Newton matrices of the templates, from differences [P] to shift and bend of the warp, [N, 6,
     P].
     """

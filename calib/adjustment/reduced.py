@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
 from calib.adjustment.bundle_adjustment import LOSS, Free, is_fisheye
 from calib.adjustment.jacobian import Linear
+from imaging.arrays import AnyArray, Array, Integers, Mask
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
-
-Array = npt.NDArray[np.float64]
 
 BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
 """Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
@@ -61,15 +59,13 @@ def reduced(linear: Linear, scale: float) -> Reduced:
     return Reduced(curvature, pull, weight, shared, inverse, points, variance)
 
 
-def _by_blocks(matrices: npt.NDArray[Any]) -> Any:
+def _by_blocks(matrices: AnyArray) -> Any:
     """[M, 3, 3] along the diagonal of a sparse matrix [3M, 3M]."""
     many = len(matrices)
     return sparse.bsr_matrix((matrices, np.arange(many), np.arange(many + 1)), shape=(3 * many, 3 * many))
 
 
-def built_terms(
-    linear: Linear, reconstruction: Any, free: Free
-) -> tuple[npt.NDArray[np.int64], Array, npt.NDArray[np.bool_]]:
+def built_terms(linear: Linear, reconstruction: Any, free: Free) -> tuple[Integers, Array, Mask]:
     """Columns of the terms with priors, their standard deviations, and the columns that are held.
 
     Terms that the ladder did not take have priors of how lenses are built; a focal length, that of the files.

@@ -14,7 +14,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
 from calib.adjustment.bundle_adjustment import Free, is_fisheye
@@ -22,11 +21,10 @@ from calib.adjustment.focal_priors import HOLDS
 from calib.adjustment.jacobian import Linear, is_reference, linearise
 from calib.adjustment.place_priors import variance as variance_of_place
 from calib.adjustment.reduced import built_terms, reduced
+from imaging.arrays import Array, Integers
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 100
 FEWEST_POINTS = 60
@@ -190,7 +188,7 @@ def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tu
     return np.concatenate(columns, axis=1), np.array(weights)
 
 
-def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:
+def _groups(linear: Linear, many: int) -> Integers:
     """Number of the points that share the error of each point."""
     points, first = np.unique(linear.owner, return_index=True)
     side = float(linear.seen[:, 0].max()) / CELLS

@@ -7,14 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Bytes, Integers, Mask
 from imaging.errors import CalibrationError
 from imaging.progress import Progress
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-
-Picture = npt.NDArray[np.uint8]
 
 _SMOOTH = 1.0
 """px, standard deviation of the Gaussian that pictures are smoothed with before corners are refined."""
@@ -36,8 +34,8 @@ picture: the lens bends straight lines, but a board of other rows and columns mi
 class Corners:
     """Corners of one view: ids int64 [K]; points float64 [K, 2], px, pixel centres at +0.5."""
 
-    ids: npt.NDArray[np.int64]
-    points: npt.NDArray[np.float64]
+    ids: Integers
+    points: Array
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ PRINTS = tuple(Print(legacy, inverted) for inverted, legacy in product((False, T
 
 
 def find_all(
-    board: Board, views: Sequence[ViewId], read: Callable[[ViewId], Picture], progress: Progress
+    board: Board, views: Sequence[ViewId], read: Callable[[ViewId], Bytes], progress: Progress
 ) -> tuple[dict[ViewId, Corners], Print]:
     """The corners in every picture that shows enough of the board, and how the board is printed.
 
@@ -83,7 +81,7 @@ def find_all(
     return enough, best
 
 
-def _nothing(board: Board, some: Sequence[Picture]) -> str:
+def _nothing(board: Board, some: Sequence[Bytes]) -> str:
     name = f"{board.columns} x {board.rows} squares with markers of {board.dictionary}"
     turned = board.model_copy(update={"columns": board.rows, "rows": board.columns})
     if any(len(find(turned, picture, one).ids) >= FEWEST for picture in some for one in PRINTS):
@@ -96,7 +94,7 @@ def _nothing(board: Board, some: Sequence[Picture]) -> str:
     )
 
 
-def find(board: Board, picture: Picture, printed: Print) -> Corners:
+def find(board: Board, picture: Bytes, printed: Print) -> Corners:
     """The corners in one picture [H, W]; none where the board is not seen, or another one is."""
     if printed.inverted:
         picture = np.asarray(255 - picture, np.uint8)
@@ -118,7 +116,7 @@ def find(board: Board, picture: Picture, printed: Print) -> Corners:
     return Corners(ids, _refined(picture, points, margin) + 0.5)
 
 
-def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArray[np.bool_]]:
+def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, Mask]:
     """Side of a square in the picture, px, and which corners lie where a plane board has them."""
     homography, _ = cv2.findHomography(flat, points, cv2.LMEDS)
     if homography is None or not np.isfinite(homography).all():
@@ -131,7 +129,7 @@ def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArr
     return float(sides.min()), np.linalg.norm(ahead - points, axis=1) < _OFF * sides + 0.5
 
 
-def _refined(picture: Picture, points: Any, margin: float) -> npt.NDArray[np.float64]:
+def _refined(picture: Bytes, points: Any, margin: float) -> Array:
     """Refine each corner to the saddle of the quadratic that fits the picture around it best.
 
     margin: px between a marker and the edge of its square: the window ends there, since the marker's own

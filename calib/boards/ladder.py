@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import Free
 from calib.adjustment.fisheye import may_be_fisheye
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
+from imaging.arrays import Array
 from imaging.progress import Progress
 from imaging.session.records import Board, Rung
 from imaging.session.view_id import ViewId
@@ -66,7 +66,7 @@ def climb(
 
 def _held_out(
     board: Board, corners: Mapping[ViewId, Corners], solved: Solved, free: Free, frames: list[int]
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """Mean squared miss of each frame when it is held out, px^2 [frames]."""
     losses: dict[int, float] = {}
     for fold in range(FOLDS):

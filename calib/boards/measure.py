@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.boards import ladder, rig, start, uncertainty
-from calib.boards.corners import Corners, Picture, find_all
+from calib.boards.corners import Corners, find_all
 from calib.data.previews import luminance
 from calib.data.views import View, read_view, views_of
 from calib.poses.sfm import pose_of
+from imaging.arrays import Bytes
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -93,7 +94,7 @@ def measure_board(session: Session, board: Board | None, progress: Progress) -> 
     return _joined(board, str(printed), detected, solved)
 
 
-def picture_of(session: Session, view: View) -> Picture:
+def picture_of(session: Session, view: View) -> Bytes:
     """Return what a view shows of the board, uint8 [H, W], about evenly spaced to the eye."""
     scales = {shot.file: shot.exposure.scale if shot.exposure is not None else 1.0 for shot in view.shots}
     light, _ = luminance(merge_bracket(read_view(session, view, scales, Response(kind="srgb", evidence=""))))

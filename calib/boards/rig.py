@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
 from calib.poses.known_rig import camera_of
+from imaging.arrays import Array, Integers
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 CUT = 4.0
 """Corners that miss by more than this many times the median of all are dropped."""
@@ -87,7 +85,7 @@ def _only(corners: Corners, view: ViewId, good: Collection[tuple[ViewId, int]]) 
     return Corners(corners.ids[keep], corners.points[keep])
 
 
-Rows = list[tuple[ViewId, int, npt.NDArray[np.int64], Array]]
+Rows = list[tuple[ViewId, int, Integers, Array]]
 """Observations of each image: its view, its number, corner ids and points."""
 
 

@@ -7,15 +7,13 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.boards.corners import Corners
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_VIEWS = 3
 """Views of a board that determine a focal length, if they are tilted."""

@@ -10,20 +10,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import Free
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
 from imaging import lens as optics
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.progress import Progress
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 50
 GRID = (9, 6)

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.colour.fit import ChartPatches, ColourModel, fit
 from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
+from imaging.arrays import Array, Bytes, Floats, Mask
 from imaging.colour import srgb_encode
 from imaging.colour_difference import delta_e
 from imaging.merge.bracket import Merged
-
-Array = npt.NDArray[np.float64]
 
 NO_FALLOFF = (0.0, 0.0, 0.0)
 PROXY_WIDTHS = (800, 1200)
@@ -54,7 +52,7 @@ class Missed:
     near: bool = False
 
 
-def locate(rgb: npt.NDArray[np.floating]) -> list[Array]:
+def locate(rgb: Floats) -> list[Array]:
     """Outlines [24, 4, 2], in px of linear camera RGB [H, W, 3], of all that looks like a chart."""
     light = _reduced(np.maximum(np.nan_to_num(rgb), 0.0).astype(np.float32), max(PROXY_WIDTHS))
     light = light / np.maximum(np.percentile(light, 90, axis=(0, 1)), 1e-12)
@@ -71,7 +69,7 @@ def locate(rgb: npt.NDArray[np.floating]) -> list[Array]:
     return finds
 
 
-def _reduced(light: npt.NDArray[np.floating], width: int) -> npt.NDArray[np.floating]:
+def _reduced(light: Floats, width: int) -> Floats:
     """The picture [H, W, 3] at most so wide, averaged over areas."""
     if light.shape[1] <= width:
         return light
@@ -79,7 +77,7 @@ def _reduced(light: npt.NDArray[np.floating], width: int) -> npt.NDArray[np.floa
     return np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
 
 
-def _search(proxy: npt.NDArray[np.uint8]) -> list[Array]:
+def _search(proxy: Bytes) -> list[Array]:
     detector = cv2.mcc.CCheckerDetector.create()
     detector.setColorChartType(cv2.mcc.MCC24)
     # Asking for the best one without any would end the process, so the list is asked for.
@@ -161,7 +159,7 @@ def _median(sites: Array) -> tuple[float, float]:
     return middle, 1.2533 * deviation / float(np.sqrt(len(sites)))
 
 
-def _inside(x: Array, y: Array, corners: Array) -> npt.NDArray[np.bool_]:
+def _inside(x: Array, y: Array, corners: Array) -> Mask:
     """Return whether points lie in a convex quadrilateral [4, 2]."""
     sides = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):

@@ -15,10 +15,8 @@ import numpy.typing as npt
 from scipy import optimize
 
 from calib.colour.reference import NEUTRAL
+from imaging.arrays import Array, Mask
 from imaging.colour_difference import delta_e, lab
-
-Array = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 ROUNDS = 4
 PATCH_ERROR = 0.01
@@ -40,7 +38,7 @@ class ChartPatches:
     rgb: Array
     sigma: Array
     place: Array
-    usable: Bool
+    usable: Mask
 
     def without(self, patch: int) -> "ChartPatches":
         """The same with one patch left out."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.colour.chart import NO_FALLOFF, Found, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
@@ -15,6 +14,7 @@ from calib.colour.reference import EDITION, chart
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
+from imaging.arrays import Array
 from imaging.cfa import cell_means
 from imaging.colour import balanced, with_rgb
 from imaging.errors import CalibrationError
@@ -25,8 +25,6 @@ from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, ChartEvidence, ChartPatch
 from imaging.session.records import Rung
 from imaging.session.session import Session
-
-Array = npt.NDArray[np.float64]
 
 SEARCHED = 6
 """Views of each camera, the first and the last among them: searching all would take minutes."""

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
@@ -14,13 +13,12 @@ from calib.light.tracks import sightings
 from calib.light.vignetting import Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
+from imaging.arrays import Array
 from imaging.colour import with_rgb
 from imaging.mosaic import Matrix, as_matrix
 from imaging.session.calibration import COLOUR, CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 CHART_RUNGS = frozenset({"chart_white", "chart_shading", "chart_matrix", "chart_matrix_each_camera"})
 

@@ -3,11 +3,9 @@
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import PRIMARIES, REC709_FROM_XYZ, adaptation
-
-Array = npt.NDArray[np.float64]
 
 PATCHES = 24
 COLUMNS = 6

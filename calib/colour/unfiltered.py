@@ -7,18 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
+from imaging.arrays import Array
 from imaging.cfa import cell_means
 from imaging.merge.linear_frame import LinearFrame
 from imaging.mosaic import as_matrix
 from imaging.session.records import Rung
 from imaging.session.session import Session
-
-Array = npt.NDArray[np.float64]
 
 NAME = "unfiltered"
 VIEWS = 6

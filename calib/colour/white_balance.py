@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.light.falloff import demeaned
+from imaging.arrays import Array, Integers, Mask
 from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import Rung
-
-Array = npt.NDArray[np.float64]
-Int = npt.NDArray[np.int64]
 
 FEWEST_TRACKS = 100
 FEWEST_SIGHTS = 30
@@ -39,11 +36,11 @@ class Sights:
     vignetting divided out.
     """
 
-    point: Int
-    camera: Int
+    point: Integers
+    camera: Integers
     colour: Array
 
-    def part(self, keep: npt.NDArray[np.bool_]) -> "Sights":
+    def part(self, keep: Mask) -> "Sights":
         """The observations that `keep` [N] names."""
         return Sights(self.point[keep], self.camera[keep], self.colour[keep])
 

@@ -13,12 +13,11 @@ from calib.data.matching import match
 from calib.data.pairs import pairs_to_match
 from calib.data.previews import enlargement
 from calib.data.unfinished import Unfinished
+from imaging.arrays import AnyArray, Array, Array32, Mask
 from imaging.compute.threads import in_turn
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
-
-Float = npt.NDArray[np.float32]
 
 PEAK_THRESHOLD = 0.002
 """Peak threshold of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a
@@ -45,8 +44,8 @@ class Features:
     """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: [K, 128], SIFT's are uint8,
     learned ones float32. kind: as `find` was asked for."""
 
-    points: npt.NDArray[np.float64]
-    descriptors: npt.NDArray[Any]
+    points: Array
+    descriptors: AnyArray
     kind: FeatureKind = "sift"
 
 
@@ -57,8 +56,8 @@ class MatchedPair:
     index: uint32 [M, 2], their places among the features of each view.
     """
 
-    one: npt.NDArray[np.float64]
-    other: npt.NDArray[np.float64]
+    one: Array
+    other: Array
     index: npt.NDArray[np.uint32]
 
     def parallax(self, size: tuple[int, int], max_error: float) -> float:
@@ -78,7 +77,7 @@ class MatchedPair:
         return float(np.min(values[:, 0] / np.maximum(values[:, 2], 1e-12) - 1))
 
 
-def find(picture: Float, kind: FeatureKind) -> Features:
+def find(picture: Array32, kind: FeatureKind) -> Features:
     """Find the features of one picture, float32 [h, w] in 0..1."""
     if kind == "learned":
         return Features(*learned.extract(picture), kind)
@@ -87,7 +86,7 @@ def find(picture: Float, kind: FeatureKind) -> Features:
     return extract(picture)
 
 
-def extract(picture: Float, most: int = MOST_FEATURES, enough: int = ENOUGH_FEATURES) -> Features:
+def extract(picture: Array32, most: int = MOST_FEATURES, enough: int = ENOUGH_FEATURES) -> Features:
     """Find SIFT features of one picture, float32 [h, w] in 0..1, `most` at most.
 
     enough: number with which a picture is not searched at twice its size.
@@ -128,7 +127,7 @@ def _matched(one: Features, other: Features, sides: tuple[Any, Any]) -> npt.NDAr
     )
 
 
-def unmasked(features: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
+def unmasked(features: Features, counts: Mask, width: int, height: int) -> Features:
     """The features of a picture of `width` x `height` that a mask lets through.
 
     counts: bool [H, W] of the photograph, of which the picture is a smaller or an equal one.

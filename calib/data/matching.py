@@ -5,17 +5,13 @@ descriptors of the two views are longest, and the lengths of what is left of the
 inequality of Cauchy and Schwarz), and a few per cent of these bounds exceed a second nearest so far.
 """
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import AnyArray, Array32, Bytes, Integers, Mask
 from imaging.compute.jit import kernel
 
-Bytes = npt.NDArray[np.uint8]
 Whole = npt.NDArray[np.int16]
-Float = npt.NDArray[np.float32]
-Index = npt.NDArray[np.int64]
 
 RATIO = 0.8
 """Lowe's ratio of nearest to second nearest, angles between descriptors."""
@@ -35,7 +31,7 @@ COLUMNS = 16
 """Number of bounds in one block."""
 
 
-def unit(descriptors: npt.NDArray[Any]) -> Float:
+def unit(descriptors: AnyArray) -> Array32:
     """Descriptors [K, 128] as float32, each of length 1."""
     values = descriptors.astype(np.float32)
     return np.asarray(values / (np.linalg.norm(values, axis=1, keepdims=True) + 1e-9), np.float32)
@@ -64,14 +60,14 @@ def match(one: Bytes, other: Bytes) -> npt.NDArray[np.uint32]:
     return np.stack([numbers[keep], index[keep]], axis=1).astype(np.uint32)
 
 
-def _longest(one: Bytes, other: Bytes) -> Float:
+def _longest(one: Bytes, other: Bytes) -> Array32:
     """The orthonormal directions [128, DIRECTIONS] that have most of the squared lengths of descriptors."""
     sample = unit(np.concatenate([one[::SAMPLED], other[::SAMPLED]]))
     _, directions = np.linalg.eigh(sample.T @ sample)
     return np.asarray(directions[:, -DIRECTIONS:], np.float32)
 
 
-def _parts(descriptors: Bytes, directions: Float) -> tuple[Float, Whole, Float]:
+def _parts(descriptors: Bytes, directions: Array32) -> tuple[Array32, Whole, Array32]:
     """Factors of the bounds [K, DIRECTIONS + 1] and of the cosines [K, 128], and 1 over the lengths [K]."""
     unit_rows = unit(descriptors)
     along = unit_rows @ directions
@@ -84,25 +80,25 @@ def _parts(descriptors: Bytes, directions: Float) -> tuple[Float, Whole, Float]:
     )
 
 
-def _nothing(count: int) -> tuple[Index, Float, Float]:
+def _nothing(count: int) -> tuple[Integers, Array32, Array32]:
     """Empty results for each feature: the nearest, and the cosines of the nearest and the second nearest."""
     return np.zeros(count, np.int64), np.full(count, -2, np.float32), np.full(count, -2, np.float32)
 
 
 @kernel
 def _scan(
-    bounds: Float,
+    bounds: Array32,
     first: int,
     one: Whole,
-    length: Float,
+    length: Array32,
     other: Whole,
-    lengths: Float,
-    row_index: Index,
-    row_best: Float,
-    row_second: Float,
-    column_index: Index,
-    column_best: Float,
-    column_second: Float,
+    lengths: Array32,
+    row_index: Integers,
+    row_best: Array32,
+    row_second: Array32,
+    column_index: Integers,
+    column_best: Array32,
+    column_second: Array32,
 ) -> None:
     """Take a part of the table of bounds [R, K], whose rows are numbered from `first`, into both sides."""
     rows, columns = bounds.shape
@@ -138,7 +134,7 @@ def _scan(
         row_index[first + row], row_best[first + row], row_second[first + row] = index, best, second
 
 
-def _clear(index: Index, best: Float, second: Float) -> npt.NDArray[np.bool_]:
+def _clear(index: Integers, best: Array32, second: Array32) -> Mask:
     """Return whether the nearest is near, and much nearer than the second."""
     nearest, next_one = (np.arccos(np.clip(cosine, -1, 1)) for cosine in (best, second))
     return np.asarray((nearest < FARTHEST) & (nearest < RATIO * next_one))

@@ -5,12 +5,10 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.matching import unit
+from imaging.arrays import Array32, Bytes
 from imaging.session.view_id import ViewId
-
-Float = npt.NDArray[np.float32]
 
 ALL_PAIRS = 60
 """Views up to which every pair is matched."""
@@ -25,7 +23,7 @@ SAMPLE = 40_000
 
 
 def pairs_to_match(
-    descriptors: Mapping[ViewId, npt.NDArray[np.uint8]], rigs: Sequence[Collection[str]]
+    descriptors: Mapping[ViewId, Bytes], rigs: Sequence[Collection[str]]
 ) -> list[tuple[ViewId, ViewId]]:
     """Pairs of views in their order, each once.
 
@@ -47,7 +45,7 @@ def _together(one: ViewId, other: ViewId, rigs: Sequence[Collection[str]]) -> bo
     return one.frame == other.frame and any(one.camera in rig and other.camera in rig for rig in rigs)
 
 
-def _alike(descriptors: Sequence[Float]) -> set[tuple[int, int]]:
+def _alike(descriptors: Sequence[Array32]) -> set[tuple[int, int]]:
     """Pairs of each view with those that look most like it."""
     signatures = _signatures(descriptors)
     likeness = signatures @ signatures.T
@@ -61,7 +59,7 @@ def _alike(descriptors: Sequence[Float]) -> set[tuple[int, int]]:
     }
 
 
-def _signatures(descriptors: Sequence[Float]) -> Float:
+def _signatures(descriptors: Sequence[Array32]) -> Array32:
     """Signatures of the views' features, as unit vectors [views, WORDS * 128]; 0 without any.
 
     Residuals of descriptors from their nearest centre, summed up for each centre (VLAD: Jegou et al.,

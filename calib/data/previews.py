@@ -6,12 +6,10 @@ mean, dim and bright parts of a scene look alike (Rana 2016, Suma 2016 recommend
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from imaging.arrays import Array, Array32
 from imaging.merge.bracket import ROWS, Merged
-
-Float = npt.NDArray[np.float32]
 
 LONGEST_SIDE = 1600
 """px; larger images are reduced to it for features, upright ones as much as those that lie."""
@@ -37,7 +35,7 @@ _THIRDS = np.full(3, 1 / 3, np.float32)
 _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
 
 
-def preview(merged: Merged) -> Float:
+def preview(merged: Merged) -> Array32:
     """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3]: float32 [h, w] in 0..1.
 
     At most LONGEST_SIDE wide or high; grey where the view shows nothing.
@@ -64,7 +62,7 @@ def preview(merged: Merged) -> Float:
     return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
 
 
-def blurred(picture: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float32]:
+def blurred(picture: Array, radius: float) -> Array32:
     """A picture [h, w] under a Gaussian of that standard deviation, px; a wide one of a reduced picture."""
     height, width = picture.shape
     reduced = max(int(radius / _NARROW), 1)
@@ -99,7 +97,7 @@ def enlargement(width: int, height: int) -> int:
     return max(1, min(round(MIN_WIDTH / width), LONGEST_ENLARGED // height))
 
 
-def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def luminance(merged: Merged) -> tuple[Array, Array]:
     """Brightness and its noise, [H, W]; a mosaic is smoothed over its 2x2 tiles, so that no checker stays."""
     if merged.radiance.ndim == 3:
         return _mean_of_channels(merged)
@@ -114,7 +112,7 @@ def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.f
     return smooth, np.sqrt(ndimage.convolve(sigma**2, _BINOMIAL**2, mode="mirror"))
 
 
-def _mean_of_channels(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _mean_of_channels(merged: Merged) -> tuple[Array, Array]:
     """The same of [H, W, 3], some rows at a time."""
     brightness, sigma = np.empty(merged.radiance.shape[:2]), np.zeros(merged.radiance.shape[:2])
     for top in range(0, len(brightness), ROWS):
@@ -127,9 +125,7 @@ def _mean_of_channels(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDAr
     return brightness, sigma
 
 
-def _without_hot(
-    radiance: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _without_hot(radiance: Array, sigma: Array) -> Array:
     """A mosaic [H, W] whose hot photosites have the median of those of their colour around them.
 
     They stand still when the camera moves, and would be matched between all of its views.

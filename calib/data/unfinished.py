@@ -8,14 +8,13 @@ import json
 import time
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import AnyArray
 from imaging.files import store
 
-Arrays = dict[str, npt.NDArray[Any]]
+Arrays = dict[str, AnyArray]
 
 KEPT = ".calibration.unfinished"
 EVERY = 30.0
@@ -54,11 +53,11 @@ class Unfinished:
         if self._folder is not None:
             store.write_bytes(self._file(name), _written(arrays))
 
-    def small(self, name: str) -> npt.NDArray[Any] | None:
+    def small(self, name: str) -> AnyArray | None:
         """Return a stored result that is one of many, or None."""
         return self._known.get(name)
 
-    def keep(self, name: str, array: npt.NDArray[Any]) -> None:
+    def keep(self, name: str, array: AnyArray) -> None:
         """Keep what is one of many: in memory, and written some at a time; `flush` writes the rest."""
         if name not in self._known:
             self._known[name] = self._few[name] = array

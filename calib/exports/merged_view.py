@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.exports.merge_warnings import warnings_of
+from imaging.arrays import Array32, Mask
 from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.dial_settings import meant
 from imaging.errors import InputError
@@ -28,7 +29,7 @@ from imaging.files.exr import read_exr_header, white_luminance, write_exr
 from imaging.merge import alignment
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.ghosts import TOLERANCE, without_ghosts
-from imaging.merge.linear_frame import Bool, Float, LinearFrame, read_linear
+from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
 from imaging.session.calibration import CameraCalibration, Response
@@ -132,7 +133,7 @@ def merge_view(
         attributes |= white_luminance(absolute[0] / factor, absolute[1] / factor)
     exposed = np.float32(factor)
     channels = {letter: exposed * picture.light[..., index] for index, letter in enumerate("RGB")}
-    data: dict[str, dict[str, Float]] = {}
+    data: dict[str, dict[str, Array32]] = {}
     if picture.sigma is not None:
         sigmas = exposed * picture.sigma
         data["sigma"] = {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
@@ -145,7 +146,7 @@ def merge_view(
 
 def _masked(
     session: Session, shots: Sequence[ShotRecord], frames: Sequence[LinearFrame]
-) -> tuple[list[LinearFrame], list[LinearFrame], Bool | None]:
+) -> tuple[list[LinearFrame], list[LinearFrame], Mask | None]:
     """The frames for merging, for the comparison of exposures, and the mask of pixels excluded in all (None:
     empty).
     """

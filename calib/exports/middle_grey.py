@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.luminance.area import LUMINANCE
+from imaging.arrays import Array32, Floats
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response
@@ -36,7 +36,7 @@ def exposure_factor(
     """
     every = list(views)
     chosen = sorted({round(place) for place in np.linspace(0, len(every) - 1, MOST_VIEWS)}) if every else []
-    lights: list[npt.NDArray[np.float32]] = []
+    lights: list[Array32] = []
     for done, place in enumerate(chosen):
         progress("finding the exposure", done, len(chosen))
         view = every[place]
@@ -53,7 +53,7 @@ def _light(
     view: ViewId,
     shots: Sequence[tuple[ShotRecord, float, Response]],
     camera: CameraCalibration | None,
-) -> npt.NDArray[np.float32]:
+) -> Array32:
     """Light of a view [N], infinite where it is saturated."""
     kind, sensors = session.camera(view.camera).kind, () if camera is None else camera.sensors
     ordered = sorted(shots, key=lambda shot: shot[1])
@@ -68,7 +68,7 @@ def _light(
     return _grey(frame, signal)
 
 
-def _grey(frame: LinearFrame, signal: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def _grey(frame: LinearFrame, signal: Floats) -> Array32:
     """Return an estimate of the luminance of pixels that count."""
     if signal.ndim == 3:
         return np.asarray((signal @ LUMINANCE)[frame.valid.all(-1)], np.float32)

@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 
 from calib.exports.formats import write_exports
-from calib.exports.pictures import Picture, PointColours
+from calib.exports.pictures import PointColours
 from calib.poses.sfm import SceneModel
+from imaging.arrays import Bytes
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.progress import Progress
@@ -16,7 +17,7 @@ from imaging.session.view_id import ViewId
 def write_calibration(
     session: Session,
     record: CalibrationRecord,
-    shown: Iterable[tuple[ViewId, Picture]],
+    shown: Iterable[tuple[ViewId, Bytes]],
     model: SceneModel | None,
     progress: Progress,
 ) -> None:

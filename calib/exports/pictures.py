@@ -10,22 +10,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from calib.data.views import View, read_view
+from imaging.arrays import Array, Bytes
 from imaging.colour import balanced, of_channels, rec709_from_camera, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.session.calibration import Response
 from imaging.session.session import Session
 
-Picture = npt.NDArray[np.uint8]
 GREY = 0.18
 """Linear level of a session's typical feature, relative to white."""
 
 
-def exposure(brightness: Mapping[Any, npt.NDArray[np.float64]]) -> float:
+def exposure(brightness: Mapping[Any, Array]) -> float:
     """The factor from radiance to display light that all pictures of a session share.
 
     brightness: natural log of the luminance around the features of each view, NaN where it is not known.
@@ -43,7 +42,7 @@ def picture(
     camera_from_rec709: tuple[tuple[float, float, float], ...] | None,
     size: tuple[int, int],
     factor: float,
-) -> Picture:
+) -> Bytes:
     """A view as sRGB codes, uint8 [h, w, 3]; size: (w, h); factor: its `exposure`.
 
     RAW of a camera whose colour is not known stays camera RGB.
@@ -73,9 +72,9 @@ class PointColours:
     """Colours of the points of a COLMAP model: sums of codes, and their number, by point."""
 
     model: Any
-    sums: dict[int, npt.NDArray[np.float64]] = field(default_factory=dict)
+    sums: dict[int, Array] = field(default_factory=dict)
 
-    def add(self, name: str, shown: Picture) -> None:
+    def add(self, name: str, shown: Bytes) -> None:
         """Add the points' colours in the model's image of this name."""
         height, width = shown.shape[:2]
         image = self.model.find_image_with_name(name)

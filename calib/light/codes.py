@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Codes = npt.NDArray[np.float32]
+from imaging.arrays import Array, Array32, Floats, Integers, Mask
 
 LOWEST, HIGHEST = 5.0, 248.0
 """Mean codes of a patch, of 255, between which it is used: beyond, rounding and clipping bias it."""
@@ -32,7 +31,7 @@ class Samples:
 
     codes: Array
     log_k: Array
-    group: npt.NDArray[np.int64]
+    group: Integers
     rough: bool = False
 
     @classmethod
@@ -56,12 +55,12 @@ class Patches:
     NaN where a patch holds a pixel that a mask hides.
     """
 
-    mean: Codes
-    low: Codes
-    high: Codes
+    mean: Array32
+    low: Array32
+    high: Array32
 
 
-def patches(pixels: npt.NDArray[np.floating], counts: npt.NDArray[np.bool_] | None = None) -> Patches:
+def patches(pixels: Floats, counts: Mask | None = None) -> Patches:
     """Cut a photograph [H, W, 3], 0..1, into patches of 3x3 pixels, larger ones in larger photographs.
 
     counts: bool [H, W], the mask of pixels that count; None: all. Patches, because the noise of single
@@ -103,7 +102,7 @@ def sample(exposures: Sequence[Patches], log_k: Array, count: int) -> Samples:
     )
 
 
-def _over_exposures(values: npt.NDArray[np.floating]) -> Array:
+def _over_exposures(values: Floats) -> Array:
     """Mean [h, w] of values [S, h, w] over the exposures that no mask hides; 0 where all are."""
     finite = np.isfinite(values)
     return np.asarray(np.where(finite, values, 0.0).sum(0) / np.maximum(finite.sum(0), 1), np.float64)

@@ -16,7 +16,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
 from calib.light.falloff import DARKEST, light_left
@@ -26,12 +25,11 @@ from calib.light.tracks import LUMINANCE, sightings
 from calib.light.viewing_sides import by_side
 from calib.light.vignetting import NOTICED_IN_SHEEN, Falloff
 from calib.poses.sfm import SceneModel
+from imaging.arrays import Array, Integers, Mask
 from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
-Int = npt.NDArray[np.int64]
 _Reading = Callable[[Array], Array]
 
 FEWEST_POINTS = 100
@@ -61,13 +59,13 @@ class PhotographSights:
     direction: float64 [N, 3], unit, from the point to the camera; region: int [N], of the scene.
     """
 
-    point: Int
-    view: Int
+    point: Integers
+    view: Integers
     colour: Array
     direction: Array
-    region: Int
+    region: Integers
 
-    def part(self, keep: npt.NDArray[np.bool_]) -> "PhotographSights":
+    def part(self, keep: Mask) -> "PhotographSights":
         """The observations that `keep` [N] names."""
         return PhotographSights(
             self.point[keep], self.view[keep], self.colour[keep], self.direction[keep], self.region[keep]
@@ -103,7 +101,7 @@ def sights_of(
     colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None if still
     unknown.
     """
-    usable: dict[ViewId, npt.NDArray[np.bool_]] = {}
+    usable: dict[ViewId, Mask] = {}
     for view, colour in colours.items():
         usable[view] = np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in photographs)
     observations = sightings(model, usable)

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 
+from imaging.arrays import Array, Integers, Mask
 from imaging.robust import huber_loss, huber_weight, robust_scale
-
-Array = npt.NDArray[np.float64]
 
 ROUNDS = 30
 SETTLED = 1e-4
@@ -43,12 +41,12 @@ class Tracks:
     point to the camera; region: int [N], the region of the scene that the point lies in.
     """
 
-    point: npt.NDArray[np.int64]
-    camera: npt.NDArray[np.int64]
+    point: Integers
+    camera: Integers
     radius: Array
     brightness: Array
     direction: Array
-    region: npt.NDArray[np.int64]
+    region: Integers
 
     def apart(self, groups: Sequence[int]) -> "Tracks":
         """Split the points by the group of the cameras, as many as `camera` counts, that see them: those that
@@ -57,7 +55,7 @@ class Tracks:
         group = np.array(groups, np.int64)[self.camera]
         return replace(self, point=self.point * (max(groups, default=0) + 1) + group)
 
-    def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
+    def part(self, keep: Mask) -> "Tracks":
         """The observations that `keep` [N] names."""
         return Tracks(
             self.point[keep],
@@ -151,7 +149,7 @@ def _falling(normal: Array, right: Array, polynomials: Array) -> Array:
 
 
 def _stepped(
-    tracks: Tracks, fit: Fit, terms: Terms, step: Array, weight: Array, track: npt.NDArray[np.int64]
+    tracks: Tracks, fit: Fit, terms: Terms, step: Array, weight: Array, track: Integers
 ) -> Fit | None:
     """The fit after a step that is halved until it does no harm; None if it always does."""
 
@@ -209,7 +207,7 @@ def light_left(polynomials: Array, radius: Array) -> Array:
     return np.asarray(1.0 + square * (second + square * (fourth + square * sixth)))
 
 
-def demeaned(values: Array, weight: Array, track: npt.NDArray[np.int64]) -> Array:
+def demeaned(values: Array, weight: Array, track: Integers) -> Array:
     """Values [N, C] less the weighted mean of their track; track: its number, of each value [N]."""
     total = np.bincount(track, weight)
     residual = np.empty(values.shape)

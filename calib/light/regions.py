@@ -6,7 +6,8 @@ lens does to a photograph it does to all regions.
 """
 
 import numpy as np
-import numpy.typing as npt
+
+from imaging.arrays import Array, Integers
 
 REGIONS = 20
 FEWEST = 12
@@ -15,7 +16,7 @@ SPAN = (0.1, 0.9)
 """Quantiles between which a region is measured, so that stray points do not make it long."""
 
 
-def regions_of(places: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+def regions_of(places: Array) -> Integers:
     """Number of the region of each point, int64 [N]: boxes of about as many points each.
 
     places: of the points, float64 [N, 3], in any unit. The largest box is halved along its longest side until

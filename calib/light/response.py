@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.light.codes import HIGHEST, LOWEST, Samples
 from calib.light.response_band import standard_errors
@@ -19,7 +18,8 @@ from calib.light.response_curve import (
     neighbours,
     noise_of,
 )
-from calib.light.response_models import Array, Blend, Gamma, Known, Shape, Spline
+from calib.light.response_models import Blend, Gamma, Known, Shape, Spline
+from imaging.arrays import Array, Mask
 from imaging.robust import huber_loss
 from imaging.session.calibration import Response
 from imaging.session.records import Rung
@@ -87,7 +87,7 @@ class Judged:
         """Mean loss over the groups."""
         return float(np.nanmean(self.loss))
 
-    def without(self, odd: npt.NDArray[np.bool_]) -> "Judged":
+    def without(self, odd: Mask) -> "Judged":
         """The same without some groups."""
         return replace(self, loss=np.where(odd, np.nan, self.loss))
 

@@ -15,7 +15,8 @@ from calib.light.response_curve import (
     label_trust,
     moved,
 )
-from calib.light.response_models import MIDDLE, Array
+from calib.light.response_models import MIDDLE
+from imaging.arrays import Array
 from imaging.robust import huber_weight
 
 REPLICAS = 200

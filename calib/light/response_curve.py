@@ -18,7 +18,8 @@ from scipy import sparse
 from scipy.optimize import nnls
 
 from calib.light.codes import HIGHEST, LOWEST, Samples, pedestal
-from calib.light.response_models import GRID, PER_CODE, SRGB, Array, Index, Shape, Spline, at
+from calib.light.response_models import GRID, PER_CODE, SRGB, Index, Shape, Spline, at
+from imaging.arrays import Array, Mask
 from imaging.merge.ratios import LABEL_SIGMA
 from imaging.robust import huber_weight
 
@@ -60,7 +61,7 @@ class Channel:
         """Index of each photosite's first sample, and the end of the last one's."""
         return np.searchsorted(self.site, np.arange(len(self.group) + 1)).astype(np.int32)
 
-    def only(self, keep: npt.NDArray[np.bool_]) -> "Channel":
+    def only(self, keep: Mask) -> "Channel":
         """The photosites for which `keep` (one flag a photosite) holds."""
         rows = keep[self.site]
         number = np.cumsum(keep) - 1

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from calib.light.codes import HIGHEST, LOWEST
+from imaging.arrays import Array
 from imaging.colour import srgb_decode
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 
 PER_CODE = 8

@@ -9,7 +9,6 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from calib.data.features import FEWEST_MATCHES, Features, extract, unmasked
@@ -17,9 +16,10 @@ from calib.data.matching import match
 from calib.data.previews import preview
 from calib.data.views import View
 from calib.light.codes import CLIPPED, HIGHEST, LOWEST, Samples
+from imaging.arrays import Array, Array32, Floats, Integers, Mask
 from imaging.files.photo import read_photo
 from imaging.merge.bracket import merge_bracket
-from imaging.merge.linear_frame import Bool, from_codes
+from imaging.merge.linear_frame import from_codes
 from imaging.merge.masks import mask_of
 from imaging.progress import Progress
 from imaging.session.calibration import Response
@@ -36,8 +36,6 @@ MOST_PAIRS = 1500
 CELLS = 4
 """Rows and columns of cells, of the view that saw them first, by which features are held out."""
 GUESS = Response(kind="srgb", evidence="to find features by")
-
-Array = npt.NDArray[np.float64]
 
 
 def sample_tracks(
@@ -57,7 +55,7 @@ def sample_tracks(
         return None
     features: list[Features] = []
     codes: list[Array] = []
-    cells: list[npt.NDArray[np.int64]] = []
+    cells: list[Integers] = []
     for done, shot in enumerate(shots.values()):
         progress("finding points that views share", done, len(shots))
         pixels = np.ascontiguousarray(read_photo(session.file(shot)).pixels, np.float32)
@@ -88,7 +86,7 @@ def sample_tracks(
     return Samples(track_codes, log_k, np.unique(group, return_inverse=True)[1], rough=True)
 
 
-def _reduced(pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _reduced(pixels: Array32) -> Array32:
     height, width = pixels.shape[:2]
     if width <= WIDEST:
         return pixels
@@ -96,7 +94,7 @@ def _reduced(pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | None = None) -> Array:
+def _codes_at(pixels: Array32, points: Array, counts: Mask | None = None) -> Array:
     """Mean codes [K, 3], 0..255, around points; NaN where any of them is clipped or too near an end.
 
     counts: bool [H, W], which pixels a mask lets through; a point that has another around it gets NaN.
@@ -120,7 +118,7 @@ def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | Non
     return codes
 
 
-def _agreeing(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> Bool:
+def _agreeing(one: Floats, other: Floats) -> Mask:
     """Return which matches [M] between points [M, 2] px of two pictures agree with one geometry of both."""
     try:
         _, mask = cv2.findFundamentalMat(one, other, cv2.USAC_MAGSAC, 1.0, 0.999, 2000)

@@ -10,13 +10,13 @@ import numpy.typing as npt
 from calib.light.falloff import Tracks
 from calib.light.regions import regions_of
 from calib.poses.sfm import SceneModel
+from imaging.arrays import Array, Array32, Bytes, Integers, Mask
 from imaging.cfa import bilinear
 from imaging.colour import balanced, rec709_from_camera
 from imaging.lens import Lens
 from imaging.merge.bracket import Merged
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Luminance weights of linear Rec.709."""
 LEAST_SNR = 10.0
@@ -34,10 +34,10 @@ class ViewLight:
     [h, w], where every channel of the colour can be.
     """
 
-    luminance: npt.NDArray[np.float32]
-    colour: npt.NDArray[np.float32]
-    trusted: npt.NDArray[np.bool_]
-    vivid: npt.NDArray[np.bool_]
+    luminance: Array32
+    colour: Array32
+    trusted: Mask
+    vivid: Mask
 
 
 def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
@@ -71,14 +71,14 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     return ViewLight(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
 
 
-def _numbers(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _numbers(picture: Array32) -> Array32:
     """A copy with 0 where there is no number."""
     copy = np.array(picture, np.float32)
     cv2.patchNaNs(copy.reshape(len(copy), -1), 0.0)
     return copy
 
 
-def _reduced(picture: npt.NDArray[np.float32], step: int) -> npt.NDArray[np.float32]:
+def _reduced(picture: Array32, step: int) -> Array32:
     """The means of a picture [h, w] or [h, w, C] over squares of `step` px; what is over is left out."""
     if step == 1:
         return picture
@@ -87,7 +87,7 @@ def _reduced(picture: npt.NDArray[np.float32], step: int) -> npt.NDArray[np.floa
     return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _all_of(valid: npt.NDArray[np.bool_], step: int) -> npt.NDArray[np.bool_]:
+def _all_of(valid: Mask, step: int) -> Mask:
     """Return where every channel of every pixel of a square of `step` px is valid."""
     every = np.logical_and.reduce(cv2.split(_bytes(valid)))
     height, width = every.shape[0] // step, every.shape[1] // step
@@ -96,17 +96,17 @@ def _all_of(valid: npt.NDArray[np.bool_], step: int) -> npt.NDArray[np.bool_]:
     return np.asarray(every)
 
 
-def _bytes(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+def _bytes(mask: Mask) -> Bytes:
     """A mask as OpenCV takes it."""
     return np.ascontiguousarray(mask).view(np.uint8)
 
 
-def _mixed(picture: npt.NDArray[np.float32], weights: Array) -> npt.NDArray[np.float32]:
+def _mixed(picture: Array32, weights: Array) -> Array32:
     """The weighted sum [h, w] of the channels of a picture [h, w, C]."""
     return np.asarray(cv2.transform(picture, weights[None].astype(np.float32)), np.float32)
 
 
-def _mean(picture: npt.NDArray[np.float32], window: int) -> npt.NDArray[np.float32]:
+def _mean(picture: Array32, window: int) -> Array32:
     """The mean of a picture [h, w] or [h, w, C] over squares; beyond its border it is mirrored."""
     mean = cv2.blur(np.ascontiguousarray(picture), (window, window), borderType=cv2.BORDER_REFLECT)
     return np.asarray(mean, np.float32)
@@ -145,12 +145,12 @@ class Sightings:
     """
 
     views: list[ViewId]
-    point: npt.NDArray[np.int64]
-    view: npt.NDArray[np.int64]
-    feature: npt.NDArray[np.int64]
+    point: Integers
+    view: Integers
+    feature: Integers
     radius: Array
     direction: Array
-    region: npt.NDArray[np.int64]
+    region: Integers
 
     def values(self, of_features: Mapping[ViewId, Array]) -> Array:
         """Gather the values that views hold of each of their features, [K] or [K, C], at the observed ones:
@@ -165,7 +165,7 @@ class Sightings:
         return values
 
 
-def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]]) -> Sightings:
+def sightings(model: SceneModel, usable: Mapping[ViewId, Mask]) -> Sightings:
     """Collect the observations of all scene points that two views or more see; usable: bool [K], which
     features of a view count.
     """

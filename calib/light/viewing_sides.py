@@ -1,16 +1,14 @@
 """Grouping of the views that look at a scene point from nearly the same side."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
+from imaging.arrays import Array, Integers
 
 ASIDE = 10.0
 """Degrees between the first view of a side and its others: sheen changes little within them."""
 
 
-def by_side(point: Index, direction: Array) -> Index:
+def by_side(point: Integers, direction: Array) -> Integers:
     """Number of the side that each observation looks from, int64 [N]; sides of different points differ.
 
     point: of each observation [N]; direction: unit, from the point to the camera [N, 3]. The first

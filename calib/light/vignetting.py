@@ -4,15 +4,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.light.falloff import DARKEST, Fit, Terms, Tracks, darkest, fit_terms, log_light, track_losses
 from calib.light.parts import ASKED, LightPart
 from calib.light.viewing_sides import by_side
+from imaging.arrays import Array
 from imaging.lens import Lens
 from imaging.session.records import Rung
 
-Array = npt.NDArray[np.float64]
 Coefficients = tuple[float, float, float]
 
 FEWEST_TRACKS = 100

@@ -1,16 +1,14 @@
 """Single photographs whose exposure label is wrong, while those of the other views are right."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from calib.light.codes import Samples
+from imaging.arrays import Array
 from imaging.merge.linear_frame import decode
 from imaging.merge.ratios import LABEL_SIGMA
 from imaging.session.calibration import Response
-
-Array = npt.NDArray[np.float64]
 
 WRONG = 0.25
 """Departure from a label, natural log, that no shutter has: the label is another photograph's."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import XYZ_FROM_REC709
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import Merged, merge_bracket
@@ -17,8 +18,6 @@ from imaging.session.luminance import Area, LuminanceReading
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 LUMINANCE = XYZ_FROM_REC709[1]
 """Luminance weights of linear Rec.709 (ITU-R BT.709)."""

@@ -2,10 +2,10 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.colour.reference import COLUMNS, NEUTRAL
 from calib.luminance.area import LUMINANCE, AreaLight, area_light
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.session.calibration import CalibrationRecord, ChartEvidence
 from imaging.session.luminance import Area
@@ -64,6 +64,6 @@ def _area(chart: ChartEvidence, number: int) -> Area:
     onto = cv2.getPerspectiveTransform(corners, np.array(chart.corners, np.float32))
     centre = np.array((column, row), np.float64) + OUTLINE / 2
     around = centre + INNER / 2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    outline: npt.NDArray[np.float64] = cv2.perspectiveTransform(around[None].astype(np.float64), onto)[0]
+    outline: Array = cv2.perspectiveTransform(around[None].astype(np.float64), onto)[0]
     low, high = np.ceil(outline.min(axis=0)).astype(int), np.floor(outline.max(axis=0)).astype(int)
     return int(low[0]), int(low[1]), max(1, int(high[0] - low[0])), max(1, int(high[1] - low[1]))

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import special
 
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 
 UNLIKELY = 0.0027
@@ -36,7 +36,7 @@ class Combined:
 
     value: float
     error: float
-    residuals: npt.NDArray[np.float64]
+    residuals: Array
 
 
 def combined(comparisons: Sequence[Comparison]) -> Combined:
@@ -63,8 +63,8 @@ def combined(comparisons: Sequence[Comparison]) -> Combined:
 
 def _contradiction(
     comparisons: Sequence[Comparison],
-    logs: npt.NDArray[np.float64],
-    covariance: npt.NDArray[np.float64],
+    logs: Array,
+    covariance: Array,
 ) -> str:
     """The two readings that contradict each other most, beside what their errors allow."""
     variances = np.diag(covariance)

@@ -8,19 +8,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.observations import observations
 from calib.poses.brightness_steps import Pairs
 from calib.poses.contradictions import well_matched
 from calib.poses.hand_eye import Tie, tie
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.session.calibration import MOTION
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 _ALONE = "the other cameras see nothing of what {} sees"
 
 

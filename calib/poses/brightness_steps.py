@@ -8,12 +8,11 @@ from collections.abc import Collection, Mapping
 from statistics import median
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, MatchedPair
+from imaging.arrays import Array
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 Pairs = Mapping[tuple[ViewId, ViewId], MatchedPair]
 
 OTHERWISE_LIT = 0.03, 0.1

@@ -10,10 +10,10 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.features import MatchedPair
-from calib.poses.brightness_steps import Array, Pairs
+from calib.poses.brightness_steps import Pairs
+from imaging.arrays import Array, Mask
 from imaging.session.view_id import ViewId
 
 FEWEST_AGAINST = 30
@@ -95,9 +95,7 @@ def placed_views(reconstruction: Any) -> dict[ViewId, tuple[Any, Array]]:
     return placed
 
 
-def fits_of(
-    one: tuple[Any, Array], other: tuple[Any, Array], pair: MatchedPair, max_error: float
-) -> npt.NDArray[np.bool_]:
+def fits_of(one: tuple[Any, Array], other: tuple[Any, Array], pair: MatchedPair, max_error: float) -> Mask:
     """Mask [M] of the matches that lie within `max_error` px of their epipolar lines (Sampson's distance)."""
     pose = other[1] @ np.linalg.inv(one[1])
     x, y, z = pose[:3, 3]

@@ -4,9 +4,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from calib.adjustment.place_priors import StatedPlace
 from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
@@ -26,6 +23,7 @@ from calib.poses.resolution import (
 from calib.poses.rig_twins import twins
 from calib.poses.rival import agreement
 from calib.sensor.focal_length import FocalLength
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.progress import Progress
@@ -68,7 +66,7 @@ class Scene:
     focal_known: Collection[str]
     known: KnownRig
     pictures: Mapping[ViewId, bytes]
-    brightness: Mapping[ViewId, npt.NDArray[np.float64]]
+    brightness: Mapping[ViewId, Array]
     exact: Collection[str]
     kept: Unfinished
     focal: Mapping[str, FocalLength]

@@ -11,13 +11,11 @@ Views", 2007).
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 5
 """Fewest frames in which both cameras are placed. Three determine the mount; the others its error."""

@@ -5,16 +5,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import set_model
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.poses.brightness_steps import Array, Pairs
+from calib.poses.brightness_steps import Pairs
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.session.view_id import ViewId
 

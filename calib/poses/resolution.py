@@ -11,14 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calib.poses.brightness_steps import (
-    Array,
-    Pairs,
-    lit_apart,
-    mostly_apart,
-    otherwise_lit,
-    warning,
-)
+from calib.poses.brightness_steps import Pairs, lit_apart, mostly_apart, otherwise_lit, warning
 from calib.poses.confirmation import seen_by_three, unconfirmed
 from calib.poses.contradictions import (
     contradicting,
@@ -29,6 +22,7 @@ from calib.poses.contradictions import (
     strong,
 )
 from calib.poses.loops import open_pairs, turns_of
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId

@@ -9,12 +9,10 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.poses.brightness_steps import Pairs
+from imaging.arrays import Array
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_FRAMES = 4
 """Frames that show two cameras, below which none of them is usual."""

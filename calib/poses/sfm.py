@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
 from calib.adjustment.lens_ladder import climb
@@ -22,6 +21,7 @@ from calib.poses.places import align_to_places
 from calib.poses.refusals import require_features
 from calib.poses.tied_model import polish, tied_model
 from calib.sensor.focal_length import FocalLength
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -91,7 +91,7 @@ def solve(
     known: KnownRig = NOTHING,
     blank: Mapping[ViewId, str] | None = None,
     pictures: Mapping[ViewId, bytes] | None = None,
-    brightness: Mapping[ViewId, npt.NDArray[np.float64]] | None = None,
+    brightness: Mapping[ViewId, Array] | None = None,
     exact: Collection[str] = (),
     steady: Collection[str] = (),
     kept: Unfinished | None = None,
@@ -300,7 +300,7 @@ def pose_of(motion: Any) -> Pose:
     return Pose(quaternion=(w, x, y, z), translation=(a, b, c))
 
 
-def centres(poses: Sequence[Pose]) -> npt.NDArray[np.float64]:
+def centres(poses: Sequence[Pose]) -> Array:
     """Camera centres [N, 3] of cam_from_world poses."""
     matrices = np.stack([pose.matrix() for pose in poses])
     return np.asarray(-np.einsum("nji,nj->ni", matrices[:, :3, :3], matrices[:, :3, 3]))

@@ -18,8 +18,7 @@ from calib.sensor.ceiling import Ceiling, ceiling
 from calib.sensor.linearity import LevelPairs
 from calib.sensor.photon_transfer import SMALLEST, Transfer
 from calib.sensor.stack import EVEN, Period, sites
-
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array, Floats, Integers, Mask
 
 EDGES = np.array((0.003, 0.006, 0.012, 0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75))
 """Levels relative to white between which photosites are gathered; below the first is a bin too."""
@@ -49,7 +48,7 @@ class ExposurePair:
     ratio: float
     black: Array
     black_error: Array
-    site: npt.NDArray[np.int64]
+    site: Integers
     long: Array
     short: Array
     variance: Array
@@ -62,7 +61,7 @@ def compare(
     shorter: npt.NDArray[np.integer],
     black: Array,
     white: float,
-    counts: npt.NDArray[np.bool_] | None = None,
+    counts: Mask | None = None,
     tile: Period = EVEN,
 ) -> ExposurePair | None:
     """Two exposures, DN [H, W], by the levels `black` [sites] and `white`; None where they share too
@@ -97,7 +96,7 @@ def compare(
     if not 1.2 < start < 400:
         return None
     values = np.array([start, *np.zeros(len(black))])
-    inverse: npt.NDArray[np.floating] = np.eye(len(values))
+    inverse: Floats = np.eye(len(values))
     variance: Array = np.ones(len(mean_x))
     inliers = clear = counted = np.ones(len(mean_x), bool)
     for _ in range(3):
@@ -132,7 +131,7 @@ def compare(
     return ExposurePair(ratio, shift, sigma, site, *levels, full)
 
 
-def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple[Array, Array]:
+def _scatter(residual: Array, groups: Integers, size: int) -> tuple[Array, Array]:
     """Variance of each group and how many count, without what lies beyond `OUTLIERS`."""
     number = np.maximum(np.bincount(groups, minlength=size), 1)
     # Mean absolute deviation of normal noise is 0.80 standard deviations, and hardly moved by outliers.

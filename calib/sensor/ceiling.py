@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from imaging.arrays import Floats
 
 FEWEST = 30
 """Overexposed photosites that a ceiling is read from."""
@@ -19,9 +20,7 @@ class Ceiling:
     scatter: float
 
 
-def ceiling(
-    pixels: npt.NDArray[np.floating], predicted: npt.NDArray[np.floating], black: npt.NDArray[np.floating]
-) -> Ceiling | None:
+def ceiling(pixels: Floats, predicted: Floats, black: Floats) -> Ceiling | None:
     """The lowest of the plateaus of the CFA sites, from pixels [sites, N] and what they should have, DN.
 
     Both above black [sites]; NaN marks photosites that are not to be used. None where too few are

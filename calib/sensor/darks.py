@@ -7,10 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize, special
 
-from calib.sensor.stack import Bool, Stack, sites
-
-Array = npt.NDArray[np.float64]
-
+from calib.sensor.stack import Stack, sites
+from imaging.arrays import Array, Mask
 
 PATTERN = 1.0
 """Prior of the fixed pattern, natural log: a quarter of the scatter, with this standard deviation."""
@@ -35,7 +33,7 @@ class Mean:
     common: float
 
 
-def mean(stack: Stack, usable: Bool) -> Mean:
+def mean(stack: Stack, usable: Mask) -> Mean:
     """Mean of each CFA site; the error counts what moves a whole frame, and the fixed pattern."""
     planes = zip(sites(stack.mean, stack.tile), sites(usable, stack.tile), strict=True)
     chosen = [plane[keep].astype(np.float64) for plane, keep in planes]

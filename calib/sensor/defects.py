@@ -3,14 +3,12 @@
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, special
 
-from calib.sensor.stack import Map, Period, Stack, sites
+from calib.sensor.stack import Period, Stack, sites
+from imaging.arrays import Array, Array32, Mask
 from imaging.cfa import repeated
 from imaging.sensor import Defect
-
-Bool = npt.NDArray[np.bool_]
 
 SIGMAS = 6.5
 """Distance from the neighbours, in robust standard deviations of all photosites of the site; normal
@@ -21,7 +19,7 @@ NOISY = 1e-9
 """Chance with which a good photosite's scatter in time passes for noisy."""
 
 
-def in_the_dark(dark: Stack) -> tuple[Bool, Bool]:
+def in_the_dark(dark: Stack) -> tuple[Mask, Mask]:
     """Hot photosites and noisy ones, bool [H, W] each, from repeated darks (the longest are best)."""
     hot = _off(dark.mean, dark.tile, relative=False)
     noisy = np.zeros_like(hot)
@@ -36,13 +34,13 @@ def in_the_dark(dark: Stack) -> tuple[Bool, Bool]:
     return hot, noisy
 
 
-def in_light(flat: Stack, black: npt.NDArray[np.float64]) -> Bool:
+def in_light(flat: Stack, black: Array) -> Mask:
     """Photosites that answer light otherwise than their neighbours, bool [H, W]; black [sites], DN."""
     level = repeated(black.reshape(flat.tile), *flat.variance.shape)
     return _off((flat.mean - level).astype(np.float32), flat.tile, relative=True)
 
 
-def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
+def listed(hot: Mask, noisy: Mask, dead: Mask) -> tuple[Defect, ...]:
     """The defects in reading order, each once: hot before dead before noisy."""
     defects: list[Defect] = []
     for row, column in zip(*np.nonzero(hot | noisy | dead), strict=True):
@@ -52,7 +50,7 @@ def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
     return tuple(defects)
 
 
-def _off(image: Map, tile: Period, relative: bool) -> Bool:
+def _off(image: Array32, tile: Period, relative: bool) -> Mask:
     """Return where an image is far off the median of its neighbours of the same CFA site."""
     planes = sites(image, tile).astype(np.float64)
     far = np.zeros(planes.shape, bool)
@@ -68,7 +66,7 @@ def _off(image: Map, tile: Period, relative: bool) -> Bool:
     return _joined(far, image.shape, tile)
 
 
-def _joined(planes: Bool, shape: tuple[int, ...], tile: Period) -> Bool:
+def _joined(planes: Mask, shape: tuple[int, ...], tile: Period) -> Mask:
     """The planes of the CFA sites put together again; what completes no tile is False."""
     image = np.zeros(shape, bool)
     rows, columns = tile

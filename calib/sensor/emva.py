@@ -11,10 +11,9 @@ from calib.sensor import darks, defects, flats, pattern
 from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
-from calib.sensor.stack import EVEN, Bool, Period, Stack, sites, tiles
+from calib.sensor.stack import EVEN, Period, Stack, sites, tiles
+from imaging.arrays import Array, Mask
 from imaging.sensor import Measured, SensorCalibration
-
-Array = npt.NDArray[np.float64]
 
 FILE_BLACK = 2.0
 """DN by which the black level of a file may be wrong."""
@@ -116,7 +115,7 @@ def black_record(
     return tuple(tuple(levels[start : start + tile[1]]) for start in range(0, len(levels), tile[1]))
 
 
-def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
+def _level(frames: Frames, nominal: Nominal, usable: Mask) -> darks.Dark:
     """Black by the darks; by the files without them, and by likelihood where the sensor counts coarsely."""
     if not frames.darks:
         return darks.Dark(nominal.black, np.full(len(nominal.black), FILE_BLACK), None)
@@ -138,7 +137,7 @@ def is_coarse(stacks: Sequence[Stack]) -> bool:
     return bool(np.any(spread < SMALLEST) or shortest.levels.min() < 4.0 * np.sqrt(spread.max()))
 
 
-def _coarse(few: Sequence[npt.NDArray[np.uint16]], usable: Bool, tile: Period) -> list[darks.Coarse | None]:
+def _coarse(few: Sequence[npt.NDArray[np.uint16]], usable: Mask, tile: Period) -> list[darks.Coarse | None]:
     mask, planes = sites(usable, tile), [sites(frame, tile) for frame in few]
     return [darks.coarse([plane[site][mask[site]] for plane in planes]) for site in range(len(mask))]
 
@@ -152,7 +151,7 @@ def _brightest(stacks: Sequence[Stack], black: Array, top: float) -> Stack | Non
     return stacks[max(clear, key=lambda i: light[i])] if clear else None
 
 
-def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
+def _points(frames: Frames, black: Array, usable: Mask, top: float) -> Points:
     """One point for each stack and CFA site, over the tiles that are not too bright.
 
     The noise of a tile's mean and of its variance are correlated, which would pull the line: average first.
@@ -185,7 +184,7 @@ def _in_the_dark(points: Points, gain: Measured) -> Transfer | None:
 
 
 def _electrons(
-    frames: Frames, transfer: Transfer, level: darks.Dark, top: float, ends: bool, usable: Bool, put: object
+    frames: Frames, transfer: Transfer, level: darks.Dark, top: float, ends: bool, usable: Mask, put: object
 ) -> None:
     """Quantities in electrons."""
     assert callable(put)

@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from calib.sensor.ceiling import MISSING, Ceiling, ceiling
 from calib.sensor.linearity import LevelPairs
-from calib.sensor.stack import Bool, Kind, Stack, Tiles, sites, tiles
-
-Array = npt.NDArray[np.float64]
+from calib.sensor.stack import Kind, Stack, Tiles, sites, tiles
+from imaging.arrays import Array, Floats, Mask
 
 BINS = 12
 """Levels that the tiles of two flats are gathered in."""
@@ -26,7 +25,7 @@ class FlatFalloff:
     corner_error: float
 
 
-def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
+def falloff(flat: Stack, black: Array, usable: Mask) -> FlatFalloff | None:
     """The fall of light towards the corners; None if the image is too small.
 
     A uniform source is rarely quite uniform: a slope across the image is fitted along and left out.
@@ -44,7 +43,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
     each = (cut.site[:, None] == np.arange(len(black))).astype(np.float64)
     slope = np.stack([x / width, y / height], axis=1)
     values = np.zeros(5 + len(black))
-    inverse: npt.NDArray[np.floating] = np.eye(len(values))
+    inverse: Floats = np.eye(len(values))
     weight = light**2 / np.maximum(cut.variance / (cut.count * flat.frames), 1e-9)
     for _ in range(8):
         lens = np.maximum(1.0 + powers @ values[:3], 0.05)
@@ -58,7 +57,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
     return FlatFalloff((a, b, c), error)
 
 
-def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | None:
+def plateau(flats: Sequence[Stack], black: Array, usable: Mask) -> Ceiling | None:
     """Return where the flats end: photosites that have less than shorter flats predict."""
     ordered = sorted(flats, key=lambda flat: flat.time)
     candidates: list[Ceiling] = []
@@ -91,7 +90,7 @@ def _flat(image: npt.NDArray[Kind], stack: Stack) -> npt.NDArray[Kind]:
 
 
 def shared_levels(
-    flats: Sequence[Stack], black: Array, usable: Bool, white: float, top: float
+    flats: Sequence[Stack], black: Array, usable: Mask, white: float, top: float
 ) -> list[LevelPairs]:
     """Return what neighbouring flats share, for `linearity.straightness`; white, top: DN above black."""
     ordered = sorted(flats, key=lambda flat: flat.time)
@@ -107,7 +106,7 @@ def shared_levels(
     return pairs
 
 
-def _errors(cut: Tiles, good: npt.NDArray[np.bool_], stack: Stack) -> Array:
+def _errors(cut: Tiles, good: Mask, stack: Stack) -> Array:
     """Variance of the mean of each tile, DN^2."""
     return np.asarray((cut.variance / (cut.count * stack.frames))[good])
 

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array
 
 DEVIATES = 0.008
 """Share at white that has to be exceeded for a signal to count as bent; less is not worth a curve."""

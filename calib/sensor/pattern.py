@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.sensor.stack import Bool, Stack, sites
-
-Array = npt.NDArray[np.float64]
+from calib.sensor.stack import Stack, sites
+from imaging.arrays import Array, Mask
 
 BOX = 5
 
 
-def photo_response(flat: Stack, dark: Stack | None, black: Array, usable: Bool) -> tuple[float, float] | None:
+def photo_response(flat: Stack, dark: Stack | None, black: Array, usable: Mask) -> tuple[float, float] | None:
     """PRNU, relative, and its standard error.
 
     black: levels [sites]; dark: frames whose pattern is taken off.
@@ -34,7 +33,7 @@ def photo_response(flat: Stack, dark: Stack | None, black: Array, usable: Bool) 
     return _strength(halves, mask, level)
 
 
-def dark_signal(dark: Stack, usable: Bool) -> tuple[float, float] | None:
+def dark_signal(dark: Stack, usable: Mask) -> tuple[float, float] | None:
     """DSNU, DN, and its standard error."""
     if dark.frames < 2:
         return None
@@ -42,7 +41,7 @@ def dark_signal(dark: Stack, usable: Bool) -> tuple[float, float] | None:
     return _strength(halves, sites(usable, dark.tile), np.ones_like(halves[0]))
 
 
-def _strength(halves: list[Array], mask: Bool, level: Array) -> tuple[float, float] | None:
+def _strength(halves: list[Array], mask: Mask, level: Array) -> tuple[float, float] | None:
     """Strength of the halves relative to a level. It divides last: both have its noise in common."""
     # A photosite beside a defect has fewer neighbours; leaving it out is simpler than its own factor.
     whole = ndimage.minimum_filter(mask, size=(1, BOX, BOX), mode="constant", cval=0)

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array, Floats, Mask
 
 QUANTISATION = 1.0 / 12.0
 """DN^2; holds once the scatter before rounding is above some 0.4 DN."""
@@ -47,7 +46,7 @@ class Points:
         light = self.light * (1.0 + share * self.light)
         return Points(light, self.variance * slope**2, self.freedom)
 
-    def part(self, keep: npt.NDArray[np.bool_]) -> "Points":
+    def part(self, keep: Mask) -> "Points":
         """The points that `keep` [N] selects."""
         return Points(self.light[keep], self.variance[keep], self.freedom[keep])
 
@@ -82,7 +81,7 @@ def fit(points: Points) -> Transfer | None:
     design = np.stack([points.light, np.ones_like(points.light)], axis=1)
     expected: Array = np.maximum(points.variance, SMALLEST)
     values = np.zeros(2)
-    inverse: npt.NDArray[np.floating] = np.eye(2)
+    inverse: Floats = np.eye(2)
     for _ in range(8):
         weight = points.freedom / (2.0 * expected**2)
         normal = design.T @ (design * weight[:, None])

@@ -7,9 +7,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Map = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
+from imaging.arrays import Array, Array32, Floats, Integers, Mask
+
 Kind = TypeVar("Kind", bound=np.generic)
 
 TILE = 8
@@ -37,15 +36,15 @@ class Stack:
 
     time: float
     frames: int
-    halves: Map
-    variance: Map
+    halves: Array32
+    variance: Array32
     levels: Array
     rows: tuple[float, float]
     top: int
     tile: Period = EVEN
 
     @property
-    def mean(self) -> Map:
+    def mean(self) -> Array32:
         """Mean of all frames, float32 [H, W]."""
         count = np.array((self.frames - self.frames // 2, max(self.frames // 2, 1)), np.float32)
         return np.asarray(np.tensordot(count / count.sum(), self.halves, 1), np.float32)
@@ -59,7 +58,7 @@ def gather(
     black: of flats, DN: their light flickers, so frames are scaled to one level above it. Darks (None)
     are shifted to one level instead. tile: as of `Stack`.
     """
-    first: Map | None = None
+    first: Array32 | None = None
     previous = sums = square = halves = np.zeros(0, np.float32)
     levels: list[Array] = []
     common: list[Array] = []
@@ -105,7 +104,7 @@ def gather(
     return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top, tile)
 
 
-def _rows(common: list[Array], variance: Map) -> tuple[float, float]:
+def _rows(common: list[Array], variance: Array32) -> tuple[float, float]:
     """Variance of row noise from row means of differences of frames, less what single photosites explain."""
     if not common:
         return 0.0, float("inf")
@@ -135,7 +134,7 @@ class Tiles:
     photosites.
     """
 
-    site: npt.NDArray[np.int64]
+    site: Integers
     row: Array
     column: Array
     mean: Array
@@ -144,7 +143,7 @@ class Tiles:
     count: Array
 
 
-def tiles(stack: Stack, usable: Bool) -> Tiles:
+def tiles(stack: Stack, usable: Mask) -> Tiles:
     """Means of the usable photosites of a CFA site over `TILE` x `TILE` of them, fewer of a large tile."""
     mask = sites(usable, stack.tile).astype(np.float64)
     mean, variance = sites(stack.mean, stack.tile), sites(stack.variance, stack.tile)
@@ -164,7 +163,7 @@ def tiles(stack: Stack, usable: Bool) -> Tiles:
     )
 
 
-def _pooled(planes: npt.NDArray[np.floating], side: int) -> Array:
+def _pooled(planes: Floats, side: int) -> Array:
     """Sums over whole squares: [sites, h, w] -> [sites, h / side, w / side]."""
     down, across = planes.shape[1] // side, planes.shape[2] // side
     cut = planes[:, : down * side, : across * side].astype(np.float64)

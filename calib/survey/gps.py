@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.views import View
 from calib.poses.sfm import SceneModel, centres, transformed
@@ -17,8 +16,6 @@ from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 NAME = "gps"
 FEWEST = 6

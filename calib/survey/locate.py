@@ -9,9 +9,10 @@ from calib.poses.sfm import SceneModel
 from calib.survey import gps, onto, placing
 from calib.survey.control import Control
 from calib.survey.gps import GpsFit
-from calib.survey.marks import Picture, find_markers, joined
+from calib.survey.marks import find_markers, joined
 from calib.survey.onto import Target, place_onto
 from calib.survey.placing import Expected, place_by_survey
+from imaging.arrays import Bytes
 from imaging.errors import CalibrationError
 from imaging.progress import Progress
 from imaging.session.coordinates import CoordinateSystem
@@ -30,7 +31,7 @@ def located(
     features: Mapping[ViewId, Features],
     control: Control | None,
     target: Target | None,
-    read: Callable[[View], Picture],
+    read: Callable[[View], Bytes],
     progress: Progress,
 ) -> tuple[SceneModel, CoordinateSystem | None]:
     """Place the model in the best coordinates available, and return these; None: its own.

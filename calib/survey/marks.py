@@ -6,17 +6,16 @@ from pathlib import Path, PurePath
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calib.data.views import View
 from calib.survey.points import number_of, read_table
+from imaging.arrays import Bytes
 from imaging.errors import InputError
 from imaging.progress import Progress
 from imaging.session.coordinates import PointMark
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
-Picture = npt.NDArray[np.uint8]
 Marks = dict[str, dict[ViewId, PointMark]]
 """Marks by the names of the point and the view."""
 
@@ -105,7 +104,7 @@ def find_markers(
     dictionary: str,
     names: Collection[str],
     views: Sequence[View],
-    read: Callable[[View], Picture],
+    read: Callable[[View], Bytes],
     progress: Progress,
 ) -> Marks:
     """The middles of all markers that are points of the survey, in every view.
@@ -124,7 +123,7 @@ def find_markers(
     return marks
 
 
-def detect(dictionary: str, picture: Picture) -> dict[int, tuple[float, float]]:
+def detect(dictionary: str, picture: Bytes) -> dict[int, tuple[float, float]]:
     """The middle of each marker by number, px, pixel centres at +0.5; one that is there twice is left out.
 
     The middle is where the diagonals meet, which perspective keeps.

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from calib.data.features import FEWEST_MATCHES, Features, extract
@@ -20,6 +19,7 @@ from calib.data.pairs import pairs_to_match
 from calib.data.previews import LOCAL_SHARE, blurred
 from calib.poses.sfm import SceneModel, transformed
 from calib.survey.similarity import Similarity, fit, standard_errors
+from imaging.arrays import Array, Integers, Mask
 from imaging.colour import srgb_decode
 from imaging.errors import CalibrationError, InputError
 from imaging.files.colmap import pycolmap
@@ -29,8 +29,6 @@ from imaging.session.calibration import CalibrationRecord, is_stale, read_calibr
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 NAME = "onto"
 FEWEST_POINTS = 30
@@ -140,7 +138,7 @@ def _median(values: list[float]) -> float:
 
 def _shared_points(
     model: SceneModel, features: Mapping[ViewId, Features], target: Target, progress: Progress
-) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+) -> tuple[Array, Array, Integers]:
     """Scene points of both that the same features show, [K, 3] and [K, 3], and by which of our views, [K]."""
     ours = {view: rows for view, rows in _seen(model.reconstruction).items() if view in features}
     theirs = _seen(target.reconstruction)
@@ -180,11 +178,11 @@ def _shared_points(
 class _Seen:
     """The scene points that a view of a model shows: where, px [K, 2], their numbers and places [K, 3]."""
 
-    def __init__(self, pixels: Array, numbers: npt.NDArray[np.int64], places: Array) -> None:
+    def __init__(self, pixels: Array, numbers: Integers, places: Array) -> None:
         self._tree = KDTree(pixels)
         self._numbers, self._places = numbers, places
 
-    def at(self, pixels: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    def at(self, pixels: Array) -> tuple[Integers, Array]:
         """Numbers and places of the scene points at these places, px; -1 for none."""
         away, nearest = self._tree.query(pixels)
         near = away < NEAR
@@ -223,7 +221,7 @@ def _features_of(target: Target, view: ViewId) -> Features:
     return extract(np.asarray(np.clip((flat - low) / max(high - low, 1e-6), 0, 1), np.float32))
 
 
-def _verified(one: Features, other: Features, camera: Any, other_camera: Any) -> npt.NDArray[np.int64]:
+def _verified(one: Features, other: Features, camera: Any, other_camera: Any) -> Integers:
     """Matches [M, 2] of two views that fit an epipolar geometry; none where they are too few to mean it."""
     matches = match(one.descriptors, other.descriptors)
     if len(matches) < FEWEST_MATCHES:
@@ -239,7 +237,7 @@ def _verified(one: Features, other: Features, camera: Any, other_camera: Any) ->
     return inliers if len(inliers) >= FEWEST_MATCHES else np.zeros((0, 2), np.int64)
 
 
-def _agreeing(ours: Array, theirs: Array) -> tuple[Similarity, npt.NDArray[np.bool_]]:
+def _agreeing(ours: Array, theirs: Array) -> tuple[Similarity, Mask]:
     """The similarity that most points agree about, and which do."""
     nothing = Similarity(1.0, np.eye(3), np.zeros(3)), np.zeros(len(ours), bool)
     if len(ours) < FEWEST_POINTS:

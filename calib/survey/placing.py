@@ -5,19 +5,17 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.poses.sfm import SceneModel, transformed
 from calib.survey.marks import Marks
 from calib.survey.points import Survey
 from calib.survey.sightings import Sighting, Views, mark_error
 from calib.survey.similarity import FEWEST, TOO_FAR, Similarity, consensus, fit, is_line, standard_errors
+from imaging.arrays import Array, Mask
 from imaging.errors import CalibrationError
 from imaging.session.coordinates import CoordinateSystem, SurveyedPoint, length_text
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 NAME = "survey"
 UPSIDE_DOWN = -0.5
@@ -152,7 +150,7 @@ def _upside_down(model: SceneModel, similarity: Similarity) -> str:
     )
 
 
-def _is_gross(points: _Points, similarity: Similarity, fits: npt.NDArray[np.bool_], noise: Array) -> bool:
+def _is_gross(points: _Points, similarity: Similarity, fits: Mask, noise: Array) -> bool:
     """Return whether even the best agreeing points miss by more than noise and a share of their distances."""
     there = points.there[fits]
     rms = float(np.sqrt(((similarity(points.here[fits]) - there) ** 2).sum(1).mean()))
@@ -191,9 +189,7 @@ def _require_same_unit(ratio: float, expected: Expected) -> None:
     )
 
 
-def _no_fit(
-    points: _Points, similarity: Similarity, fits: npt.NDArray[np.bool_], noise: Array, stated: bool
-) -> str:
+def _no_fit(points: _Points, similarity: Similarity, fits: Mask, noise: Array, stated: bool) -> str:
     missed = np.linalg.norm(similarity(points.here) - points.there, axis=1)
     worst = ", ".join(
         f"{points.names[place]} by {length_text(float(missed[place]))}" for place in np.argsort(-missed)[:3]
@@ -205,7 +201,7 @@ def _no_fit(
     )
 
 
-def _exchanged(points: _Points, fits: npt.NDArray[np.bool_], noise: Array, stated: bool) -> str:
+def _exchanged(points: _Points, fits: Mask, noise: Array, stated: bool) -> str:
     """Return what makes all of them fit: two names or two axes exchanged; empty if nothing does."""
     if len(points.names) <= FEWEST:
         return ""
@@ -253,7 +249,7 @@ def _table(
     marks: Marks,
     sightings: Mapping[str, Sighting],
     points: _Points,
-    fits: npt.NDArray[np.bool_],
+    fits: Mask,
     misses: Array,
     views: Views,
     shrunk: Mapping[str, Array],

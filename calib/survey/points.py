@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.survey.similarity import FEWEST
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
-
-Array = npt.NDArray[np.float64]
 
 _SYSTEMS = (
     (("x",), ("y",), ("z",)),

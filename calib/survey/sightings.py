@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 MISSED = 4.0
 """px of the picture by which a mark may miss where the others put the point."""

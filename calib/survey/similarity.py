@@ -6,13 +6,10 @@ from math import comb
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr, stdtrit
 
+from imaging.arrays import Array, Integers, Mask
 from imaging.files.colmap import pycolmap
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 FEWEST = 3
 MOST_TRIPLES = 4000
@@ -131,7 +128,7 @@ def is_line(points: Array, noise: float) -> bool:
 
 
 def standard_errors(
-    target: Array, misses: Array, noise: Array, groups: npt.NDArray[np.int64] | None = None
+    target: Array, misses: Array, noise: Array, groups: Integers | None = None
 ) -> tuple[float, float, float]:
     """Standard errors of a fit: scale (relative), rotation (worst axis, degrees) and the middle's place
     (worst axis).

@@ -3,19 +3,17 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from calib.adjustment.place_priors import StatedPlace
 from calib.data.views import View
 from calib.survey.gps import FEWEST
 from calib.survey.points import east_north_up
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
 from imaging.mosaic import FrameMetadata
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 FLAT, UP = 2.5, 6.0
 """m: standard deviations of a receiver's position and height where the file states none."""

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.bracket.code_noise import CodeNoise
 from capture.bracket.raw_noise import RawNoise
+from imaging.arrays import Array, Mask
 from imaging.exposure import Exposure
-
-Values = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -32,9 +29,9 @@ class Reach:
 
     dark: float
     bright: float
-    low: Values
-    high: Values
-    handed: Values
+    low: Array
+    high: Array
+    handed: Array
 
     @classmethod
     def of(
@@ -64,13 +61,13 @@ class Reach:
         above_any, below_any, between_any = (np.asarray(cut.any(axis=0)) for cut in (above, below, between))
         return above_any, below_any, between_any
 
-    def worth(self) -> Values:
+    def worth(self) -> Array:
         """SNR in dB at the hand-over of every two exposures, [shorter, longer]; infinite without one."""
         there = (self.dark <= self.high) & (self.high < self.bright) & (self.low[:, None] <= self.high)
         return np.where(there, self.handed, np.inf)
 
 
-def balance(reaches: Sequence[Reach], times: Values, count: int, most: float) -> list[int]:
+def balance(reaches: Sequence[Reach], times: Array, count: int, most: float) -> list[int]:
     """`count` exposures that miss nothing, with the best worst hand-over, of those the quickest.
 
     times: [n], s; most: s of all together. Indices ascend; empty if no bracket is quick enough.
@@ -95,7 +92,7 @@ def balance(reaches: Sequence[Reach], times: Values, count: int, most: float) ->
 
 
 def _quickest(
-    shortest: Mask, longest: Mask, joined: Mask, times: Values, count: int
+    shortest: Mask, longest: Mask, joined: Mask, times: Array, count: int
 ) -> tuple[list[int], float]:
     """The path of `count` exposures from a possible shortest to a possible longest one, and its seconds."""
     seconds = np.where(shortest, times, np.inf)

@@ -13,16 +13,13 @@ from capture.bracket.percentile import (
     DARK_PERCENTILE,
     DARK_SHARE,
     TAKES,
-    Values,
     percentile,
     subsampled,
     without_hot_pixels,
 )
 from capture.bracket.planner import Target
+from imaging.arrays import Array, Array32
 from imaging.exposure import Exposure
-
-Codes = npt.NDArray[np.float32]
-"""Codes of a photograph, 0..1, [H, W, 3]."""
 
 PAIRS = 20_000
 """Codes that are compared from one probe to the next."""
@@ -41,8 +38,8 @@ class CodeLook:
     def __init__(self) -> None:
         self._probes: dict[Exposure, dict[tuple[int, int], npt.NDArray[np.uint16]]] = {}
 
-    def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
-        """Keep a photograph, or a sufficient sample of a large one."""
+    def add(self, exposure: Exposure, position: int, take: int, codes: Array32) -> None:
+        """Keep a photograph, its codes [H, W, 3] in 0..1, or a sufficient sample of a large one."""
         stored = np.rint(subsampled(codes) * _LARGEST).astype(np.uint16)
         self._probes.setdefault(exposure, {})[position, take] = stored
 
@@ -83,12 +80,12 @@ class CodeLook:
             )
         return targets
 
-    def _all(self, exposure: Exposure) -> Codes:
+    def _all(self, exposure: Exposure) -> Array32:
         """Every pixel of an exposure, [N, 3]."""
         stored = np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
         return stored.astype(np.float32) / _LARGEST
 
-    def _take(self, exposure: Exposure, take: int) -> Codes:
+    def _take(self, exposure: Exposure, take: int) -> Array32:
         """Photographs of one take at all positions, one below the other, [H, W, 3]."""
         photos = self._probes[exposure]
         stored = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
@@ -106,7 +103,7 @@ class CodeLook:
             stops.append(np.full(len(tight), longer.stops - shorter.stops))
         return CodeNoise.of(np.concatenate(lower), np.concatenate(upper), np.concatenate(stops))
 
-    def _radiance(self, ascending: list[Exposure], take: int, noise: CodeNoise) -> Values:
+    def _radiance(self, ascending: list[Exposure], take: int, noise: CodeNoise) -> Array:
         """Radiance [N, 3] by the brightest trusted code; a bound at either end of what was probed."""
         radiance = np.full(self._take(ascending[0], take).shape, noise.brightest(ascending[0]))
         for exposure in ascending:

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Floats
 from imaging.colour import srgb_decode
 from imaging.exposure import Exposure
 from imaging.merge.linear_frame import CODE_NOISE
-
-Values = npt.NDArray[np.float64]
 
 DARKEST, BRIGHTEST = 10 / 255, 245 / 255
 """Codes between which a photograph is trusted: below are compression and a black point, above a shoulder."""
@@ -35,12 +33,12 @@ class CodeNoise:
     A higher ISO counts as light alone, since its noise is not known.
     """
 
-    codes: Values
-    light: Values
-    ratios: Values
+    codes: Array
+    light: Array
+    ratios: Array
 
     @classmethod
-    def of(cls, lower: Values, upper: Values, stops: Values) -> Self:
+    def of(cls, lower: Array, upper: Array, stops: Array) -> Self:
         """Fit the model to codes [n] of the same pixels in two exposures at a known distance in stops.
 
         Least squares on NODES spread evenly over the logarithm of light as sRGB has it; a curve that
@@ -68,11 +66,11 @@ class CodeNoise:
         """Stops between the darkest and the brightest code."""
         return float(-self.light[0] / math.log(2))
 
-    def light_of(self, codes: npt.NDArray[np.floating]) -> Values:
+    def light_of(self, codes: Floats) -> Array:
         """Light of codes, 1 at BRIGHTEST; those beyond the trusted ones as their ends."""
         return np.asarray(np.exp(np.interp(codes, self.codes, self.light)))
 
-    def snrs(self, radiances: Values, exposure: Exposure) -> Values:
+    def snrs(self, radiances: Array, exposure: Exposure) -> Array:
         """Signal to noise in dB, 20 log10; below the darkest code it falls with the light."""
         light = np.log(np.maximum(radiances * exposure.scale, 1e-300))
         below = np.minimum(light - self.light[0], 0.0)
@@ -92,7 +90,7 @@ class CodeNoise:
         return 1.0 / exposure.scale
 
 
-def _hat(codes: Values, nodes: Values) -> Values:
+def _hat(codes: Array, nodes: Array) -> Array:
     """Weights [n, NODES] that interpolate between nodes at the logarithm of the light of `codes` [n]."""
     scale = np.log(srgb_decode(np.clip(codes, DARKEST, BRIGHTEST))).astype(np.float64)
     place = np.clip((scale - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 1 - 1e-9)

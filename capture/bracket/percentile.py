@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-Values = npt.NDArray[np.float64]
+from imaging.arrays import Array
 
 DARK_PERCENTILE, BRIGHT_PERCENTILE = 0.1, 99.99
 DARK_SHARE, BRIGHT_SHARE = DARK_PERCENTILE / 100.0, 1.0 - BRIGHT_PERCENTILE / 100.0
@@ -22,7 +22,7 @@ HOT = 4.0
 Pixel = TypeVar("Pixel", bound=np.generic)
 
 
-def percentile(first: Values, other: Values, rank: float) -> float:
+def percentile(first: Array, other: Array, rank: float) -> float:
     """A percentile of the truth behind two noisy takes [n] of it: ranked in one, measured in the other.
 
     The median over all ranks beyond the percentile, which errs outwards as far as misjudged ranks err
@@ -48,7 +48,7 @@ def subsampled(pixels: npt.NDArray[Pixel], period: int = 1) -> npt.NDArray[Pixel
     return pixels[np.ix_(rows, columns)]
 
 
-def without_hot_pixels(plane: Values) -> Values:
+def without_hot_pixels(plane: Array) -> Array:
     """One colour [H, W] without hot photosites: those HOT times above their eight neighbours.
 
     They become as bright as the brightest of these. A lens spreads a true highlight further.

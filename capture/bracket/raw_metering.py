@@ -5,20 +5,19 @@ from dataclasses import replace
 from math import lcm
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.bracket.percentile import (
     BRIGHT_PERCENTILE,
     BRIGHT_SHARE,
     DARK_PERCENTILE,
     TAKES,
-    Values,
     percentile,
     subsampled,
     without_hot_pixels,
 )
 from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
+from imaging.arrays import Array, Bytes
 from imaging.cfa import Cfa
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
@@ -125,7 +124,7 @@ def _exposure(shots: Shots) -> Exposure:
     return exposure
 
 
-def _sites(frame: RawMosaic) -> npt.NDArray[np.uint8]:
+def _sites(frame: RawMosaic) -> Bytes:
     return _table(frame).channels(*frame.pixels.shape)
 
 
@@ -140,13 +139,13 @@ def _counted(shots: Shots) -> range:
     return range(len(_table(next(iter(shots.values()))).letters))
 
 
-def _channel(shots: Shots, take: int, channel: int) -> Values:
+def _channel(shots: Shots, take: int, channel: int) -> Array:
     """Signal of one channel in one take at all positions."""
     frames = [shots[key] for key in sorted(shots) if key[1] == take]
     return np.concatenate([frame.signal()[_sites(frame) == channel] for frame in frames]).astype(np.float64)
 
 
-def _without_hot_pixels(merged: Merged, cfa: Cfa) -> Values:
+def _without_hot_pixels(merged: Merged, cfa: Cfa) -> Array:
     """A merged mosaic [H, W] without hot photosites, by the neighbours of the same site."""
     result, (down, across) = merged.radiance.astype(np.float64), cfa.period
     for row, column in np.ndindex(down, across):

@@ -7,15 +7,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 from imaging.merge.bracket import MARGIN
 from imaging.mosaic import RawMosaic
 from imaging.noise import SensorNoise
-
-Values = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class RawNoise:
         gained = self.sensor.model_copy(update={"gain": self.sensor.gain * exposure.iso_gain})
         return gained.profile(0.0, self.span)
 
-    def snrs(self, radiances: Values, exposure: Exposure) -> Values:
+    def snrs(self, radiances: Array, exposure: Exposure) -> Array:
         """Signal to noise in dB, 20 log10, of positive radiances [n]. Clipping is ignored."""
         slope, floor = self.profile(exposure)
         signal = radiances * exposure.scale

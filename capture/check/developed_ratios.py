@@ -14,11 +14,10 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from capture.pictures.reduced import PatchCodes
+from imaging.arrays import Array, Mask
 from imaging.colour import srgb_decode
 from imaging.merge.ratios import LABEL_SIGMA, Ratio
 from imaging.robust import huber_weight, robust_scale
-
-Array = npt.NDArray[np.float64]
 
 LOWEST, HIGHEST = 5.0, 248.0
 """Mean codes of a patch between which it is used."""
@@ -104,7 +103,7 @@ class _Pairs:
     from_step: npt.NDArray[np.intp]
     to_step: npt.NDArray[np.intp]
 
-    def only(self, keep: npt.NDArray[np.bool_]) -> "_Pairs":
+    def only(self, keep: Mask) -> "_Pairs":
         """Filter the pairs by `keep`."""
         return _Pairs(
             self.long[keep], self.short[keep], self.step[keep], self.from_step[keep], self.to_step[keep]

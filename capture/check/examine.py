@@ -15,10 +15,10 @@ from capture.check.exposure_estimates import ExposureEstimate, estimates, meant,
 from capture.check.findings import ProblemKind, ShotLook
 from capture.pictures.read import Examined, PictureFacts, examine
 from capture.pictures.reduced import ReducedPicture
+from imaging.arrays import Mask
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.merge.linear_frame import Bool
 from imaging.merge.masks import mask_of
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
@@ -144,7 +144,7 @@ def _read(session: Session, shot: ShotRecord) -> Examined | Failure:
         return "torn", f"{shot.file} cannot be read to its end ({str(error).split(': ')[0]})"
 
 
-def _counts(session: Session, shot: ShotRecord) -> Bool | None:
+def _counts(session: Session, shot: ShotRecord) -> Mask | None:
     """Return what the mask of a shot lets through; None without one, or with one that cannot be read."""
     try:
         return mask_of(session, shot, shot.height, shot.width)

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from imaging import dial_settings
+from imaging.arrays import Array
 from imaging.exposure import Exposure
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.ratios import Ratio, overlap, ratio, solve
-
-Array = npt.NDArray[np.float64]
 
 TRUSTED = 0.02
 """Standard error, relative, above which an estimate is no better than a label, and none is made."""

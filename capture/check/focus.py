@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from capture.pictures.reduced import Bool, Float, ReducedPicture
+from capture.pictures.reduced import ReducedPicture
+from imaging.arrays import Array32, Mask
 
 BLURS = (0.7, 1.4, 2.8)
 """Standard deviations, in samples of `ReducedPicture.green`, between which detail is fine, and coarse."""
@@ -42,10 +43,10 @@ class Detail:
     usable: where a picture is well exposed; noise: energy of noise in the coarse band.
     """
 
-    fine: Float
-    coarse: Float
-    noise: Float
-    usable: Bool
+    fine: Array32
+    coarse: Array32
+    noise: Array32
+    usable: Mask
 
 
 def detail(picture: ReducedPicture) -> Detail:
@@ -63,7 +64,7 @@ def detail(picture: ReducedPicture) -> Detail:
     )
 
 
-def sharpness(picture: Detail, where: Bool | None = None) -> float | None:
+def sharpness(picture: Detail, where: Mask | None = None) -> float | None:
     """Fine over coarse detail, amplitudes, where the picture (and `where`) allows, or None with too little
     texture.
 

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.pictures.reduced import Bool, Float, ReducedPicture
+from capture.pictures.reduced import ReducedPicture
+from imaging.arrays import Array, Array32, Mask
 
 DARKEST, BRIGHTEST = 0.02, 0.9
 """Levels of the longer exposure between which the two are compared."""
@@ -56,10 +57,10 @@ class Motion:
 class _Pair(NamedTuple):
     """Logarithms of light of the longer and the shorter, standard deviation of their difference, where."""
 
-    long: Float
-    short: Float
-    sigma: Float
-    usable: Bool
+    long: Array32
+    short: Array32
+    sigma: Array32
+    usable: Mask
     different: float
 
 
@@ -100,13 +101,13 @@ def _pair(longer: ReducedPicture, shorter: ReducedPicture) -> _Pair | None:
     return _Pair(logs[0], logs[1], relative.astype(np.float32), usable, different)
 
 
-def _relative(picture: ReducedPicture, light: Float) -> Float:
+def _relative(picture: ReducedPicture, light: Array32) -> Array32:
     return np.asarray(
         np.sqrt(picture.noise.variance(light) / (4 * np.pi)) / np.maximum(light, 1e-6), np.float32
     )
 
 
-def _matched(pair: _Pair, long: Float, short: Float, shift: npt.NDArray[np.float64]) -> _Pair:
+def _matched(pair: _Pair, long: Array32, short: Array32, shift: Array) -> _Pair:
     """The pair with the shorter developed as the longer is, by the curve of medians between their codes."""
     there, usable = _moved_back(pair._replace(short=short), shift)
     edges = np.unique(np.quantile(there[usable], np.linspace(0.0, 1.0, BINS + 1)))
@@ -122,7 +123,7 @@ def _matched(pair: _Pair, long: Float, short: Float, shift: npt.NDArray[np.float
     return pair._replace(short=np.log(np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), 1e-6)))
 
 
-def _shift(pair: _Pair, start: npt.NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
+def _shift(pair: _Pair, start: Array) -> tuple[tuple[float, float], float] | None:
     """Shift in samples, and the standard error of its length from how parts of the picture scatter."""
     shift = start
     error = np.inf
@@ -152,7 +153,7 @@ def _averaged(pair: _Pair, level: int) -> _Pair:
         return pair
     height, width = (side // level for side in pair.long.shape)
 
-    def small(image: Float) -> Float:
+    def small(image: Array32) -> Array32:
         cut = np.asarray(image[: height * level, : width * level], np.float32)
         return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
@@ -160,7 +161,7 @@ def _averaged(pair: _Pair, level: int) -> _Pair:
     return _Pair(small(pair.long), small(pair.short), small(pair.sigma), usable, pair.different)
 
 
-def _step(pair: _Pair, shift: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], float] | None:
+def _step(pair: _Pair, shift: Array) -> tuple[Array, float] | None:
     """One step of the shift, and its standard error, over tiles."""
     short, usable = _moved_back(pair, shift)
     usable = cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
@@ -197,7 +198,7 @@ def _step(pair: _Pair, shift: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.f
     return step[:2], float(np.sqrt(max(covariance[0, 0] + covariance[1, 1], 0.0)))
 
 
-def _moved_back(pair: _Pair, shift: npt.NDArray[np.float64]) -> tuple[Float, Bool]:
+def _moved_back(pair: _Pair, shift: Array) -> tuple[Array32, Mask]:
     """The shorter exposure at the places of the longer one, and where both are usable."""
     if not np.any(shift):
         return pair.short, pair.usable
@@ -214,7 +215,7 @@ def _moved(pair: _Pair, shift: tuple[float, float]) -> float:
     short, usable = _moved_back(pair, np.array(shift))
     height, width = (side // BLOCK * BLOCK for side in usable.shape)
 
-    def blocks(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+    def blocks(image: npt.NDArray[np.generic]) -> Array:
         cut = image[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK)
         return np.asarray(cut.mean((1, 3), dtype=np.float64))
 

@@ -12,15 +12,13 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.imports.grouping import Bracket
+from imaging.arrays import Array
 from imaging.session.records import CameraRecord
 
 Together = Literal["time", "order", "never"]
 """Criterion that joins brackets of several cameras into one frame: their time, their order, or none."""
-
-Array = npt.NDArray[np.float64]
 
 JITTER = 1.0
 """Seconds by which brackets of one instant differ at most: EXIF counts in whole ones."""

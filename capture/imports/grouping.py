@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.bracket.deviation import TOLERANCE_STOPS
 from capture.imports.originals import Original
+from imaging.arrays import Array
 from imaging.session.records import CameraRecord
 
 DISTINCT_STOPS = 0.5
@@ -108,7 +108,7 @@ def _cycle(photos: list[Original]) -> int | None:
     return None
 
 
-def _repeats(stops: npt.NDArray[np.float64], moved: bool) -> bool:
+def _repeats(stops: Array, moved: bool) -> bool:
     """Return whether the rows [brackets, steps] are one pattern of distinct exposures, each row moved or
     not.
     """

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
-import numpy.typing as npt
 
 from capture.imports.originals import shown
+from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files import store
@@ -114,7 +113,7 @@ def _colour(video: Path) -> tuple[int, int]:
     return UNSPECIFIED, UNSPECIFIED
 
 
-def _frames(capture: Any) -> Iterator[npt.NDArray[np.uint8]]:
+def _frames(capture: Any) -> Iterator[Bytes]:
     while True:
         there, frame = capture.read()
         if not there:
@@ -122,7 +121,7 @@ def _frames(capture: Any) -> Iterator[npt.NDArray[np.uint8]]:
         yield frame
 
 
-def _sharpest(frames: Iterable[npt.NDArray[np.uint8]], part: int) -> Iterator[npt.NDArray[np.uint8]]:
+def _sharpest(frames: Iterable[Bytes], part: int) -> Iterator[Bytes]:
     """Sharpest of every `part` frames, uint8 [H, W, 3]: the most contrast between neighbouring pixels."""
     best, most, number = None, -1.0, 0
     for number, frame in enumerate(frames, start=1):

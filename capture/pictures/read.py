@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.pictures import reduced, thumbnails
 from capture.pictures.reduced import ReducedPicture
+from imaging.arrays import Array32, Mask
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.files.exr import read_exr_header
@@ -15,7 +15,7 @@ from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.files.radiance_hdr import SUFFIX as RADIANCE
 from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
-from imaging.merge.linear_frame import Bool, LinearFrame, from_raw
+from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.masks import without
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import ImageKind
@@ -72,7 +72,7 @@ def read_picture(path: Path) -> PictureFacts:
     return _shares(path, _content(path))
 
 
-def examine(path: Path, counts: Bool | None = None) -> Examined:
+def examine(path: Path, counts: Mask | None = None) -> Examined:
     """Read a whole file, for what it shows; InputError if it is no picture, or is torn.
 
     counts: bool [H, W], which pixels a mask lets through, the others being left out where the picture is
@@ -94,7 +94,7 @@ def examine(path: Path, counts: Bool | None = None) -> Examined:
     return Examined(picture, small, thumbnails.of_light(light))
 
 
-def _fitting(counts: Bool | None, picture: PictureFacts) -> Bool | None:
+def _fitting(counts: Mask | None, picture: PictureFacts) -> Mask | None:
     return None if counts is None or counts.shape != (picture.height, picture.width) else counts
 
 
@@ -167,7 +167,7 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> PictureFacts:
     return PictureFacts("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
 
 
-def _photo_shares(pixels: npt.NDArray[np.float32]) -> tuple[tuple[float, float, float], float, float]:
+def _photo_shares(pixels: Array32) -> tuple[tuple[float, float, float], float, float]:
     red, green, blue = (np.count_nonzero(pixels[..., c] >= 1.0) / pixels[..., c].size for c in range(3))
     lit = np.count_nonzero(pixels > float(srgb_encode(np.array(LIT)))) / pixels.size
     return (red, green, blue), np.count_nonzero(pixels <= 0.0) / pixels.size, lit

@@ -5,14 +5,11 @@ from itertools import product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import Cfa, cell_means
 from imaging.colour import srgb_decode
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
-
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
 
 ENOUGH = 1 << 21
 """Samples of a picture from which exposure ratios are taken; of larger ones blocks are averaged."""
@@ -34,9 +31,9 @@ class PatchCodes:
     The mean is NaN where a patch holds a pixel that a mask hides.
     """
 
-    mean: Float
-    low: Float
-    high: Float
+    mean: Array32
+    low: Array32
+    high: Array32
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +46,8 @@ class ReducedPicture:
     sensor saw it, for exposure ratios, or None where a camera developed it; patches: then its codes.
     """
 
-    green: Float
-    clipped: Bool
+    green: Array32
+    clipped: Mask
     noise: SensorSignalNoise
     linear: LinearFrame | None
     patches: PatchCodes | None
@@ -73,7 +70,7 @@ def of_raw(frame: LinearFrame, cfa: Cfa | None) -> ReducedPicture:
     )
 
 
-def of_photo(pixels: Float, counts: Bool | None = None) -> ReducedPicture:
+def of_photo(pixels: Array32, counts: Mask | None = None) -> ReducedPicture:
     """Reduce a developed photograph [H, W, 3], 0..1, taken for sRGB until its curve is known.
 
     counts: bool [H, W], which pixels a mask lets through; None: all.
@@ -92,7 +89,7 @@ def of_photo(pixels: Float, counts: Bool | None = None) -> ReducedPicture:
     )
 
 
-def of_light(light: Float, counts: Bool | None = None) -> ReducedPicture:
+def of_light(light: Array32, counts: Mask | None = None) -> ReducedPicture:
     """Linear light [H, W, 3], which is merged already: brought to where 1 is its brightest percentile.
 
     counts: as of `of_photo`.
@@ -106,7 +103,7 @@ def of_light(light: Float, counts: Bool | None = None) -> ReducedPicture:
     )
 
 
-def _halved(image: Float) -> Float:
+def _halved(image: Array32) -> Array32:
     """Mean of each 2x2 samples; an odd last row or column is left out."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     return np.asarray(
@@ -114,14 +111,14 @@ def _halved(image: Float) -> Float:
     )
 
 
-def _hidden(counts: Bool | None, green: Float) -> Bool:
+def _hidden(counts: Mask | None, green: Array32) -> Mask:
     """Return which samples have a pixel that a mask hides, of the shape of `green`."""
     if counts is None:
         return np.zeros(green.shape, bool)
     return _halved(counts.astype(np.float32)) < 1.0
 
 
-def _patches(codes: Float, counts: Bool | None) -> PatchCodes:
+def _patches(codes: Array32, counts: Mask | None) -> PatchCodes:
     size = max(3, codes.shape[1] // WIDEST)
     height, width = codes.shape[0] // size, codes.shape[1] // size
     cut = 255 * codes[: height * size, : width * size]
@@ -158,7 +155,7 @@ def _reduced(frame: LinearFrame, cfa: Cfa | None) -> LinearFrame:
     return LinearFrame(signal, frame.k, saturated, none, valid, None, noise, ceiling=1.0)
 
 
-def _blocks(image: Float, side: int) -> Float:
+def _blocks(image: Array32, side: int) -> Array32:
     """Means [h, w, channels] over whole squares of that many pixels a side."""
     high, wide = image.shape[0] // side, image.shape[1] // side
     cut = image[: high * side, : wide * side]

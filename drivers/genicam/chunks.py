@@ -3,10 +3,8 @@
 import struct
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from drivers.errors import CameraProtocol
+from imaging.arrays import Bytes
 
 ByteOrder = Literal["little", "big"]
 CHUNKS = 0x4000
@@ -19,9 +17,7 @@ class ChunksRefused(CameraProtocol):
     """A payload whose chunks are not understood; without them the frame may be."""
 
 
-def split_chunks(
-    payload: npt.NDArray[np.uint8], order: ByteOrder
-) -> tuple[npt.NDArray[np.uint8], dict[int, bytes]]:
+def split_chunks(payload: Bytes, order: ByteOrder) -> tuple[Bytes, dict[int, bytes]]:
     """The image, which comes first, and the other chunks by ChunkID. ChunksRefused if they do not add up."""
     tag = _TAGS[order]
     chunks: dict[int, bytes] = {}

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import CameraProtocol, CameraRefused
+from imaging.arrays import Bytes
 from imaging.cfa import Cfa
 from imaging.compute.jit import compiled
 
-Bytes = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint16]
 
 

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from drivers.genicam.chunks import ByteOrder
 from drivers.genicam.nodemap import NodeMap
+from imaging.arrays import Bytes
 
 
 class Leader(Protocol):
@@ -54,7 +52,7 @@ class Frame:
     """A frame as it came. payload: uint8; problem: what is missing of it, None if nothing is."""
 
     leader: Leader
-    payload: npt.NDArray[np.uint8]
+    payload: Bytes
     problem: str | None
 
 

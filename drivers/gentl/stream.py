@@ -5,13 +5,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.errors import CameraProtocol, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.session import Frame
 from drivers.gentl.abi import FLUSH_ALL, NEW_BUFFER_EVENT, NO_LIMIT, BufferInfo, Library, StreamInfo
+from imaging.arrays import Bytes
 from imaging.errors import CameraError
 
 _BUFFERS = 4
@@ -19,7 +19,7 @@ _LARGEST = 1 << 31
 """Bytes of the largest frame."""
 _IMAGE = 1
 """The payload type of an image, in GenTL as in the leaders of GigE Vision and USB3 Vision."""
-_NOT_GIVEN_BACK: list[npt.NDArray[np.uint8]] = []
+_NOT_GIVEN_BACK: list[Bytes] = []
 """Buffers that a producer would not revoke: it may still write there, so that their memory has to stay."""
 
 
@@ -49,7 +49,7 @@ class GentlStream:
         """nodes: the features of the device; chunks: whether those of its transport can be parsed."""
         self._library, self._handle, self._nodes, self._where = library, handle, nodes, where
         self._chunks = chunks
-        self._buffers: dict[int, npt.NDArray[np.uint8]] = {}
+        self._buffers: dict[int, Bytes] = {}
         self._runs = False
         self._events = library.handle("GCRegisterEvent", handle, NEW_BUFFER_EVENT, where=where)
 

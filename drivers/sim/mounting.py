@@ -13,12 +13,11 @@ import numpy.typing as npt
 from drivers.sim.camera.optics import Optics
 from drivers.sim.scene.tabletop import TARGET
 from drivers.sim.seeds import generator
+from imaging.arrays import Array
 from imaging.cfa import BAYER, Cfa, Tile, as_tile
 from imaging.colour import REC709_FROM_XYZ
 from imaging.lens import Lens
 from imaging.mosaic import Matrix, as_matrix
-
-Array = npt.NDArray[np.float64]
 
 ARC_STEP = 11.0
 """Degrees between neighbouring frames."""

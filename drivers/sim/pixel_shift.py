@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig
+from imaging.arrays import Array32
 from imaging.exposure import Exposure
 from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import RawMosaic
@@ -22,7 +20,7 @@ AROUND: tuple[Step, ...] = ((0, 0), (0, 1), (1, 1), (1, 0))
 """Rows and columns, in photosites, by which the sensor stands beside its place."""
 
 
-def displaced(rig: SimulatedRig, camera: int, by: Step, frame: int) -> npt.NDArray[np.float32]:
+def displaced(rig: SimulatedRig, camera: int, by: Step, frame: int) -> Array32:
     """True radiance of each photosite [H, W, 3] where the sensor of a camera moved; nothing else moves."""
     lens = rig.mounts[camera].optics.lens
     there = lens.model_copy(update={"cx": lens.cx - by[1], "cy": lens.cy - by[0]})

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.camera import Camera
 from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
@@ -19,12 +18,12 @@ from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
+from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa, as_tile
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import Band, CameraRecord, Subject
 
-Array = npt.NDArray[np.float64]
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
 RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))
 LDR_BRACKET = tuple(
@@ -148,7 +147,7 @@ class SimulatedRig:
         self._subject: Subject = "scene"
         self._frame = 0
         self._shown: dict[int, Subject] = {}
-        self._rendered: dict[tuple[Subject, int, int], npt.NDArray[np.float32]] = {}
+        self._rendered: dict[tuple[Subject, int, int], Array32] = {}
         # Cameras may be emptied in threads of their own; the ray-caster uses all cores by itself.
         self._lock = threading.Lock()
         self._devices = [
@@ -233,7 +232,7 @@ class SimulatedRig:
         )
         return np.asarray(held @ rig_from_world(self.seed, self.frames, 0))
 
-    def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> npt.NDArray[np.float32]:
+    def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> Array32:
         """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
         lens = self.mounts[camera].optics.lens
         if subject in ("dark", "flat"):
@@ -244,7 +243,7 @@ class SimulatedRig:
                 self._rendered[key] = self._render(camera, frame, subject)
             return self._rendered[key]
 
-    def _render(self, camera: int, frame: int, subject: Subject) -> npt.NDArray[np.float32]:
+    def _render(self, camera: int, frame: int, subject: Subject) -> Array32:
         lens, samples = self.mounts[camera].optics.lens, self.settings.samples
         pose = self.cam_from_world(camera, frame, subject)
         if subject == "scene":
@@ -253,7 +252,7 @@ class SimulatedRig:
         light = np.float32(LIGHT * self.settings.light)
         return np.repeat((light * image)[..., None], 3, axis=2)
 
-    def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
+    def _view(self, index: int) -> Callable[[int], Array32]:
         return lambda frame: self.radiance(index, frame, self._shown.get(frame, "scene"))
 
     def _body(self, mount: Mount) -> Body:

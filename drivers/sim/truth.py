@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import Body, applied_exposure
@@ -20,6 +19,7 @@ from drivers.sim.camera.filters import weights
 from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
+from imaging.arrays import Array, Array32
 from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import write_exr
@@ -31,7 +31,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 
-def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
+def pose_of(motion: Array) -> Pose:
     """A rigid motion [4, 4] as a Pose, w >= 0."""
     m = motion[:3, :3]
     # Shepperd's method: divide by the largest component, which is at least 1/2.
@@ -110,7 +110,7 @@ def write_truth(rig: SimulatedRig, session: Path, progress: Progress = unreporte
     progress("writing the true radiance", total, total)
 
 
-def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Band]) -> None:
+def _write_light(path: Path, light: Array32, bands: Sequence[Band]) -> None:
     if not bands:
         write_exr(path, light)
         return

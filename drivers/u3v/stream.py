@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.clock import Clock
 from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
@@ -15,6 +14,7 @@ from drivers.genicam.session import Frame, fewer_rows
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.registers import Sirm
 from drivers.usb import EndpointStalled, UsbPipe
+from imaging.arrays import Bytes
 
 LEADER_MAGIC, TRAILER_MAGIC = b"U3VL", b"U3VT"
 IMAGE = 0x0001
@@ -207,13 +207,13 @@ class StreamChannel:
             )
         return leader
 
-    def _last_leader(self, data: npt.NDArray[np.uint8]) -> Leader | None:
+    def _last_leader(self, data: Bytes) -> Leader | None:
         """The leader at the end of `data`: what is left of a payload in whole packets may come before it."""
         if (len(data) - LEADER_SIZE) % (self._endpoint.wMaxPacketSize or 1):
             return None
         return Leader.parse(data[-LEADER_SIZE:].tobytes())
 
-    def _ending(self, data: npt.NDArray[np.uint8], leader: Leader) -> Trailer | None:
+    def _ending(self, data: Bytes, leader: Leader) -> Trailer | None:
         """The frame's trailer if `data` is that; the leader of the next frame is kept for later."""
         if len(data) > 1024:
             return None
@@ -225,7 +225,7 @@ class StreamChannel:
             self._early = Leader.parse(payload)
         return None
 
-    def _closed(self, leader: Leader, payload: npt.NDArray[np.uint8], trailer: Trailer) -> Frame:
+    def _closed(self, leader: Leader, payload: Bytes, trailer: Trailer) -> Frame:
         """A frame with its trailer, judged."""
         problem = None
         if trailer.status:
@@ -236,7 +236,7 @@ class StreamChannel:
             problem = fewer_rows(trailer.height, leader.height)
         return Frame(leader, payload[: trailer.valid], problem)
 
-    def _read(self, size: int, timeout: float) -> npt.NDArray[np.uint8]:
+    def _read(self, size: int, timeout: float) -> Bytes:
         """One transfer of at most `size` bytes; the array is overwritten by the next."""
         packet = self._endpoint.wMaxPacketSize or 1
         whole = -(-size // packet) * packet

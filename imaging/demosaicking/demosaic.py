@@ -10,13 +10,12 @@ much of an overshoot at a lamp. `steered` has other tables than Bayer's, by the 
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance, mosaic
+from imaging.arrays import AnyArray, Array, Array32, Bytes, Floats, Mask
+from imaging.cfa import Cfa, bilinear, bilinear_variance, mosaic
 from imaging.compute.threads import share_pieces
 from imaging.demosaicking.directional import colours, greens, put_light
 from imaging.demosaicking.steered import interpolated
@@ -53,16 +52,16 @@ class Demosaicked:
     correlated over some 5 px.
     """
 
-    rgb: Float
-    known: Bool
-    sigma: Float | None
+    rgb: Array32
+    known: Mask
+    sigma: Array32 | None
 
 
 def demosaic(
-    image: npt.NDArray[np.floating],
+    image: Floats,
     cfa: Cfa,
-    valid: Bool | None = None,
-    sigma: npt.NDArray[np.floating] | None = None,
+    valid: Mask | None = None,
+    sigma: Floats | None = None,
     *,
     spread: bool = True,
 ) -> Demosaicked:
@@ -73,7 +72,7 @@ def demosaic(
     the result is wanted, which takes as long as the result.
     """
     trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
-    variance: npt.NDArray[np.float64] | None = None
+    variance: Array | None = None
     if cfa.bayer and trusted.all() and min(image.shape) > 1:  # what is not recorded is found along edges
         known = np.ones((*image.shape, 3), bool)
         rgb = _recorded(image, cfa).astype(np.float32)
@@ -106,7 +105,7 @@ def demosaic(
     return Demosaicked(rgb, known, deviation)
 
 
-def _recorded(values: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[Any]:
+def _recorded(values: Floats, cfa: Cfa) -> AnyArray:
     """Scatter each photosite's value into its own channel, [H, W, channels], with 0 in the others."""
     planes = np.zeros((*values.shape, len(cfa.letters)), values.dtype)
     (height, width), pattern = cfa.period, cfa.channels(*cfa.period)
@@ -117,14 +116,14 @@ def _recorded(values: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[Any]:
 
 def _strip(
     top: int,
-    light: Float,
-    sigma: npt.NDArray[np.floating] | None,
+    light: Array32,
+    sigma: Floats | None,
     toe: float,
-    channels: npt.NDArray[np.uint8],
-    near: Bool,
-    rgb: Float,
-    spread: npt.NDArray[np.float64] | None,
-    start: Float | None,
+    channels: Bytes,
+    near: Mask,
+    rgb: Array32,
+    spread: Array | None,
+    start: Array32 | None,
     densest: int,
     cell: int,
 ) -> None:
@@ -146,7 +145,7 @@ def _strip(
     if start is None:
         horizontal, disagreement, green = greens(code, letters)
         coded = colours(code, letters, horizontal, green)
-        made: npt.NDArray[np.floating] | None
+        made: Floats | None
         made = (
             None if noise is None else _interpolated_variance(noise, letters, horizontal, disagreement, coded)
         )
@@ -164,8 +163,8 @@ def _strip(
 
 
 def _interpolated_variance(
-    noise: Float, sites: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: Float
-) -> npt.NDArray[np.float64]:
+    noise: Array32, sites: Bytes, horizontal: Mask, disagreement: Array32, planes: Array32
+) -> Array:
     """Variance [H, W, 3] of the code: the noise of the photosites, and what interpolation may miss."""
     mean = [
         cv2.blur(np.where(sites == channel, noise, 0), _WINDOW)
@@ -189,14 +188,14 @@ def _interpolated_variance(
     return np.stack(made_of, axis=-1).astype(np.float64)
 
 
-def _kinds(sites: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _kinds(sites: Bytes) -> Bytes:
     """0 red, 1 green in a row with red, 2 green in a row with blue, 3 blue."""
     with_red = (sites == 0).any(1, keepdims=True)
     return np.where(sites == 0, 0, np.where(sites == 2, 3, np.where(with_red, 1, 2))).astype(np.uint8)
 
 
 @cache
-def _shares() -> npt.NDArray[np.float64]:
+def _shares() -> Array:
     """Variance of an interpolated channel for each unit of variance of the photosites of another.
 
     [2, 4, 3, 3]: along rows and columns; site as `_kinds` has it; channel made; channel of the photosites.
@@ -218,7 +217,7 @@ def _shares() -> npt.NDArray[np.float64]:
     return table
 
 
-def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> float:
+def _toe(light: Array32, sigma: Floats | None, cfa: Cfa) -> float:
     """Return where the code turns from linear to logarithmic, which it must not within the noise.
 
     The least change between photosites of a colour stands in for noise that is not known; only of Bayer is
@@ -236,7 +235,7 @@ def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> floa
     return toe if toe > 0 else float(np.abs(light).max()) or 1.0
 
 
-def _stand_in(image: npt.NDArray[np.floating], trusted: Bool) -> Float:
+def _stand_in(image: Floats, trusted: Mask) -> Array32:
     """Mean of the nearest photosites of the same colour, 0 without any."""
     kernel = np.zeros((5, 5), np.float32)
     kernel[::2, ::2] = 1
@@ -245,12 +244,12 @@ def _stand_in(image: npt.NDArray[np.floating], trusted: Bool) -> Float:
     return np.asarray(total / np.maximum(weight, 1), np.float32)
 
 
-def _along(values: Float, kernel: Float) -> tuple[Float, Float]:
+def _along(values: Array32, kernel: Array32) -> tuple[Array32, Array32]:
     """Filtered along rows, and along columns."""
     return _filtered(values, kernel), _filtered(values, kernel.T)
 
 
-def _filtered(values: Float, kernel: Float) -> Float:
+def _filtered(values: Array32, kernel: Array32) -> Array32:
     """Mirrored at the edges, which leaves every photosite its colour."""
     result = cv2.filter2D(
         np.ascontiguousarray(values, np.float32), -1, np.ascontiguousarray(kernel),

@@ -6,12 +6,10 @@ are continued by their mirror image, which leaves every photosite its colour.
 """
 
 import math
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from imaging.cfa import Bool, Float
+from imaging.arrays import AnyArray, Array32, Bytes, Mask
 from imaging.compute.jit import inlined, kernel
 
 REFINEMENTS = 2
@@ -21,10 +19,8 @@ gallery.
 _MARGIN = 16
 """px beyond the image, even; a pixel depends on others up to 13 px away."""
 
-Channels = npt.NDArray[np.uint8]
 
-
-def greens(code: Float, sites: Channels) -> tuple[Bool, Float, Float]:
+def greens(code: Array32, sites: Bytes) -> tuple[Mask, Array32, Array32]:
     """Mask of the interpolation along rows, difference of rows and columns, and green, all [H, W].
 
     code: a mosaic [H, W], float32; sites: the channel of each photosite.
@@ -36,7 +32,7 @@ def greens(code: Float, sites: Channels) -> tuple[Bool, Float, Float]:
     return _inner(horizontal), _inner(disagreement), _inner(green)
 
 
-def colours(code: Float, sites: Channels, horizontal: Bool, green: Float) -> Float:
+def colours(code: Array32, sites: Bytes, horizontal: Mask, green: Array32) -> Array32:
     """Red, green and blue [H, W, 3], float32, from a mosaic and its green, which is refined."""
     g = _mirrored(green)
     planes = np.zeros((*g.shape, 3), np.float32)
@@ -45,11 +41,11 @@ def colours(code: Float, sites: Channels, horizontal: Bool, green: Float) -> Flo
     return np.asarray(_inner(planes))
 
 
-def _mirrored(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _mirrored(image: AnyArray) -> AnyArray:
     return np.pad(image, _MARGIN, mode="reflect")
 
 
-def _inner(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _inner(image: AnyArray) -> AnyArray:
     return image[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 

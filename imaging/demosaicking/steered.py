@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import Float
+from imaging.arrays import Array32, Bytes, Floats
 
 DIRECTIONS = 8
 ALONG, ACROSS, REACH = 1.2, 0.45, 4
@@ -27,8 +27,8 @@ _LITTLE = 1e-6
 
 
 def interpolated(
-    code: Float, sites: npt.NDArray[np.uint8], start: Float, densest: int, noise: Float | None
-) -> tuple[Float, Float | None]:
+    code: Array32, sites: Bytes, start: Array32, densest: int, noise: Array32 | None
+) -> tuple[Array32, Array32 | None]:
     """Channels [H, W, channels] of a code [H, W] and, where its noise (variance) is known, their variance.
 
     sites: channel of each photosite, which keeps its value. start: the channels as tents interpolate them.
@@ -66,7 +66,7 @@ def interpolated(
     return np.stack(planes, axis=-1), np.stack(variances, axis=-1).astype(np.float32)
 
 
-def _edges(planes: Float) -> npt.NDArray[np.intp]:
+def _edges(planes: Array32) -> npt.NDArray[np.intp]:
     """Return which of the directions runs along the edge at each pixel, [H, W]."""
     tensor = np.zeros((3, *planes.shape[:2]), np.float32)
     for channel in range(planes.shape[2]):
@@ -78,7 +78,7 @@ def _edges(planes: Float) -> npt.NDArray[np.intp]:
     return np.asarray(np.rint(angle / np.pi * DIRECTIONS).astype(np.intp) % DIRECTIONS)
 
 
-def _windows() -> Float:
+def _windows() -> Array32:
     """Weights of each direction, [DIRECTIONS, n, n]."""
     y, x = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]
     angles = np.pi * np.arange(DIRECTIONS)[:, None, None] / DIRECTIONS
@@ -86,7 +86,7 @@ def _windows() -> Float:
     return np.asarray(np.exp(-0.5 * ((along / ALONG) ** 2 + (across / ACROSS) ** 2)) + _LITTLE, np.float32)
 
 
-def _steered(values: Float, mask: Float, way: npt.NDArray[np.intp], windows: Float) -> Float:
+def _steered(values: Array32, mask: Array32, way: npt.NDArray[np.intp], windows: Array32) -> Array32:
     """Mean of the values where the mask is 1, weighted along the edge at each pixel."""
     out = np.zeros_like(values)
     for direction, window in enumerate(windows):
@@ -97,8 +97,8 @@ def _steered(values: Float, mask: Float, way: npt.NDArray[np.intp], windows: Flo
 
 
 def _steered_variance(
-    noise: Float, mask: Float, way: npt.NDArray[np.intp], windows: Float, squares: Float
-) -> Float:
+    noise: Array32, mask: Array32, way: npt.NDArray[np.intp], windows: Array32, squares: Array32
+) -> Array32:
     """Variance of what `_steered` gives of values of such noise."""
     out = np.zeros_like(noise)
     for direction, (window, square) in enumerate(zip(windows, squares, strict=True)):
@@ -108,13 +108,13 @@ def _steered_variance(
     return out
 
 
-def _filtered(values: npt.NDArray[np.floating], window: Float) -> Float:
+def _filtered(values: Floats, window: Array32) -> Array32:
     return np.asarray(
         cv2.filter2D(np.ascontiguousarray(values, np.float32), -1, window, borderType=cv2.BORDER_REFLECT_101)
     )
 
 
-def _blurred(values: npt.NDArray[np.generic], deviation: float = DIFFERENCE) -> Float:
+def _blurred(values: npt.NDArray[np.generic], deviation: float = DIFFERENCE) -> Array32:
     size = 2 * round(4 * deviation) + 1
     return np.asarray(
         cv2.GaussianBlur(

@@ -5,12 +5,10 @@ other chunks. HEIF (ISO/IEC 23008-12): a profile counts before the numbers.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import PRIMARIES, rec709_from_rgb, srgb_decode
 from imaging.errors import InputError
-
-Array = npt.NDArray[np.float64]
 
 UNSPECIFIED, SRGB = 2, 13
 _C, _D65, _E = (0.310, 0.316), PRIMARIES["rec709"][3], (1 / 3, 1 / 3)
@@ -50,9 +48,7 @@ def name_of(primaries: int) -> str:
     return _NAMES.get(primaries, f"primaries {primaries}")
 
 
-def space_of(
-    body: bytes, bits: int, where: str = "cICP chunk"
-) -> tuple[str, Array, npt.NDArray[np.float64]] | None:
+def space_of(body: bytes, bits: int, where: str = "cICP chunk") -> tuple[str, Array, Array] | None:
     """Name, light of each of 65536 codes, 0..1, and matrix [3, 3] to linear Rec.709, or None if unspecified.
 
     Where only the curve or only the primaries are not specified, those of sRGB count. body: the four numbers.

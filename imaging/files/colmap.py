@@ -2,6 +2,8 @@
 
 # pycolmap 4.2's shared object interposes the system's zlib; unless zlib was loaded before it, the
 # next compression anywhere in the process aborts.
+from imaging.arrays import Array, Integers
+
 import zlib  # noqa: F401  # isort: skip
 import signal
 import threading
@@ -9,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pycolmap as pycolmap
 
 from imaging.errors import InputError
@@ -30,9 +31,9 @@ class SparsePoints:
     views: int64 [P], track length.
     """
 
-    xyz: npt.NDArray[np.float64]
-    error: npt.NDArray[np.float64]
-    views: npt.NDArray[np.int64]
+    xyz: Array
+    error: Array
+    views: Integers
 
 
 def read_points(folder: Path) -> SparsePoints:
@@ -46,7 +47,7 @@ def read_points(folder: Path) -> SparsePoints:
     )
 
 
-def read_tracks(folder: Path) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+def read_tracks(folder: Path) -> tuple[Array, dict[str, Integers]]:
     """Scene points [P, 3] of a COLMAP model, and which of them each image saw, by its name: rows [K].
 
     InputError if it cannot be read.

@@ -5,15 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import AnyArray, Array32
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
 from imaging.files.exr_layers import depth_channel
 from imaging.files.photo import decode_codes
-
-Float = npt.NDArray[np.float32]
 
 SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".npy")
 MILLIMETRE = 1e-3
@@ -22,7 +20,7 @@ _LAST = np.iinfo(np.uint16).max
 _FIX = "export it again"
 
 
-def read_depth(path: Path) -> tuple[Float, bool]:
+def read_depth(path: Path) -> tuple[Array32, bool]:
     """Depth along the axis of the camera, float32 [H, W], and whether the file has whole numbers.
 
     In the unit of the file. Unknown depth is 0: zeros, negative and non-finite numbers, and the largest
@@ -52,7 +50,7 @@ def read_depth(path: Path) -> tuple[Float, bool]:
     return _known(np.where(codes[..., 0] == _LAST, 0, codes[..., 0])), True
 
 
-def require_shape(path: Path, depth: Float, height: int, width: int) -> None:
+def require_shape(path: Path, depth: Array32, height: int, width: int) -> None:
     """InputError unless a depth map [h, w] has the proportions of its photograph, to a row or a column.
 
     Scanners have fewer pixels than cameras: its pixels are evenly over the photograph.
@@ -65,13 +63,13 @@ def require_shape(path: Path, depth: Float, height: int, width: int) -> None:
         )
 
 
-def _known(values: npt.NDArray[Any]) -> Float:
+def _known(values: AnyArray) -> Array32:
     with np.errstate(over="ignore", invalid="ignore"):
         depth = np.asarray(values, np.float32)
         return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
 
 
-def _of_exr(path: Path, name: str) -> Float:
+def _of_exr(path: Path, name: str) -> Array32:
     channels = read_exr(path).channels
     channel = depth_channel(channels)
     if channel:
@@ -80,7 +78,7 @@ def _of_exr(path: Path, name: str) -> Float:
     raise InputError(f"{name} has channels {names}, and none is depth: name it Z.")
 
 
-def _of_array(data: bytes, name: str) -> npt.NDArray[Any]:
+def _of_array(data: bytes, name: str) -> AnyArray:
     try:
         shape, _, kind = _header(data)
         if kind.kind not in "iuf" or len(shape) not in (2, 3) or 0 in shape or shape[2:] not in ((), (1,)):

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import OpenEXR
 
 from imaging.arguments import checked
+from imaging.arrays import AnyArray, Array32, Integers
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -18,7 +18,7 @@ from imaging.files import exr_layers, exr_library, store
 from imaging.files.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 from imaging.files.silence import quiet
 
-Planes = Mapping[str, npt.NDArray[Any]]
+Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
 
@@ -52,11 +52,11 @@ class ExrImage:
     light: names of the channels of the part that holds the light; None: all channels.
     """
 
-    channels: dict[str, npt.NDArray[np.float32]]
+    channels: dict[str, Array32]
     attributes: dict[str, Attribute] = field(default_factory=dict)
     light: frozenset[str] | None = None
 
-    def rgb(self) -> npt.NDArray[np.float32]:
+    def rgb(self) -> Array32:
         """Linear Rec.709, float32 [H, W, 3], of the channels that are light (`imaging.files.exr_layers`).
 
         Another space of linear light that the file names is converted; one that names none is Rec.709.
@@ -69,7 +69,7 @@ class ExrImage:
         return light if matrix is None else (light @ matrix.T).astype(np.float32)
 
     @property
-    def alpha(self) -> npt.NDArray[np.float32] | None:
+    def alpha(self) -> Array32 | None:
         """Opacity of each pixel, 0..1, float32 [H, W]; None where all is opaque.
 
         The light of an EXR is multiplied by it: premultiplied, over black. InputError as `rgb`.
@@ -109,7 +109,7 @@ class ExrImage:
 @checked
 def write_exr(
     path: str | Path,
-    channels: npt.NDArray[Any] | Planes,
+    channels: AnyArray | Planes,
     *,
     half: bool = False,
     primaries: str | None = "rec709",
@@ -201,14 +201,14 @@ def read_exr(path: str | Path) -> ExrImage:
     _check_size(path)
     parts = exr_library.parts(path)
     parts.insert(0, parts.pop(_light_part([header for header, _ in parts])))
-    channels: dict[str, npt.NDArray[np.float32]] = {}
+    channels: dict[str, Array32] = {}
     for header, pixels in parts:
         for name, plane in _channels(path, header, pixels).items():
             channels[f"{header.get('name', '')}.{name}" if name in channels else name] = plane
     return ExrImage(channels, _attributes(parts[0][0]), frozenset(parts[0][1]))
 
 
-def _channels(path: Path, header: Mapping[str, Any], pixels: Planes) -> dict[str, npt.NDArray[np.float32]]:
+def _channels(path: Path, header: Mapping[str, Any], pixels: Planes) -> dict[str, Array32]:
     """The channels of a part on its display window."""
     data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))
     shape = tuple((data[1] - data[0] + 1).tolist())
@@ -243,14 +243,12 @@ def _check_size(path: Path) -> None:
     memory.check(f"{path} has {samples} samples in all", memory.PER_SAMPLE * samples)
 
 
-def _window(header: Mapping[str, Any], name: str) -> npt.NDArray[np.int64]:
+def _window(header: Mapping[str, Any], name: str) -> Integers:
     """[[top, left], [bottom, right]], inclusive."""
     return np.array(header[name], np.int64)[:, ::-1]
 
 
-def _on_display(
-    plane: npt.NDArray[Any], data: npt.NDArray[np.int64], display: npt.NDArray[np.int64]
-) -> npt.NDArray[np.float32]:
+def _on_display(plane: AnyArray, data: Integers, display: Integers) -> Array32:
     """A plane of the data window on the display window, both [[top, left], [bottom, right]] inclusive."""
     if np.array_equal(data, display):
         return plane.astype(np.float32)
@@ -307,7 +305,7 @@ def _interop_id(light: Planes, primaries: str | None) -> str:
     return UNKNOWN if primaries is None else IDS[primaries]
 
 
-def _planes(channels: npt.NDArray[Any] | Planes) -> dict[str, npt.NDArray[Any]]:
+def _planes(channels: AnyArray | Planes) -> dict[str, AnyArray]:
     if isinstance(channels, Mapping):
         return dict(channels)
     if channels.ndim == 3 and channels.shape[2] == 3:
@@ -315,7 +313,7 @@ def _planes(channels: npt.NDArray[Any] | Planes) -> dict[str, npt.NDArray[Any]]:
     return {"Y": channels}
 
 
-def _stored(path: Path, name: str, plane: npt.NDArray[Any], half: bool) -> npt.NDArray[Any]:
+def _stored(path: Path, name: str, plane: AnyArray, half: bool) -> AnyArray:
     """A plane in the type that is written; the library takes strided arrays for contiguous ones."""
     if plane.ndim != 2 or plane.size == 0:
         raise ValueError(f"channel {name} is [H, W], not {plane.shape}")

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import PRIMARIES, REC709_FROM_XYZ, rec709_from_rgb
 from imaging.errors import InputError
 
@@ -42,7 +42,7 @@ class ExrColour:
     a sentence about attributes that contradict each other or say nothing; empty without any.
     """
 
-    matrix: npt.NDArray[np.float64] | None
+    matrix: Array | None
     doubt: str = ""
 
 
@@ -100,7 +100,7 @@ def _contradiction(name: str, points: tuple[tuple[float, float], ...] | None) ->
     return f"{CHROMATICITIES} contradict the {INTEROP_ID} {name}, which counts."
 
 
-def _matrix(points: tuple[tuple[float, float], ...]) -> npt.NDArray[np.float64] | None:
+def _matrix(points: tuple[tuple[float, float], ...]) -> Array | None:
     if np.allclose(points, PRIMARIES["rec709"], atol=_TOLERANCE):
         return None
     return rec709_from_rgb(points)

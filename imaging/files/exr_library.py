@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import OpenEXR
 
+from imaging.arrays import AnyArray
 from imaging.errors import InputError
 from imaging.files.silence import quiet
 
@@ -21,7 +21,7 @@ def headers(path: Path) -> list[dict[str, Any]]:
         return [dict(part.header) for part in exr.parts]
 
 
-def parts(path: Path) -> list[tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]]:
+def parts(path: Path) -> list[tuple[dict[str, Any], dict[str, AnyArray]]]:
     """Header and pixels of every part, copied out before the library empties them."""
     with _opened(path, header_only=False) as exr:
         return [

@@ -13,9 +13,9 @@ from typing import Any
 
 import imagecodecs
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
 from imaging.files.tiff.exif import decode_exif
 from imaging.files.xmp import noted
@@ -34,7 +34,7 @@ _BACK = {6: 1, 8: -1}
 class Wrapped:
     """Contents of a HEIF or WebP file. codes: uint8 [H, W, C]; icc: its colour profile, b"" for none."""
 
-    codes: npt.NDArray[np.uint8]
+    codes: Bytes
     metadata: FrameMetadata
     icc: bytes
 

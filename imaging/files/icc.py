@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ImageCms
 
+from imaging.arrays import Array32
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.errors import InputError
 from imaging.files import cicp
@@ -26,8 +27,6 @@ from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integ
 from imaging.files.tiff.exif import is_adobe_rgb
 from imaging.files.tiff.image import INVERTED
 from imaging.files.tiff.pages import photograph
-
-Float = npt.NDArray[np.float32]
 
 LARGEST = 1 << 22
 """Bytes of a profile beyond which it is damage."""
@@ -58,10 +57,10 @@ class Profile:
 
     name: str
     icc: bytes
-    curves: Float | None
-    matrix: Float | None
+    curves: Array32 | None
+    matrix: Array32 | None
 
-    def apply(self, pixels: Float) -> None:
+    def apply(self, pixels: Array32) -> None:
         """Turn code values [H, W, 3], 0..1, into those of sRGB, in place; what is beyond them is clipped."""
         for top in range(0, len(pixels), _ROWS):
             strip = pixels[top : top + _ROWS]
@@ -152,7 +151,7 @@ def _linear() -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _encoding() -> Float:
+def _encoding() -> Array32:
     """sRGB codes of light in steps of 16 bits, which are to within 1e-4 of it: far faster than powers."""
     return np.asarray(srgb_encode(np.linspace(0.0, 1.0, _TOP + 1)), np.float32)
 
@@ -162,7 +161,7 @@ def _srgb() -> bytes:
     return bytes(imagecodecs.cms_profile("srgb"))
 
 
-def _through(codes: Float, icc: bytes, to: bytes, space: str = "rgb") -> Float:
+def _through(codes: Array32, icc: bytes, to: bytes, space: str = "rgb") -> Array32:
     return np.asarray(
         imagecodecs.cms_transform(
             np.ascontiguousarray(codes, np.float32),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.lens import Lens
 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -23,7 +23,7 @@ class Picture:
 
     path: str
     lens: Lens
-    cam_from_world: npt.NDArray[np.float64]
+    cam_from_world: Array
 
 
 def transforms(pictures: Sequence[Picture], coordinates: dict[str, Any]) -> dict[str, Any]:

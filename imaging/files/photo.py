@@ -11,6 +11,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from imaging.arguments import checked
+from imaging.arrays import AnyArray, Array32, Bytes
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
@@ -66,10 +67,10 @@ class Photo:
     of a sentence about what of the file was not read, or "".
     """
 
-    pixels: npt.NDArray[np.float32]
+    pixels: Array32
     bit_depth: int
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
-    alpha: npt.NDArray[np.float32] | None = None
+    alpha: Array32 | None = None
     profile: str = ""
     doubt: str = ""
 
@@ -150,7 +151,7 @@ def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:
     return shell.width, shell.height, _said_by(shell)
 
 
-def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
+def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> AnyArray:
     """Code values of a JPEG, PNG or TIFF file, uint8 or uint16 [H, W, C]; errors as `read_photo`.
 
     C: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha. fix: what to do about damage.
@@ -202,9 +203,7 @@ def read_metadata(path: Path) -> FrameMetadata:
     return metadata
 
 
-def encode_jpeg(
-    pixels: npt.NDArray[np.uint8], quality: int = 95, metadata: FrameMetadata | None = None
-) -> bytes:
+def encode_jpeg(pixels: Bytes, quality: int = 95, metadata: FrameMetadata | None = None) -> bytes:
     """JPEG bytes of uint8 [H, W, 3] or [H, W], colour not subsampled, with EXIF if there is metadata."""
     if pixels.dtype != np.uint8:
         raise ValueError(f"a JPEG has uint8 pixels, not {pixels.dtype}")
@@ -215,7 +214,7 @@ def encode_jpeg(
     return buffer.getvalue()
 
 
-def encode_png(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
+def encode_png(pixels: Bytes | npt.NDArray[np.uint16]) -> bytes:
     """PNG bytes of uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], red first, straight alpha last."""
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"a PNG has uint8 or uint16 pixels, not {pixels.dtype}")
@@ -243,7 +242,7 @@ def _decoder(data: bytes) -> Any:
     return decode_tiff if data.startswith(_TIFF_MAGICS) else None
 
 
-def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:
+def _onto_black(pixels: Array32, alpha: AnyArray) -> Array32 | None:
     """Mix codes [H, W, 3] with black, in place, by alpha [H, W]; that as 0..1, None where all is opaque."""
     top = np.float32(np.iinfo(alpha.dtype).max)
     if (alpha == np.iinfo(alpha.dtype).max).all():
@@ -257,12 +256,12 @@ def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> npt
     return cover
 
 
-def _three_channels(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _three_channels(codes: AnyArray) -> AnyArray:
     """[H, W, 3] of [H, W, C], without alpha."""
     return codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1].repeat(3, axis=2)
 
 
-def _jpeg(data: bytes, name: str) -> npt.NDArray[Any]:
+def _jpeg(data: bytes, name: str) -> AnyArray:
     shell = jpeg_shell(BytesIO(data))
     if not jpeg_is_whole(data):
         raise ValueError("cut off")
@@ -274,7 +273,7 @@ def _jpeg(data: bytes, name: str) -> npt.NDArray[Any]:
     return codes
 
 
-def _png(data: bytes, name: str) -> npt.NDArray[Any]:
+def _png(data: bytes, name: str) -> AnyArray:
     shell = png_shell(BytesIO(data))
     if not png_is_whole(BytesIO(data)) or shell.width * shell.height > 8 * _MOST_DEFLATED * len(data):
         raise ValueError("cut off")

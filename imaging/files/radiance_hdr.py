@@ -7,8 +7,8 @@ from pathlib import Path
 
 import imagecodecs
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32
 from imaging.colour import rec709_from_rgb
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
@@ -27,8 +27,8 @@ class Light:
     all is opaque. Colours are over black.
     """
 
-    pixels: npt.NDArray[np.float32]
-    alpha: npt.NDArray[np.float32] | None = None
+    pixels: Array32
+    alpha: Array32 | None = None
 
     @property
     def transparent(self) -> float:
@@ -36,7 +36,7 @@ class Light:
         return 0.0 if self.alpha is None else float(np.mean(self.alpha < 1))
 
 
-def read_light(path: Path) -> npt.NDArray[np.float32]:
+def read_light(path: Path) -> Array32:
     """Linear Rec.709 of an EXR or Radiance file, by its suffix, float32 [H, W, 3]; errors as `read_hdr`."""
     return read_with_alpha(path).pixels
 
@@ -52,7 +52,7 @@ def read_with_alpha(path: Path) -> Light:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_hdr(path: Path) -> npt.NDArray[np.float32]:
+def read_hdr(path: Path) -> Array32:
     """Read linear Rec.709, float32 [H, W, 3]: the file's exposure and colour correction are divided out.
 
     Other primaries that it names are converted; without any they are those of Rec.709. InputError if it is
@@ -86,7 +86,7 @@ def read_hdr(path: Path) -> npt.NDArray[np.float32]:
     return light if matrix is None else np.asarray(light @ matrix.T, np.float32)
 
 
-def _scale(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32]:
+def _scale(lines: list[tuple[str, str, str]]) -> Array32:
     """Return what the pixels are to be multiplied by; ValueError for factors that cannot be."""
     factors = np.ones(3)
     for name, _, value in lines:
@@ -97,7 +97,7 @@ def _scale(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32]:
     return np.asarray(1 / factors, np.float32)
 
 
-def _rec709_from_own(lines: list[tuple[str, str, str]]) -> npt.NDArray[np.float32] | None:
+def _rec709_from_own(lines: list[tuple[str, str, str]]) -> Array32 | None:
     """Matrix from the primaries that the file names to Rec.709; None without any, or with nonsense."""
     for name, _, value in lines:
         if name == "PRIMARIES":

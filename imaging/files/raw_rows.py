@@ -3,9 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.mosaic import RawMosaic
-
-Array = npt.NDArray[np.float64]
 
 _HIGH, _WIDE = 8, 16
 """Photosites of one colour in a block, rows and columns."""

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from imaging.arrays import Array
 from imaging.cfa import Cfa
 from imaging.merge.linear_frame import LinearFrame
-
-Array = npt.NDArray[np.float64]
 
 SHAKEN = 0.5
 """Shift between two exposures, px, from which a merge is warned of."""

@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Floats, Mask
 from imaging.cfa import Cfa
 from imaging.compute.jit import compiled
-from imaging.merge.linear_frame import Bool, Float, LinearFrame
-
-Array = npt.NDArray[np.float64]
-Numbers = npt.NDArray[np.floating]
+from imaging.merge.linear_frame import LinearFrame
 
 ITERATIONS = 3
 """Fixed-point iterations of the weights; a variance taken at each noisy sample biases the dark by -4 %."""
@@ -33,11 +30,11 @@ class Merged:
     lower end of its codes, and the radiance is the upper bound of the longest. valid: a measured value.
     """
 
-    radiance: Float
-    sigma: Float | None
-    valid: Bool
-    clipped: Bool
-    dark: Bool
+    radiance: Array32
+    sigma: Array32 | None
+    valid: Mask
+    clipped: Mask
+    dark: Mask
     cfa: Cfa | None = None
 
 
@@ -65,7 +62,7 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
     return Merged(radiance, sigma if known else None, masks[0], masks[1], masks[2], cfa=ordered[0].cfa)
 
 
-def _single(frame: LinearFrame, rows: slice) -> tuple[Numbers, Numbers, Bool]:
+def _single(frame: LinearFrame, rows: slice) -> tuple[Floats, Floats, Mask]:
     """One frame is its own weighted mean, whatever the weight."""
     signal = np.ascontiguousarray(frame.signal[rows], np.float32)
     radiance, sigma = np.empty(signal.shape, np.float32), np.empty(signal.shape, np.float32)
@@ -82,15 +79,15 @@ def _single(frame: LinearFrame, rows: slice) -> tuple[Numbers, Numbers, Bool]:
 
 @compiled
 def _alone(
-    signal: Float,
-    valid: Bool,
-    saturated: Bool,
-    dark: Bool,
-    variance: Float,
+    signal: Array32,
+    valid: Mask,
+    saturated: Mask,
+    dark: Mask,
+    variance: Array32,
     k: np.float32,
-    radiance: Float,
-    sigma: Float,
-    masks: Bool,
+    radiance: Array32,
+    sigma: Array32,
+    masks: Mask,
 ) -> None:
     """Merge each photosite [N] of a single frame into the last three arguments; masks [3, N]."""
     for place in range(len(signal)):
@@ -106,7 +103,7 @@ def _alone(
             sigma[place] = np.sqrt(variance[place]) / k if usable else np.float32(np.inf)
 
 
-def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Numbers, Numbers, Bool]:
+def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Floats, Floats, Mask]:
     k = np.array([f.k for f in frames]).reshape(-1, *[1] * frames[0].signal.ndim)
     signal = np.stack([f.signal[rows] for f in frames]).astype(np.float64)
     number = np.stack([f.valid[rows] for f in frames]) & np.isfinite(signal)
@@ -146,12 +143,12 @@ def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tupl
     return radiance, sigma, np.stack([valid, clipped, too_dark])
 
 
-def _variance(frame: LinearFrame, mean: Array) -> npt.NDArray[np.floating]:
+def _variance(frame: LinearFrame, mean: Array) -> Floats:
     assert frame.noise is not None
     return frame.noise.variance(mean)
 
 
-def _clear(usable: Bool, clear: Bool) -> Bool:
+def _clear(usable: Mask, clear: Mask) -> Mask:
     """Usable samples that are expected clear of saturation; of each site at least the shortest usable one."""
     shortest = np.zeros(usable.shape, bool)
     np.put_along_axis(shortest, np.argmax(usable, axis=0)[None], True, axis=0)

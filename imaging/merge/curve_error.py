@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from imaging.arrays import Array32
 from imaging.merge.bracket import ROWS, Merged
-from imaging.merge.linear_frame import Float, LinearFrame
+from imaging.merge.linear_frame import LinearFrame
 from imaging.session.calibration import Response
 
 _TABLE = 4_096
@@ -48,7 +49,7 @@ def with_curve_error(merged: Merged, frames: Sequence[LinearFrame], response: Re
     return replace(merged, sigma=sigma)
 
 
-def _weight(frame: LinearFrame, light: Float, rows: slice) -> Float:
+def _weight(frame: LinearFrame, light: Array32, rows: slice) -> Array32:
     """Weight of an exposure in the mean, up to a factor: 0 where it only bounds the light."""
     assert frame.noise is not None
     usable = frame.valid[rows] & ~frame.saturated[rows] & ~frame.dark[rows]

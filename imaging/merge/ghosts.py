@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, special
 
+from imaging.arrays import Array32, Mask
 from imaging.merge.bracket import MARGIN, Merged, merge_bracket
-from imaging.merge.linear_frame import Bool, Float, LinearFrame
-
-Array = npt.NDArray[np.float64]
+from imaging.merge.linear_frame import LinearFrame
 
 CHANCE = 1e-4
 """Probability that noise alone makes a place disagree that much."""
@@ -31,13 +29,13 @@ class Deghosted:
     """
 
     merged: Merged
-    ghost: Bool
+    ghost: Mask
     reference: int | None
     noise: float
 
 
 def without_ghosts(
-    frames: Sequence[LinearFrame], tolerance: float = TOLERANCE, hidden: Bool | None = None
+    frames: Sequence[LinearFrame], tolerance: float = TOLERANCE, hidden: Mask | None = None
 ) -> Deghosted:
     """Merge a bracket (see `merge_bracket`), but take what moved from the best single exposure.
 
@@ -59,7 +57,7 @@ def without_ghosts(
     return Deghosted(merged, ghost, references[0], noise)
 
 
-def _with(merged: Merged, alone: Merged, place: Bool) -> Merged:
+def _with(merged: Merged, alone: Merged, place: Mask) -> Merged:
     """Return what was merged, with one exposure alone at a place."""
     assert merged.sigma is not None
     assert alone.sigma is not None
@@ -77,8 +75,8 @@ def find_ghosts(
     frames: Sequence[LinearFrame],
     merged: Merged,
     tolerance: float = TOLERANCE,
-    hidden: Bool | None = None,
-) -> tuple[Bool, float]:
+    hidden: Mask | None = None,
+) -> tuple[Mask, float]:
     """Find where the exposures contradict the merged value, bool of its shape, and the noise over its model.
 
     The chi-square of the rates is summed over the channels of a pixel, or the cell of a mosaic. Its median
@@ -106,7 +104,7 @@ def find_ghosts(
     return _spread(moved, shape, cell), float(np.sqrt(excess))
 
 
-def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: float) -> tuple[Float, Float]:
+def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: float) -> tuple[Array32, Array32]:
     """Chi-square of the exposures against the merged value, and its degrees of freedom.
 
     A saturated exposure only says that the light is at least so much, a dark one that it is at most.
@@ -127,7 +125,7 @@ def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: floa
     return np.where(merged.valid, square, 0.0), np.where(merged.valid, np.maximum(count - 1, 0), 0)
 
 
-def _places(values: Float, cell: int) -> Float:
+def _places(values: Array32, cell: int) -> Array32:
     """Sums over the channels of a pixel, or the cells of a mosaic, the last ones of which may be short."""
     if values.ndim == 3:
         return np.asarray(values.sum(-1))
@@ -136,14 +134,14 @@ def _places(values: Float, cell: int) -> Float:
     return np.asarray(whole.reshape(-(-height // cell), cell, -(-width // cell), cell).sum((1, 3)))
 
 
-def _spread(places: Bool, shape: tuple[int, ...], cell: int) -> Bool:
+def _spread(places: Mask, shape: tuple[int, ...], cell: int) -> Mask:
     """Flags of places as flags of all that belongs to them."""
     if places.shape != shape[:2]:
         places = places.repeat(cell, 0).repeat(cell, 1)[: shape[0], : shape[1]]
     return places if len(shape) == 2 else np.repeat(places[..., None], shape[2], axis=2)
 
 
-def _references(frames: Sequence[LinearFrame], ghost: Bool) -> list[int]:
+def _references(frames: Sequence[LinearFrame], ghost: Mask) -> list[int]:
     """Exposures to show what moved, the best first: the longest that is hardly saturated there.
 
     The next ones stand in where a mask or a defect left it no number.

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Floats, Mask
 from imaging.cfa import Cfa
 from imaging.colour import srgb_decode
 from imaging.compute.jit import kernel
@@ -19,9 +19,6 @@ from imaging.mosaic import RawMosaic
 from imaging.sensor import Levels, SensorCalibration, at_iso
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
-
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
 
 SATURATED_CODE = 254 / 255
 DARK_CODE = 1 / 255
@@ -34,7 +31,7 @@ CODE_NOISE = 1 / 255
 class Noise(Protocol):
     """Noise model of a linear signal."""
 
-    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    def variance(self, mean: Floats) -> Floats:
         """Variance of the signal where its mean is `mean`; same shape, or broadcast to it; positive."""
         ...
 
@@ -50,7 +47,7 @@ class SensorSignalNoise:
     floor: float
     shares: tuple[float, ...] | None = None
 
-    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    def variance(self, mean: Floats) -> Floats:
         """Variance at a mean signal; a negative mean counts as black."""
         variance = np.asarray(self.slope * np.maximum(mean, 0.0) + self.floor)
         return variance if self.shares is None else variance * np.asarray(self.shares, np.float32)
@@ -74,7 +71,7 @@ class CodeSignalNoise:
             axis=-1,
         )
 
-    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    def variance(self, mean: Floats) -> Floats:
         """Variance at a mean signal [..., 3]."""
         variance = np.empty(mean.shape, np.float32)
         _look_up_roots(mean.reshape(-1, 3), 1 / self._top, self._table, variance.reshape(-1, 3))
@@ -98,11 +95,11 @@ class LinearFrame:
     signal at which the sensor saturates, where that is one number.
     """
 
-    signal: Float
+    signal: Array32
     k: float
-    saturated: Bool
-    dark: Bool
-    valid: Bool
+    saturated: Mask
+    dark: Mask
+    valid: Mask
     cfa: Cfa | None = None
     noise: Noise | None = None
     ceiling: float | None = None
@@ -155,13 +152,13 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
     )
 
 
-def _valid(levels: Levels, signal: Float) -> Bool:
+def _valid(levels: Levels, signal: Array32) -> Mask:
     """Return where no defect is, of the shape of the signal."""
     valid = levels.valid(*signal.shape[:2])
     return valid if signal.ndim == 2 else np.repeat(valid[..., None], signal.shape[2], axis=2)
 
 
-def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) -> LinearFrame:
+def from_codes(codes: Floats, k: float, response: Response) -> LinearFrame:
     """Code values [H, W, 3] in 0..1 decoded by a response; codes that it was not measured at are clipped.
 
     A code at either end of the scale, or beyond the measured part of the curve, only bounds the light.
@@ -183,7 +180,7 @@ def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) ->
 
 
 @kernel
-def _look_up(codes: npt.NDArray[np.floating], table: Float, out: Float) -> None:
+def _look_up(codes: Floats, table: Array32, out: Array32) -> None:
     """Write the entries of a table [T, 3] of 0..1 that are nearest to codes [N, 3] into found [N, 3]."""
     last = len(table) - 1
     for row in range(len(codes)):
@@ -194,7 +191,7 @@ def _look_up(codes: npt.NDArray[np.floating], table: Float, out: Float) -> None:
 
 
 @kernel
-def _look_up_roots(light: npt.NDArray[np.floating], scale: Float, table: Float, out: Float) -> None:
+def _look_up_roots(light: Floats, scale: Array32, table: Array32, out: Array32) -> None:
     """The same by the square root of light [N, 3], in units of 1 / scale [3]."""
     last = len(table) - 1
     for row in range(len(light)):
@@ -204,14 +201,14 @@ def _look_up_roots(light: npt.NDArray[np.floating], scale: Float, table: Float, 
             out[row, channel] = table[int(min(root, 1.0) * last + 0.5), channel]
 
 
-def from_light(light: npt.NDArray[np.floating], k: float) -> LinearFrame:
+def from_light(light: Floats, k: float) -> LinearFrame:
     """Linear light [H, W, 3]; NaN and infinities are marked as no number."""
     valid = np.isfinite(light)
     none = np.zeros(light.shape, bool)
     return LinearFrame(np.where(valid, light, 0).astype(np.float32), k, none, none, valid)
 
 
-def decode(codes: npt.NDArray[np.floating], response: Response) -> Float:
+def decode(codes: Floats, response: Response) -> Array32:
     """Code values [..., 3] in 0..1 to linear light times exposure scale, float32 [..., 3].
 
     A measured curve holds ln E + ln k at its codes. Below the lowest of them the light falls in

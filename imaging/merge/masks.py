@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from imaging.arrays import Mask
 from imaging.errors import InputError
 from imaging.files.photo import decode_codes
-from imaging.merge.linear_frame import Bool, LinearFrame
+from imaging.merge.linear_frame import LinearFrame
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 
 
-def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Bool | None:
+def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Mask | None:
     """Return which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
     path = session.mask(shot)
     return None if path is None else read_mask(path, height, width)
@@ -27,14 +28,14 @@ def masked(session: Session, shots: Sequence[ShotRecord], frames: Sequence[Linea
     ]
 
 
-def without(frame: LinearFrame, counts: Bool | None) -> LinearFrame:
+def without(frame: LinearFrame, counts: Mask | None) -> LinearFrame:
     """The frame, invalid where pixels are excluded; counts: bool [H, W], None: all count."""
     if counts is None:
         return frame
     return replace(frame, valid=frame.valid & (counts if frame.valid.ndim == 2 else counts[..., None]))
 
 
-def read_mask(path: Path, height: int, width: int) -> Bool:
+def read_mask(path: Path, height: int, width: int) -> Mask:
     """Read the mask of pixels that count, bool [height, width]: neither black, as COLMAP and nerfstudio have
     it, nor fully transparent.
 

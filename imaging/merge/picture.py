@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from imaging.arrays import Array, Array32, Floats, Mask
 from imaging.cfa import Cfa
 from imaging.colour import Space, of_channels, rec709_from_camera, space_from_rec709
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
-from imaging.merge.linear_frame import Bool, Float
 from imaging.session.calibration import CameraCalibration
 from imaging.session.falloff import falloff
 
@@ -31,8 +31,8 @@ class Picture:
     known_colour: whether light is of the space that was asked for, and not camera RGB.
     """
 
-    light: Float
-    sigma: Float | None
+    light: Array32
+    sigma: Array32 | None
     mask: npt.NDArray[np.intp]
     known_colour: bool
 
@@ -57,8 +57,8 @@ def picture_of(
     )
     light = merged.radiance
     sigma = merged.sigma
-    usable: Bool = np.asarray(np.isfinite(light))
-    flags: list[Bool] = [merged.clipped, merged.dark, np.asarray(~usable), best.ghost]
+    usable: Mask = np.asarray(np.isfinite(light))
+    flags: list[Mask] = [merged.clipped, merged.dark, np.asarray(~usable), best.ghost]
     if cfa is not None:
         near = np.ones((2 * cfa.cell - 1,) * 2, bool)
         spread = [ndimage.binary_dilation(flag, near) for flag in flags[:2]]
@@ -82,6 +82,6 @@ def picture_of(
     return Picture(light.astype(np.float32), deviation, np.asarray(mask), known_colour)
 
 
-def _finite(variance: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def _finite(variance: Floats) -> Array:
     """Infinity in one channel, of a bound, is infinity in all that are mixed from it."""
     return np.where(np.isfinite(variance).all(-1, keepdims=True), variance, np.inf)

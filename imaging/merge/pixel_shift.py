@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array32, Floats, Mask
 from imaging.cfa import Cfa, bilinear
 from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
@@ -102,7 +103,7 @@ def combined(frames: Sequence[RawMosaic]) -> Combined:
     return Combined(together, share)
 
 
-def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
+def shifts(codes: Sequence[Array32], cfa: Cfa) -> list[Shift]:
     """Rows and columns by which each frame has to be moved to lie on the first, whose CFA all have.
 
     Every frame is held against the colours between the photosites of the first. InputError where a frame fits
@@ -129,9 +130,7 @@ def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
     return [(0, 0), *best]
 
 
-def _contradicted(
-    green: npt.NDArray[np.floating], apart: npt.NDArray[np.floating], first: RawMosaic
-) -> npt.NDArray[np.bool_]:
+def _contradicted(green: Floats, apart: Floats, first: RawMosaic) -> Mask:
     """Return where the two samples of green, `apart` so much, differ by more than noise: bool [H, W].
 
     green: their mean above black, DN. Without a noise profile the noise is that of most of the picture.
@@ -170,7 +169,7 @@ def _moved(image: npt.NDArray[Number], shift: Shift) -> npt.NDArray[Number]:
     return np.roll(image, shift, axis=(0, 1))
 
 
-def _inside(shape: tuple[int, ...], shift: Shift) -> npt.NDArray[np.bool_]:
+def _inside(shape: tuple[int, ...], shift: Shift) -> Mask:
     """Return where a moved frame has photosites of its own, and none that came in from the other side."""
     inside = np.ones(shape, bool)
     for axis, step in enumerate(shift):
@@ -179,7 +178,7 @@ def _inside(shape: tuple[int, ...], shift: Shift) -> npt.NDArray[np.bool_]:
     return inside
 
 
-def _fill(pixels: npt.NDArray[np.uint16], known: npt.NDArray[np.bool_]) -> None:
+def _fill(pixels: npt.NDArray[np.uint16], known: Mask) -> None:
     """Give unknown values at the border those of the pixel beside, in place."""
     height, width = pixels.shape[:2]
     for row, column, channel in np.argwhere(~known):

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imaging.merge.ratios import FEWEST, LEVELS, Array, Overlap
+from imaging.arrays import Array
+from imaging.merge.ratios import FEWEST, LEVELS, Overlap
 
 BENT = 0.05
 """Least departure of the exponent from 1 that is called a curve."""

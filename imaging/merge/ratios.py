@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from imaging.arrays import Array
 from imaging.cfa import Cfa
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.robust import huber_weight, robust_scale
-
-Array = npt.NDArray[np.float64]
 
 LOWEST, HIGHEST = 0.05, 0.9
 """Levels of the longer exposure, relative to white, between which photosites are compared."""

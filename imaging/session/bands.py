@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.colour import REC709_FROM_XYZ
 from imaging.session.records import Band
 
@@ -34,13 +34,13 @@ def in_order(bands: Sequence[Band]) -> tuple[Band, ...]:
     )
 
 
-def matching(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def matching(x: Array) -> Array:
     """CIE 1931 XYZ of wavelengths [N], nm: float64 [N, 3].
 
     The fit by piecewise Gaussians of Wyman, Sloan and Shirley (JCGT 2(2), 2013), right to about 1 %.
     """
 
-    def lobe(middle: float, left: float, right: float) -> npt.NDArray[np.float64]:
+    def lobe(middle: float, left: float, right: float) -> Array:
         return np.exp(-0.5 * ((x - middle) * np.where(x < middle, 1 / left, 1 / right)) ** 2)
 
     red = 1.056 * lobe(599.8, 37.9, 31.0) + 0.362 * lobe(442.0, 16.0, 26.7) - 0.065 * lobe(501.1, 20.4, 26.2)
@@ -49,7 +49,7 @@ def matching(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.stack([red, green, blue], axis=-1)
 
 
-def false_colour(bands: Sequence[Band]) -> npt.NDArray[np.float64]:
+def false_colour(bands: Sequence[Band]) -> Array:
     """Linear Rec.709 of the light of bands, float64 [3, bands]; equal light in all of them is white.
 
     Bands of known wavelengths are seen as the eye sees them (`matching`), if those make three colours. Where

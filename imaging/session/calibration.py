@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from imaging.arguments import checked
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.lens import Lens
@@ -48,7 +48,7 @@ class LensError(Record):
     camera's own rotation excluded; None if unknown.
     """
 
-    def projection_map(self) -> npt.NDArray[np.float64]:
+    def projection_map(self) -> Array:
         """`projection` as an array [rows, columns], inf where it is not known."""
         return np.array([[np.inf if one is None else one for one in row] for row in self.projection])
 

@@ -1,12 +1,12 @@
 """Falloff of lens and sensitivity, which is divided out of a camera's light."""
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32
 from imaging.session.calibration import CameraCalibration
 
 
-def falloff(camera: CameraCalibration, height: int, width: int) -> npt.NDArray[np.float32]:
+def falloff(camera: CameraCalibration, height: int, width: int) -> Array32:
     """Vignetting times gain at every pixel, float32 [height, width]."""
     a, b, c = camera.vignetting
     y = (np.arange(height) + 0.5 - height / 2)[:, None]

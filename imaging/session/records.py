@@ -9,7 +9,6 @@ from datetime import datetime
 from typing import Annotated, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     Field,
@@ -17,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from imaging.arrays import Array
 from imaging.exposure import Exposure
 from imaging.record import Record
 from imaging.session.view_id import ViewId
@@ -131,7 +131,7 @@ class Board(Record):
             raise ValueError(f"the board has {needed} markers and {self.dictionary} only {has}")
         return self
 
-    def corners(self) -> npt.NDArray[np.float64]:
+    def corners(self) -> Array:
         """The inner corners by id, m, float64 [(columns - 1) (rows - 1), 3], z = 0."""
         x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         return np.asarray(self.square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1))

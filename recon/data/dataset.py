@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Integers, Mask
 from imaging.cfa import Cfa
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.session.calibration import CalibrationRecord, Response
@@ -18,8 +18,6 @@ from recon.data.measured_depth import DepthMapFile, scaled
 from recon.data.shot import Shot, bytes_of
 from recon.data.world import SAME, WorldTransform
 from recon.splat import SplatCamera
-
-Float = npt.NDArray[np.float32]
 
 COLMAP = "calibration/colmap"
 MOST_VALIDATION = 4
@@ -42,8 +40,8 @@ class Sensor:
 
     kind: ImageKind
     cfa: Cfa | None
-    camera_from_rec709: npt.NDArray[np.float64]
-    falloff: Float
+    camera_from_rec709: Array
+    falloff: Array32
     response: Response
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     glare: float = 0.0
@@ -85,7 +83,7 @@ class View:
         return any(shot.planes.transparent for shot in self.shots)
 
     @property
-    def seen(self) -> npt.NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """Mask of the pixels with data in any of the shots, bool [H, W]: not behind a mask."""
         valid = self.shots[0].valid
         if not bytes_of(valid) and valid.flat[0]:  # all of it, as of most photographs
@@ -95,7 +93,7 @@ class View:
         return np.asarray(valid if valid.ndim == 2 else valid.all(-1))
 
     @property
-    def alpha(self) -> Float | None:
+    def alpha(self) -> Array32 | None:
         """Share of each pixel's light that comes from the scene, 0..1, float32 [H, W]; None: all of it.
 
         The rest is empty background. It is the mean alpha of the view's photographs.
@@ -106,7 +104,7 @@ class View:
         return np.asarray(np.mean(alphas, axis=0, dtype=np.float32))
 
     @cached_property
-    def centre(self) -> npt.NDArray[np.float64]:
+    def centre(self) -> Array:
         """The camera's centre in the scene, float64 [3]."""
         motion = self.lens.cam_from_world
         return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
@@ -178,9 +176,7 @@ class Dataset:
         points = read_points(self.session / COLMAP)
         return replace(points, xyz=self.world.from_world(points.xyz))
 
-    def tracks(
-        self, most: int | None = None
-    ) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+    def tracks(self, most: int | None = None) -> tuple[Array, dict[str, Integers]]:
         """Points [P, 3], and which of them the image of each name saw, as `read_tracks` has them.
 
         most: of the points, those that most images saw; None: all.

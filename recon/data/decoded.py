@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import AnyArray, Array32, Mask
 from imaging.cfa import Cfa
 from imaging.compute import memory
 from imaging.errors import InputError, StorageError
 from imaging.files import store
-from imaging.merge.linear_frame import Bool, Float, Noise, SensorSignalNoise, code_noise
+from imaging.merge.linear_frame import Noise, SensorSignalNoise, code_noise
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
@@ -93,40 +93,40 @@ class StoredPlanes:
         return False
 
     @property
-    def pixels(self) -> Float:
+    def pixels(self) -> Array32:
         """Read at each look, as all of them."""
-        plane: Float = self._read("pixels", lambda file: _decoded(file, "pixels"))
+        plane: Array32 = self._read("pixels", lambda file: _decoded(file, "pixels"))
         return plane
 
     @property
-    def alpha(self) -> Float | None:
+    def alpha(self) -> Array32 | None:
         """Alpha, or None."""
         return self._read("alpha", lambda file: _decoded(file, "alpha")) if self.transparent else None
 
     @property
-    def saturated(self) -> Bool:
+    def saturated(self) -> Mask:
         """Mask of pixels that are lower bounds."""
         return self._mask("saturated")
 
     @property
-    def dark(self) -> Bool:
+    def dark(self) -> Mask:
         """Mask of pixels that are upper bounds."""
         return self._mask("dark")
 
     @property
-    def valid(self) -> Bool:
+    def valid(self) -> Mask:
         """Mask of pixels with data."""
         return self._mask("valid")
 
-    def _mask(self, name: str) -> Bool:
+    def _mask(self, name: str) -> Mask:
         if name in self.uniform:
             return np.broadcast_to(np.bool_(self.uniform[name]), self.shape)
         count = int(np.prod(self.shape))
 
-        def unpacked(file: Any) -> Bool:
+        def unpacked(file: Any) -> Mask:
             return np.unpackbits(file[name], count=count).view(bool).reshape(self.shape)
 
-        plane: Bool = self._read(name, unpacked)
+        plane: Mask = self._read(name, unpacked)
         return plane
 
     def _read(self, name: str, read: Callable[[Any], Any]) -> Any:
@@ -225,7 +225,7 @@ def _written(path: Path, source: Source) -> tuple[Planes, dict[str, Any]]:
 
 
 @np.errstate(all="ignore")
-def _encoded(name: str, values: Float) -> dict[str, npt.NDArray[Any]]:
+def _encoded(name: str, values: Array32) -> dict[str, AnyArray]:
     """Codes of the fewest bits with their table of values, else the values themselves."""
     low, high = values.min(), values.max()
     for kind in (np.uint8, np.uint16):
@@ -245,7 +245,7 @@ def _encoded(name: str, values: Float) -> dict[str, npt.NDArray[Any]]:
     return {name: values}
 
 
-def _decoded(file: Any, name: str) -> Float:
+def _decoded(file: Any, name: str) -> Array32:
     """The values that `_encoded` was given."""
     stored = file[name]
     return np.asarray(stored if stored.dtype == np.float32 else file[f"{name} table"][stored], np.float32)

@@ -4,9 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import lens as optics
+from imaging.arrays import Array, Mask
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
 
 
 def project(lens: SplatCamera, xyz: npt.ArrayLike) -> tuple[Array, Array]:
@@ -37,7 +36,7 @@ def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
     return pixels, depth
 
 
-def inside(lens: SplatCamera, pixels: Array, depth: Array) -> npt.NDArray[np.bool_]:
+def inside(lens: SplatCamera, pixels: Array, depth: Array) -> Mask:
     """Return which of `project`ed points a picture shows: those in front of the camera and within its
     bounds.
     """

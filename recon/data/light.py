@@ -9,12 +9,13 @@ from typing import overload
 
 import numpy as np
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files import store
 from imaging.merge.bracket import merge_bracket
-from imaging.merge.linear_frame import Bool, Float, LinearFrame
+from imaging.merge.linear_frame import LinearFrame
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 
@@ -31,7 +32,7 @@ class Light:
     reference: float | None
 
 
-Images = Sequence[tuple[Float, Bool]]
+Images = Sequence[tuple[Array32, Mask]]
 """Radiance images of views, in their order; for a large data set each access reads a file."""
 
 BRIGHTEST = 0.9999
@@ -39,7 +40,7 @@ BRIGHTEST = 0.9999
 _STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
 
 
-def radiance_image(view: View) -> tuple[Float, Bool]:
+def radiance_image(view: View) -> tuple[Array32, Mask]:
     """Linear radiance [H, W, channels] and where it is trusted [H, W]: the merged bracket, demosaicked.
 
     Where all shots are saturated the shortest gives a lower bound, which is returned but not trusted. Of a
@@ -68,7 +69,7 @@ def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images
     name.
     """
 
-    def each() -> Iterator[tuple[Float, Bool]]:
+    def each() -> Iterator[tuple[Array32, Mask]]:
         for done, view in enumerate(dataset.train):
             if not view.held:
                 progress("merging brackets", done, len(dataset.train))
@@ -77,16 +78,16 @@ def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images
     return kept_images(dataset, each())
 
 
-def kept_images(dataset: Dataset, images: Iterable[tuple[Float, Bool]]) -> Images:
+def kept_images(dataset: Dataset, images: Iterable[tuple[Array32, Mask]]) -> Images:
     """Images of views, in memory if the shots of the data set are."""
     held = all(view.held for view in dataset.views)
     return list(images) if held else StoredImages(dataset.session, images)
 
 
-class StoredImages(Sequence[tuple[Float, Bool]]):
+class StoredImages(Sequence[tuple[Array32, Mask]]):
     """Images [H, W, C] with masks [H, W] on a disk, which are freed with the last reference."""
 
-    def __init__(self, folder: Path, images: Iterable[tuple[Float, Bool]]) -> None:
+    def __init__(self, folder: Path, images: Iterable[tuple[Array32, Mask]]) -> None:
         self._file = store.scratch(folder)
         weakref.finalize(self, self._file.close)
         self._places: list[tuple[int, tuple[int, ...]]] = []
@@ -104,10 +105,10 @@ class StoredImages(Sequence[tuple[Float, Bool]]):
         return len(self._places)
 
     @overload
-    def __getitem__(self, at: int) -> tuple[Float, Bool]: ...
+    def __getitem__(self, at: int) -> tuple[Array32, Mask]: ...
     @overload
-    def __getitem__(self, at: slice) -> list[tuple[Float, Bool]]: ...
-    def __getitem__(self, at: int | slice) -> tuple[Float, Bool] | list[tuple[Float, Bool]]:
+    def __getitem__(self, at: slice) -> list[tuple[Array32, Mask]]: ...
+    def __getitem__(self, at: int | slice) -> tuple[Array32, Mask] | list[tuple[Array32, Mask]]:
         if isinstance(at, slice):
             return [self[place] for place in range(*at.indices(len(self)))]
         place, shape = self._places[at]
@@ -118,7 +119,7 @@ class StoredImages(Sequence[tuple[Float, Bool]]):
         return light, trusted
 
 
-def _of_bands(view: View) -> tuple[Float, Bool]:
+def _of_bands(view: View) -> tuple[Array32, Mask]:
     """The same of shots through filters, each band's bracket merged by itself."""
     groups: dict[int, list[LinearFrame]] = {}
     for shot in view.shots:
@@ -135,7 +136,7 @@ def _of_bands(view: View) -> tuple[Float, Bool]:
     return light, trusted
 
 
-def grey(image: Float) -> Float:
+def grey(image: Array32) -> Array32:
     """The mean of the channels [H, W] that a radiance image has."""
     known = ~np.isnan(image[0, 0])
     return np.asarray((image if known.all() else image[..., known]).mean(-1), np.float32)

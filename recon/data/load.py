@@ -5,11 +5,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from imaging.arrays import Array32
 from imaging.cfa import Cfa
 from imaging.colour import of_channels
 from imaging.errors import ReconstructionError
 from imaging.lens import Lens
-from imaging.merge.linear_frame import Float
 from imaging.progress import Progress, unreported
 from imaging.session.bands import in_order
 from imaging.session.calibration import CalibrationRecord, ViewCalibration, read_calibration
@@ -112,7 +112,7 @@ def read_views(
     """
     poses = {view.id: view for view in calibration.views}
     kinds = {session.camera(view.camera).kind for view in groups}
-    falloffs: dict[tuple[str, int, int], Float] = {}
+    falloffs: dict[tuple[str, int, int], Array32] = {}
 
     def read(place: ViewId, stored: Path | None) -> View:
         camera = session.camera(place.camera)
@@ -192,7 +192,7 @@ def _view(
     record: CameraRecord,
     group: Sequence[ShotRecord],
     max_width: int | None,
-    falloffs: dict[tuple[str, int, int], Float],
+    falloffs: dict[tuple[str, int, int], Array32],
     stored: Path | None,
 ) -> View:
     """One view. falloffs: of cameras by name and size, held once for all their views; stored: where its

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Integers
 from imaging.files.depth import read_depth
 from imaging.robust import robust_scale
 from recon.data.geometry import inside, project
@@ -15,8 +15,6 @@ from recon.data.geometry import inside, project
 if TYPE_CHECKING:
     from recon.data.dataset import View
 
-Array = npt.NDArray[np.float64]
-Float = npt.NDArray[np.float32]
 
 FEWEST_LOOKS = 30
 """Fewest samples at scene points, of all views together, that determine a scale."""
@@ -35,7 +33,7 @@ class DepthMapFile:
     path: Path
     unit: float
 
-    def seen(self, view: "View") -> Float:
+    def seen(self, view: "View") -> Array32:
         """Depth along the view's axis, scene coordinates, float32 [H, W]; 0 where nothing is known.
 
         What a mask hides or alpha leaves out is not known. InputError where the file is missing or damaged.
@@ -48,7 +46,7 @@ class DepthMapFile:
         return np.asarray(np.where(known, depth, 0), np.float32)
 
 
-def _resized(values: Float, height: int, width: int) -> Float:
+def _resized(values: Array32, height: int, width: int) -> Array32:
     """A map [h, w] at [height, width]: bilinear on a surface, else the nearest pixel, as nothing is between a
     near one and a far one.
     """
@@ -101,7 +99,7 @@ class DepthFit:
         return f"{agreed}, which scatter by {100 * self.scatter:.2g} %"
 
 
-def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, npt.NDArray[np.int64]]) -> DepthFit | None:
+def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, Integers]) -> DepthFit | None:
     """Fit the scale of the depth maps of `views`; None if no view has one.
 
     xyz: scene points [P, 3]; tracks: which of them the image of each name saw, as far as that is known. One

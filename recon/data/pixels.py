@@ -5,25 +5,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import AnyArray, Array32, Mask
 from imaging.cfa import Cfa
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_with_alpha
 from imaging.files.raw import read_raw
-from imaging.merge.linear_frame import (
-    Bool,
-    Float,
-    LinearFrame,
-    from_codes,
-    from_light,
-    from_raw,
-)
+from imaging.merge.linear_frame import LinearFrame, from_codes, from_light, from_raw
 from imaging.merge.masks import read_mask
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
@@ -106,7 +99,7 @@ def decode_shot(
     return shot.showing(valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
 
 
-def _held(mask: Bool) -> Bool:
+def _held(mask: Mask) -> Mask:
     """A mask as it is, or where it is the same everywhere as a view of one byte that cannot be written to."""
     alike = bool(mask.all()) or not mask.any()
     return np.broadcast_to(mask.flat[0], mask.shape) if alike else mask
@@ -182,13 +175,13 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     return Shot.of(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
 
 
-def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _even(image: AnyArray) -> AnyArray:
     """An image without an odd last row or column."""
     height, width = image.shape[:2]
     return image[: height - height % 2, : width - width % 2]
 
 
-def whole_tiles(image: npt.NDArray[Any], cfa: Cfa | None) -> npt.NDArray[Any]:
+def whole_tiles(image: AnyArray, cfa: Cfa | None) -> AnyArray:
     """A mosaic, or what goes with it, without the last rows and columns that complete no tile."""
     if cfa is None:
         return image
@@ -203,6 +196,6 @@ def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int
     return max_width, max(round(height * max_width / width), 1)
 
 
-def area_mean(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Float:
+def area_mean(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Array32:
     """An image [H, W, ...] averaged over areas, `size` being the width and height that it is to have."""
     return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)

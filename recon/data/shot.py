@@ -6,13 +6,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from imaging.arrays import Array32, Mask
 from imaging.cfa import Cfa
 from imaging.merge.linear_frame import (
     DARK_CODE,
     SATURATED_CODE,
-    Bool,
     CodeSignalNoise,
-    Float,
     LinearFrame,
     Noise,
     SensorSignalNoise,
@@ -32,15 +31,15 @@ class Planes(Protocol):
     """
 
     @property
-    def pixels(self) -> Float: ...  # noqa: D102
+    def pixels(self) -> Array32: ...  # noqa: D102
     @property
-    def saturated(self) -> Bool: ...  # noqa: D102
+    def saturated(self) -> Mask: ...  # noqa: D102
     @property
-    def dark(self) -> Bool: ...  # noqa: D102
+    def dark(self) -> Mask: ...  # noqa: D102
     @property
-    def valid(self) -> Bool: ...  # noqa: D102
+    def valid(self) -> Mask: ...  # noqa: D102
     @property
-    def alpha(self) -> Float | None: ...  # noqa: D102
+    def alpha(self) -> Array32 | None: ...  # noqa: D102
     @property
     def shape(self) -> tuple[int, ...]: ...  # noqa: D102
     @property
@@ -53,11 +52,11 @@ class Planes(Protocol):
 class HeldPlanes:
     """Planes in memory."""
 
-    pixels: Float
-    saturated: Bool
-    dark: Bool
-    valid: Bool
-    alpha: Float | None = None
+    pixels: Array32
+    saturated: Mask
+    dark: Mask
+    valid: Mask
+    alpha: Array32 | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -102,40 +101,40 @@ class Shot:
         cls,
         file: str,
         k: float,
-        pixels: Float,
-        saturated: Bool,
-        dark: Bool,
-        valid: Bool,
+        pixels: Array32,
+        saturated: Mask,
+        dark: Mask,
+        valid: Mask,
         noise: Noise | None = None,
         ceiling: float | None = None,
         band: int | None = None,
-        alpha: Float | None = None,
+        alpha: Array32 | None = None,
     ) -> "Shot":
         """A shot in memory."""
         return cls(file, k, HeldPlanes(pixels, saturated, dark, valid, alpha), noise, ceiling, band)
 
     @property
-    def pixels(self) -> Float:
+    def pixels(self) -> Array32:
         """The signal."""
         return self.planes.pixels
 
     @property
-    def saturated(self) -> Bool:
+    def saturated(self) -> Mask:
         """Mask of saturated pixels; there the signal is a lower bound."""
         return self.planes.saturated
 
     @property
-    def dark(self) -> Bool:
+    def dark(self) -> Mask:
         """Mask of dark pixels; there the signal is an upper bound."""
         return self.planes.dark
 
     @property
-    def valid(self) -> Bool:
+    def valid(self) -> Mask:
         """Mask of pixels with data."""
         return self.planes.valid
 
     @property
-    def alpha(self) -> Float | None:
+    def alpha(self) -> Array32 | None:
         """Share of the light that comes from the scene."""
         return self.planes.alpha
 
@@ -181,6 +180,6 @@ def measured_light(shot: Shot, response: Response) -> tuple[float, float] | None
     return None if shot.ceiling is None else (0.0, shot.ceiling / shot.k)
 
 
-def bytes_of(plane: Float | Bool) -> int:
+def bytes_of(plane: Array32 | Mask) -> int:
     """Bytes of a plane in memory; none of one that says everywhere the same."""
     return plane.nbytes if any(plane.strides) else 0

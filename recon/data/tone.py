@@ -1,14 +1,13 @@
 """Linear light to code values: the way back of `imaging.merge.linear_frame.decode`."""
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Floats
 from imaging.colour import srgb_encode
-from imaging.merge.linear_frame import Float
 from imaging.session.calibration import Response
 
 
-def encode(light: npt.NDArray[np.floating], response: Response) -> Float:
+def encode(light: Floats, response: Response) -> Array32:
     """Linear light times exposure scale [..., 3] -> code values, clipped to 0..1, float32 [..., 3].
 
     Below the lowest code of a measured curve the code falls in proportion to the light.

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.pose import Pose
@@ -17,15 +17,13 @@ from imaging.session.view_id import ViewId
 from recon.data.dataset import View
 from recon.data.pixels import area_mean
 
-Array = npt.NDArray[np.float64]
-
 
 def has_truth(session: Path) -> bool:
     """Return whether the session is a simulated one, with its truth beside it."""
     return (session / "truth" / "truth.json").is_file()
 
 
-def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> npt.NDArray[np.float32]:
+def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> Array32:
     """Return what a view should show, linear Rec.709 [H, W, 3], or [H, W, bands]; averaged over areas to the
     view's size.
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from imaging.arrays import Array
 from imaging.files.colmap import read_tracks
 from imaging.record import Record
 from recon.splat import SplatCamera
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 ROUNDING_PX = 0.01

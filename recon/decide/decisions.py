@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
@@ -101,7 +101,7 @@ class Decisions:
     refinement: Refinement
     rungs: tuple[Rung, ...] = ()
     prediction: Prediction | None = None
-    first: npt.NDArray[np.float64] | None = None
+    first: Array | None = None
     points: Start | None = None
     far: Environment | None = None
     against_trials: str | None = None

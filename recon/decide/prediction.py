@@ -12,6 +12,7 @@ from importlib import resources
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.record import Record
 
 
@@ -27,8 +28,6 @@ class Prediction(Record):
     """Iterations of the miniature that it comes from."""
     tried_db: float
 
-
-Array = npt.NDArray[np.float64]
 
 NOISE = 0.3
 """dB that a training may lie beside its scene's curve."""

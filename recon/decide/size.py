@@ -8,9 +8,9 @@ lose little.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
@@ -50,8 +50,6 @@ FEWEST = 50
 UNIT = "dB of the pictures of views held out of a trial"
 COLOUR_UNIT = "dB of the luminance of scene points, each look predicted from all others"
 _ALONE = Ranks()
-
-Array = npt.NDArray[np.float64]
 
 
 def degree_for(

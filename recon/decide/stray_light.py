@@ -9,20 +9,16 @@ level that is off by as much in all views is no part of it.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates
 
-from imaging.merge.linear_frame import Bool
+from imaging.arrays import Array, Integers, Mask
 from imaging.robust import huber_weight, robust_scale
 from imaging.session.records import Rung
 from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.geometry import project
 from recon.data.light import Images
 from recon.observe.glare import spread
-
-Array = npt.NDArray[np.float64]
-Int = npt.NDArray[np.int64]
 
 DARK = 0.1
 """Most light of a point, relative to that of its halo: brighter points differ by their gloss."""
@@ -44,12 +40,12 @@ class DarkSights:
     the light by noise and displacement.
     """
 
-    point: Int
-    camera: Int
+    point: Integers
+    camera: Integers
     light: Array
     halo: Array
 
-    def part(self, keep: Bool) -> "DarkSights":
+    def part(self, keep: Mask) -> "DarkSights":
         """The sights that `keep` [N] names."""
         return DarkSights(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
 
@@ -110,7 +106,7 @@ def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSig
     return DarkSights(point, numbers[view_of], light[view_of, point], halo[view_of, point])
 
 
-def _gains(sights: DarkSights, held: Bool, cameras: int) -> Array:
+def _gains(sights: DarkSights, held: Mask, cameras: int) -> Array:
     """Gains in the prediction of each held-out point with the shares from the other points."""
     shares, test = _solved(sights.part(~held), cameras), sights.part(held)
     after = _residual(test, shares)
@@ -142,7 +138,7 @@ def _residual(sights: DarkSights, shares: Array) -> Array:
     return np.asarray((left - _mean(sights.point, left, np.ones(len(left))))[:, 0])
 
 
-def _mean(point: Int, values: Array, weight: Array) -> Array:
+def _mean(point: Integers, values: Array, weight: Array) -> Array:
     """Weighted means of the sights [N, C] of each point, at each sight."""
     total = np.maximum(np.bincount(point, weight), 1e-12)
     return np.stack([(np.bincount(point, weight * column) / total)[point] for column in values.T], axis=1)

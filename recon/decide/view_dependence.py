@@ -8,17 +8,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates, minimum_filter
 
+from imaging.arrays import Array, Integers
 from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.geometry import inside, project
 from recon.data.light import Images, grey
 from recon.scene.harmonics import DEGREE, basis
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_VIEWS = 8
 """Fewest views of a point: with fewer, harmonics are hardly constrained."""
@@ -98,12 +96,12 @@ def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Look
     return Looks(light, towards, slope)
 
 
-def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> npt.NDArray[np.int64]:
+def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> Integers:
     """Visibility of `xyz` [Q, 3] in a camera: in its picture with none of `points` [P, 3] in front."""
     size = lens.width / CELLS
     shape = math.ceil(lens.height / size) + 1, CELLS + 1
 
-    def cells(pixels: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def cells(pixels: Array) -> tuple[Integers, Integers]:
         column, row = np.floor(pixels / size).astype(np.int64).T
         return row, column
 

@@ -9,9 +9,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array, Bytes
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.nerfstudio import Picture, transforms
@@ -32,7 +32,6 @@ COLMAP, NERFSTUDIO, IMAGES, POINTS = "colmap", "transforms.json", "images", "spa
 MOST_POINTS = 100_000
 _RIGID = 1e-9
 """Tolerance of mounted cameras' relative poses from frame to frame, relative to the scene's unit."""
-Array = npt.NDArray[np.float64]
 
 
 def write(job: Job) -> Written:
@@ -95,12 +94,12 @@ def _photograph(scene: Scene, view: SceneView) -> Path | None:
     return path if path.is_file() else None
 
 
-def _drawn(scene: Scene, view: SceneView) -> npt.NDArray[np.uint8]:
+def _drawn(scene: Scene, view: SceneView) -> Bytes:
     light, alpha = scene.layer(view.splat_camera)
     return picture(in_colour(light, scene.record.bands), alpha, scene.exposure)
 
 
-def _points(scene: Scene) -> tuple[Array, npt.NDArray[np.uint8]]:
+def _points(scene: Scene) -> tuple[Array, Bytes]:
     """The middles of solid Gaussians [N, 3], less the offset, and what screens show of them."""
     if scene.record.display is None:
         splats = linear_splats(scene, scene.exposure, with_dome=False)
@@ -122,7 +121,7 @@ def _colmap(
     lenses: list[Lens],
     motions: list[Array],
     places: Array,
-    codes: npt.NDArray[np.uint8],
+    codes: Bytes,
 ) -> dict[str, str]:
     """The texts of a model by their names; cameras that are mounted together are one rig."""
     numbers: dict[tuple[str, Lens], int] = {}

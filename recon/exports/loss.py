@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array, Array32
 from imaging.colour import srgb_decode
 from imaging.progress import Progress
 from recon.exports.splats import Splats
@@ -104,7 +105,7 @@ def floor_of(scene: Scene) -> float:
     return _SPAN / record.exposure
 
 
-def stops_between(truth: npt.ArrayLike, drawn_light: npt.ArrayLike, floor: float) -> npt.NDArray[np.float64]:
+def stops_between(truth: npt.ArrayLike, drawn_light: npt.ArrayLike, floor: float) -> Array:
     """Return how far two lights are apart, those below `floor` counted as it."""
     both = (np.maximum(np.asarray(light, np.float64), floor) for light in (truth, drawn_light))
     return np.asarray(np.abs(np.subtract(*(np.log2(light) for light in both))))
@@ -116,7 +117,7 @@ def chosen(views: Sequence[SceneView]) -> list[SceneView]:
     return [views[round(place)] for place in np.linspace(0, len(views) - 1, count)]
 
 
-def _light(scene: Scene, view: SceneView) -> npt.NDArray[np.float32]:
+def _light(scene: Scene, view: SceneView) -> Array32:
     """Return what a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
     if scene.record.display is None:
         return in_colour(scene.render(view), scene.record.bands)
@@ -144,9 +145,7 @@ def _renderer(scene: Scene, splats: Splats) -> Renderer:
     return Renderer(PlainHarmonics(), limits, far, sampling)
 
 
-def drawn(
-    scene: Scene, splats: Splats, view: SceneView, renderer: Renderer | None = None
-) -> npt.NDArray[np.float32]:
+def drawn(scene: Scene, splats: Splats, view: SceneView, renderer: Renderer | None = None) -> Array32:
     """Radiance [H, W, 3] of a view of the scene, drawn by `rig` from the Gaussians of a file."""
     renderer = renderer or _renderer(scene, splats)
     camera = scene.record.world.camera(view.splat_camera)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from recon.result.model import CALIBRATION, SceneView, read_own_calibration
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
-Array = npt.NDArray[np.float64]
 _CORNERS = 33
 """Points along each side of a picture where a lens is compared with a pinhole."""
 

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array, Integers, Mask
 from imaging.colour import srgb_decode
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
@@ -20,8 +20,6 @@ from recon.scene.gaussians import GEOMETRY, Gaussians
 from recon.scene.harmonics import C0, COEFFICIENTS
 from recon.scene.ply import PlySplats, plain_harmonics, read_ply
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,7 @@ class Splats:
         """The same as float32 holds it; one half is added to the light, which takes of what is dim."""
         return replace(self, harmonics=self.harmonics.astype(np.float32).astype(np.float64))
 
-    def rows(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Splats":
+    def rows(self, chosen: Mask | Integers) -> "Splats":
         """Some of them, or in another order."""
         names = ("means", "scales", "quats", "opacities", "harmonics")
         return replace(self, **{name: getattr(self, name)[chosen] for name in names})

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from imaging.session.calibration import Response
 from recon.data.dataset import Dataset
 from recon.data.light import Light
@@ -41,7 +41,7 @@ class Curves:
     of_camera: dict[str, int]
     rate: float
     middle: float
-    nodes: npt.NDArray[np.float64]
+    nodes: Array
     finest: int
     measured: bool
     known: bool

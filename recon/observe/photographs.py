@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import Array
 from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.dataset import View
@@ -170,7 +170,7 @@ class ToneCurve(Observation):
         """Code values at the nodes, [R, 3, M], without gradient."""
         return curve_values(self.theta.detach().cpu())
 
-    def codes_of(self, log_exposure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def codes_of(self, log_exposure: Array) -> Array:
         """Codes [M, 3] of the first response at ln(E k) [M]."""
         x = self.rate * (log_exposure - self.middle)
         nodes, curves = self.nodes.double().numpy(), self.curves()[0].double().numpy()

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 
 from imaging import metrics
+from imaging.arrays import Array32, Mask
 from imaging.merge.bracket import merge_bracket
-from imaging.merge.linear_frame import DARK_CODE, Bool, Float, decode
+from imaging.merge.linear_frame import DARK_CODE, decode
 from recon.data.dataset import View
 from recon.data.shot import ABOVE
 from recon.observe.glare import scattered
@@ -27,10 +28,10 @@ class RecordedLight:
     since every shot clips there, or since it is below `ABOVE` standard deviations of the noise.
     """
 
-    rendered: Float
-    recorded: Float
-    at_least: Bool
-    at_most: Bool
+    rendered: Array32
+    recorded: Array32
+    at_least: Mask
+    at_most: Mask
 
 
 def recorded_light(observation: Observation, image: torch.Tensor, view: View) -> RecordedLight:
@@ -81,7 +82,7 @@ def against_photographs(views: Sequence[RecordedLight]) -> dict[str, Any]:
     }
 
 
-def _rendered(observation: Observation, image: torch.Tensor, view: View) -> Float:
+def _rendered(observation: Observation, image: torch.Tensor, view: View) -> Array32:
     """The light of a render as it arrives at the samples of a view's photographs."""
     sensor = view.sensor
     if sensor.kind != "ldr":

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import Array, Array32
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.observe.glare import scattered
@@ -66,7 +66,7 @@ class Refinement:
         self._shots = {file: row for row, file in enumerate(files)}
         cameras = dict.fromkeys(view.camera for view in self.dataset.train)
         self._cameras = {camera: row for row, camera in enumerate(cameras)}
-        gauges: dict[Refined, Callable[[Dataset], npt.NDArray[np.float64]]]
+        gauges: dict[Refined, Callable[[Dataset], Array]]
         gauges = {"poses": _pose_gauge, "exposures": _exposure_gauge}
         for name in gauges.keys() & self.parameters.keys():
             self._gauges[name] = torch.from_numpy(gauges[name](self.dataset).astype(np.float32))
@@ -232,7 +232,7 @@ def camera_delta(pose: Tensor, extent: float) -> Tensor:
     return torch.cat([extent * pose[:3], pose[3:], pose.new_zeros(DELTA - 6)])
 
 
-def _pose_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+def _pose_gauge(dataset: Dataset) -> Array:
     """Orthonormal corrections of all poses that change no picture, to first order, [6 V, 7 or fewer].
 
     They are a shift, a turn and a scale of the whole world, about the mean of the cameras.
@@ -252,13 +252,13 @@ def _pose_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
     return np.asarray(basis[:, sizes > 1e-6 * sizes.max()])
 
 
-def _exposure_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+def _exposure_gauge(dataset: Dataset) -> Array:
     """The correction of ln k that is one factor on all exposures, of length 1, [S, 1]."""
     count = sum(len(view.shots) for view in dataset.train)
     return np.full((count, 1), count**-0.5)
 
 
-def _powers(height: int, width: int) -> npt.NDArray[np.float32]:
+def _powers(height: int, width: int) -> Array32:
     """r^2, r^4 and r^6 of every pixel, [H, W, 3], as `imaging.session.falloff` has them."""
     y = (np.arange(height) + 0.5 - height / 2)[:, None]
     x = (np.arange(width) + 0.5 - width / 2)[None]

@@ -5,11 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Generic, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import AnyArray, Array32
 from recon.data.dataset import View
 
 SHARE = 0.5
@@ -28,7 +27,7 @@ class Targets(Generic[Kept]):
     """
 
     _kept: dict[str, Kept] = field(default_factory=dict)
-    _arrays: dict[int, tuple[npt.NDArray[Any], Tensor]] = field(default_factory=dict)
+    _arrays: dict[int, tuple[AnyArray, Tensor]] = field(default_factory=dict)
 
     def of(self, view: View, make: Callable[[], Kept], device: torch.device) -> Kept:
         """Return a view's targets on a device; `make` gives them on the host at the first access."""
@@ -41,7 +40,7 @@ class Targets(Generic[Kept]):
                 self._kept[view.name] = kept
         return _moved(kept, device)
 
-    def array(self, values: npt.NDArray[np.float32], image: Tensor) -> Tensor:
+    def array(self, values: Array32, image: Tensor) -> Tensor:
         """An array that several views may have in common, on the device and of the dtype of an image."""
         if image.device.type == "cpu":
             return torch.from_numpy(values).to(image.dtype)

@@ -7,10 +7,10 @@ back: on photographs that took longer than everything else in a training step to
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import AnyArray
 from imaging.compute.jit import kernel
 from imaging.compute.threads import share, take_number
 
@@ -20,8 +20,6 @@ TASK = 1 << 15
 CELLS = 1 << 12
 """Equal parts of the grid, each of which knows its node: nodes lie anywhere, and halving again and again to
 find the one below a sample costs a misjudged branch each time, four times all the rest."""
-
-Array = npt.NDArray[Any]
 
 
 def look_up(x: Tensor, values: Tensor, nodes: Tensor, leak: float) -> Tensor:
@@ -59,8 +57,8 @@ class _LookUp(torch.autograd.Function):
 
 @kernel
 def _forward(
-    counter: Array, x: Array, values: Array, nodes: Array, first: Array, leak: float,
-    out: Array, slope: Array, index: Array, part: Array,
+    counter: AnyArray, x: AnyArray, values: AnyArray, nodes: AnyArray, first: AnyArray, leak: float,
+    out: AnyArray, slope: AnyArray, index: AnyArray, part: AnyArray,
 ) -> None:  # fmt: skip
     """out = g(x), slope = dg/dx; index of the node below (-1 outside the grid) and the part of the way on.
 
@@ -93,7 +91,7 @@ def _forward(
 
 
 @kernel
-def _backward(counter: Array, outer: Array, index: Array, part: Array, sums: Array) -> None:
+def _backward(counter: AnyArray, outer: AnyArray, index: AnyArray, part: AnyArray, sums: AnyArray) -> None:
     """d loss / d values, of each task's samples: sums float64 [tasks, M]."""
     count = len(outer)
     task = take_number(counter)

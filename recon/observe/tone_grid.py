@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
+from imaging.arrays import Array
 from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.tone import encode
@@ -47,7 +48,7 @@ class Grid:
     core_low: float = -5.0
     core_high: float = 2.5
 
-    def nodes(self) -> npt.NDArray[np.float64]:
+    def nodes(self) -> Array:
         """x of every node, rising, float64 [M]."""
         parts = [
             (self.low, self.core_low, TAIL_DENSITY),
@@ -61,7 +62,7 @@ class Grid:
         return np.concatenate([*pieces, [self.high]])
 
 
-def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+def needed(nodes: Array, curves: Array) -> npt.NDArray[np.intp]:
     """Mask of the nodes [M] that curves [..., M] need: straight lines between them are within `EXACT` of all
     others.
 
@@ -76,7 +77,7 @@ def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> n
     return np.array(kept)
 
 
-def _straight(nodes: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], start: int, end: int) -> bool:
+def _straight(nodes: Array, rows: Array, start: int, end: int) -> bool:
     """Return whether one line does from one node to another."""
     share = (nodes[start : end + 1] - nodes[start]) / (nodes[end] - nodes[start])
     line = rows[:, [start]] + share * (rows[:, [end]] - rows[:, [start]])
@@ -90,7 +91,7 @@ def curve_values(theta: Tensor) -> Tensor:
     return torch.cat([torch.zeros_like(values[..., :1]), values], -1)
 
 
-def curve_parameters(values: npt.NDArray[np.float64]) -> Tensor:
+def curve_parameters(values: Array) -> Tensor:
     """Parameters whose curve has these values [..., M] at the nodes; flat places get a tiny slope."""
     steps = np.maximum(np.diff(values, axis=-1), 1e-7)
     steps = steps / steps.mean(-1, keepdims=True) * np.log(2)
@@ -136,7 +137,7 @@ def middle_of(response: Response) -> float:
     return float(np.log(np.maximum(decode(np.full((1, 3), 0.5), response), 1e-12)).mean())
 
 
-def sampled(response: Response, nodes: npt.NDArray[np.float64], rate: float, middle: float) -> Tensor:
+def sampled(response: Response, nodes: Array, rate: float, middle: float) -> Tensor:
     """The curve of a calibrated or assumed response at the nodes, as parameters [3, M - 1]."""
     light = np.exp(nodes / rate + middle)
     codes = encode(np.repeat(light[:, None], 3, axis=1), response).astype(np.float64)

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from imaging import metrics
+from imaging.arrays import Array, Array32
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.result.scene import open_model
-
-Codes = npt.NDArray[np.float32]
 
 WIDEST, FINEST = 6.0, 0.01
 """Stops: how far the search of an exposure reaches, and how finely it ends."""
@@ -38,15 +36,15 @@ def measure(folder: Path, progress: Progress = unreported) -> dict[str, float]:
         image, shot = opened.render(view.lens), view.shots[0]
 
         @torch.no_grad()
-        def shown(stops: float, image: Any = image, view: Any = view, k: float = shot.k) -> Codes:
-            codes: Codes = observation.predict(image, view, k * 2.0**stops).clamp(0, 1).numpy()
+        def shown(stops: float, image: Any = image, view: Any = view, k: float = shot.k) -> Array32:
+            codes: Array32 = observation.predict(image, view, k * 2.0**stops).clamp(0, 1).numpy()
             return codes
 
         rows.append(score(shown, shot.pixels))
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
 
 
-def score(shown: Callable[[float], Codes], photograph: Codes) -> dict[str, float]:
+def score(shown: Callable[[float], Array32], photograph: Array32) -> dict[str, float]:
     """Score the right half of a photograph, codes 0..1 [H, W, 3]: `psnr` (dB) and `ssim`.
 
     shown: codes [H, W, 3] of the scene at an exposure that many stops off the calibration's. Each channel is
@@ -68,13 +66,11 @@ def score(shown: Callable[[float], Codes], photograph: Codes) -> dict[str, float
     return {"psnr": metrics.psnr(*right), "ssim": similarity}
 
 
-def _at(shown: Callable[[float], Codes], stops: npt.NDArray[np.float64]) -> Codes:
+def _at(shown: Callable[[float], Array32], stops: Array) -> Array32:
     return np.stack([shown(float(stop))[..., channel] for channel, stop in enumerate(stops)], axis=-1)
 
 
-def _errors(
-    shown: Callable[[float], Codes], stops: npt.NDArray[np.float64], photograph: Codes, half: int
-) -> npt.NDArray[np.float64]:
+def _errors(shown: Callable[[float], Array32], stops: Array, photograph: Array32, half: int) -> Array:
     """Mean squared error [3] of the left half."""
     residual = (_at(shown, stops) - photograph)[:, :half].astype(np.float64)
     return np.asarray((residual**2).mean(axis=(0, 1)))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import metrics
+from imaging.arrays import Array, Array32, Floats
 from imaging.cfa import Cfa, bilinear, mosaic
 from imaging.colour import XYZ_FROM_REC709, srgb_encode
 from imaging.errors import InputError, ReconstructionError
@@ -21,9 +22,6 @@ from recon.data.load import lens_of_pixels
 from recon.result.model import read_own_calibration
 from recon.result.scene import open_scene
 from recon.splat import SplatCamera
-
-Floats = npt.NDArray[np.floating]
-Array = npt.NDArray[np.float64]
 
 MERGED_BITS = 2
 """Additional bits of the codes in HDR+'s merged mosaics over those of their shots."""
@@ -40,7 +38,7 @@ class Reference:
     rec709_from_camera: float64 [3, 3], with white balance.
     """
 
-    signal: npt.NDArray[np.float32]
+    signal: Array32
     cfa: Cfa
     rec709_from_camera: Array
 

@@ -8,15 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from imaging.arrays import Array
 from imaging.errors import InputError
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
 
 FRAMES = 120
 MOST_FRAMES = 100_000

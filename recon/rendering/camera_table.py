@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array
 from imaging.errors import InputError
 from recon.rendering.camera_paths import CameraPath
 from recon.rendering.given_camera import camera_of
@@ -96,7 +96,7 @@ def _number(cell: str, name: str, where: str) -> float:
     return value
 
 
-def _pose(row: Mapping[str, float], where: str) -> npt.NDArray[np.float64]:
+def _pose(row: Mapping[str, float], where: str) -> Array:
     if _MATRIX[0] in row:
         return np.array([row[name] for name in _MATRIX]).reshape(3, 4)
     quaternion = np.array([row[name] for name in _TURN])

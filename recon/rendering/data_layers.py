@@ -10,11 +10,11 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from imaging.arrays import Array32
 from imaging.progress import Progress, unreported
 from recon.rendering.median_depth import median_depth
 from recon.rendering.trust import photographs_that_saw
@@ -25,7 +25,6 @@ from recon.splat import SplatCamera
 
 Layer = Literal["depth", "alpha", "normal", "trust"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
-Plane = npt.NDArray[np.float32]
 
 _FAINT = 1e-4
 """Opacity of a pixel below which its Gaussians do not define a surface."""
@@ -41,12 +40,12 @@ class DataLayers:
     scene: Scene
     progress: Progress = field(default=unreported, repr=False)
 
-    def layer(self, name: Layer, camera: SplatCamera) -> Plane:
+    def layer(self, name: Layer, camera: SplatCamera) -> Array32:
         """A layer by name, float32 [H, W], of normals [H, W, 3]."""
-        plane: Plane = getattr(self, name)(camera)
+        plane: Array32 = getattr(self, name)(camera)
         return plane
 
-    def depth(self, camera: SplatCamera) -> Plane:
+    def depth(self, camera: SplatCamera) -> Array32:
         """Along the axis of the camera, in units of the calibration, [H, W].
 
         Infinite where more than half of the light comes from behind all Gaussians.
@@ -55,11 +54,11 @@ class DataLayers:
         depth = median_depth(self._shapes(placed), placed, self.scene.renderer.limits)
         return np.asarray(depth * np.float32(self.scene.record.world.unit))
 
-    def alpha(self, camera: SplatCamera) -> Plane:
+    def alpha(self, camera: SplatCamera) -> Array32:
         """Return how much of each pixel's light comes from the Gaussians, 0..1, [H, W]."""
         return np.asarray(self.scene.covered(self._placed(camera)).numpy())
 
-    def normal(self, camera: SplatCamera) -> Plane:
+    def normal(self, camera: SplatCamera) -> Array32:
         """Unit vectors in world axes, towards the camera, [H, W, 3]; zeros where there is no surface.
 
         Those of the Gaussians, which are their shortest axes, each as much as it is flatter than long.
@@ -71,7 +70,7 @@ class DataLayers:
         drawn, alpha = self._drawn(shapes, axes * towards, placed)
         return np.asarray(torch.where(alpha > _FAINT, normalize(drawn, dim=2), 0.0).numpy())
 
-    def trust(self, camera: SplatCamera) -> Plane:
+    def trust(self, camera: SplatCamera) -> Array32:
         """Number of views, as `photographs_that_saw` counts them, behind each pixel, [H, W].
 
         The mean of the Gaussians at the pixel, weighted by their contributions; 0 without any.

@@ -5,15 +5,13 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32
 from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
 from imaging.files.exr import white_luminance, write_exr
 from imaging.session.bands import LAYOUT, channels
 from recon.rendering.data_layers import Layer
 from recon.result.model import ModelRecord
-
-Plane = npt.NDArray[np.float32]
 
 CHANNELS: dict[Layer, tuple[str, ...]] = {
     "depth": ("Z",),
@@ -51,12 +49,12 @@ def stem(view: Named) -> str:
 
 def write_light(
     path: Path,
-    light: Plane,
+    light: Array32,
     record: ModelRecord,
     name: str,
     space: Space = "rec709",
-    alpha: Plane | None = None,
-    layers: Mapping[Layer, Plane] | None = None,
+    alpha: Array32 | None = None,
+    layers: Mapping[Layer, Array32] | None = None,
     attributes: Mapping[str, str | float] | None = None,
 ) -> None:
     """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
@@ -73,7 +71,7 @@ def write_light(
     planes = {channel: light[..., index] for index, channel in enumerate(channels(record.bands))}
     if alpha is not None:
         planes["A"] = alpha
-    data: dict[str, dict[str, Plane]] = {}
+    data: dict[str, dict[str, Array32]] = {}
     for layer, values in (layers or {}).items():
         split = np.moveaxis(np.atleast_3d(values), -1, 0)
         data[layer] = dict(zip(CHANNELS[layer], split, strict=True))

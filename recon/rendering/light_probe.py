@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
 from recon.rendering.camera_paths import level_axes
 from recon.result.scene import Scene
 from recon.scene.environment import texels
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
-Plane = npt.NDArray[np.float32]
 
 FINER = 2.0
 """Pixels to a texel at the horizon."""
@@ -51,8 +49,8 @@ class LightProbe:
     degrees (the uppermost row), and of the middle of the map, in world axes, as of environment.exr.
     """
 
-    light: Plane
-    alpha: Plane | None
+    light: Array32
+    alpha: Array32 | None
     known: float
     axes: Array
 
@@ -81,7 +79,7 @@ def light_probe(scene: Scene, place: npt.ArrayLike, rows: int) -> LightProbe:
     return LightProbe(light, alpha if scene.record.transparent else None, known, axes)
 
 
-def _averaged(pictures: Plane, focal: float, rows: int) -> Plane:
+def _averaged(pictures: Array32, focal: float, rows: int) -> Array32:
     """Means of pictures [6, size, size, C] over the texels of a map by solid angle, [rows, 2 * rows, C]."""
     fine = texels(rows * SAMPLES)
     averaged = np.empty((rows, 2 * rows, pictures.shape[-1]), np.float32)
@@ -94,7 +92,7 @@ def _averaged(pictures: Plane, focal: float, rows: int) -> Plane:
     return averaged
 
 
-def _looked_up(pictures: Plane, focal: float, directions: Array) -> Array:
+def _looked_up(pictures: Array32, focal: float, directions: Array) -> Array:
     """Pictures at directions [..., 3] along the axes of the map, bilinear, float64 [..., C]."""
     in_face = np.stack([directions @ face.T for face in _FACES])  # right, down and ahead of each face
     face = np.argmax(in_face[..., 2], axis=0)

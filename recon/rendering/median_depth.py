@@ -5,9 +5,9 @@ the first slab at which less than half is left holds the surface.
 """
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array32
 from recon.scene.gaussians import Shapes, drawn_values
 from recon.splat import Limits, SplatCamera
 from recon.splat.torch_threads import torch_on_one_thread
@@ -18,7 +18,7 @@ FEWEST = 128
 HALF = 0.5
 
 
-def median_depth(shapes: Shapes, camera: SplatCamera, limits: Limits) -> npt.NDArray[np.float32]:
+def median_depth(shapes: Shapes, camera: SplatCamera, limits: Limits) -> Array32:
     """Depth along the axis, float32 [H, W], in the unit of the means; infinite where half is never stopped.
 
     It is the mean of those Gaussians of the slab that are at the pixel, by what they add to it.

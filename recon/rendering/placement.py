@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.errors import InputError
 from recon.data.world import Vector
 from recon.rendering.camera_paths import CameraPath, placed
 from recon.scene.usd_field import PLACED, column_matrix, unscaled
 from recon.splat import SplatCamera
 
-Array = npt.NDArray[np.float64]
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _SAME = 1e-6

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ, of_channels
 from imaging.errors import InputError
@@ -33,7 +33,7 @@ class RawCamera:
 
     calibration: CameraCalibration
     cfa: Cfa
-    matrix: npt.NDArray[np.float64]
+    matrix: Array
     shots: tuple[SceneShot, ...]
 
     @classmethod
@@ -57,7 +57,7 @@ class RawCamera:
         matrix = of_channels(calibration.camera_from_rec709, len(cfa.letters))
         return cls(calibration, cfa, matrix, first.shots)
 
-    def bracket(self, light: npt.NDArray[np.float32], seed: int) -> Iterator[RawMosaic]:
+    def bracket(self, light: Array32, seed: int) -> Iterator[RawMosaic]:
         """The mosaics of light [H, W, 3] by the exposures of the camera's bracket, darkest first.
 
         One seed and one picture give the same noise.
@@ -72,9 +72,7 @@ class RawCamera:
         for shot in self.shots:
             yield self._recorded(arriving * shot.k, shot, noise)
 
-    def _recorded(
-        self, signal: npt.NDArray[np.float64], shot: SceneShot, noise: np.random.Generator
-    ) -> RawMosaic:
+    def _recorded(self, signal: Array, shot: SceneShot, noise: np.random.Generator) -> RawMosaic:
         assert shot.noise is not None
         slope, floor = shot.noise
         ceiling = 1.0 if shot.measures is None else min(1.0, shot.measures[1] * shot.k)
@@ -102,7 +100,7 @@ class RawCamera:
         )
 
 
-def _neutral(matrix: npt.NDArray[np.float64]) -> tuple[float, ...]:
+def _neutral(matrix: Array) -> tuple[float, ...]:
     """Return what each channel sees of white, largest 1."""
     white = matrix.sum(axis=1)
     return tuple((white / white.max()).tolist())

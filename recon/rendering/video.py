@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Bytes
 from imaging.errors import InputError
 from imaging.files import store
 
@@ -42,7 +42,7 @@ class Video(AbstractContextManager["Video"]):
             ) from error
         self._write_frames = imageio_ffmpeg.write_frames
 
-    def add(self, picture: npt.NDArray[np.uint8]) -> None:
+    def add(self, picture: Bytes) -> None:
         """Add the next picture, uint8 [H, W, 3] of sRGB, or straight RGBA, which is shown over black."""
         if picture.shape[2] == 4:
             picture = np.round(picture[..., :3] * (picture[..., 3:] / 255.0)).astype(np.uint8)

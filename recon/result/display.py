@@ -1,12 +1,11 @@
 """Linear light as a display shows it."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import AnyArray, Array32, Bytes
 from imaging.colour import srgb_encode
 from imaging.session.bands import false_colour
 from imaging.session.records import Band
@@ -14,7 +13,7 @@ from recon.data.dataset import Dataset
 from recon.splat import SplatCamera
 from recon.train.training import Training
 
-Shown = Callable[[npt.NDArray[np.float32], float], npt.NDArray[np.uint8]]
+Shown = Callable[[Array32, float], Bytes]
 """Linear Rec.709 [H, W, 3] times a factor as a display shows it, uint8 of the same shape."""
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
@@ -23,24 +22,24 @@ _FAINT = 1 / 255
 """Alpha below which a picture shows nothing, so that its colour does not matter."""
 
 
-def display_scale(images: Iterable[npt.NDArray[Any]]) -> float:
+def display_scale(images: Iterable[AnyArray]) -> float:
     """The factor that brings the median of positive light to middle grey; 1 without any light."""
     lit = np.concatenate([image.reshape(-1) for image in images])
     lit = lit[lit > 0]
     return float(MIDDLE_GREY / np.median(lit)) if lit.size else 1.0
 
 
-def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
+def displayed(image: AnyArray, scale: float) -> Bytes:
     """Linear light times a scale, clipped, as sRGB of 8 bits."""
     return np.asarray(np.round(255 * srgb_encode(np.clip(image * scale, 0, 1))), np.uint8)
 
 
 def picture(
-    light: npt.NDArray[np.float32],
-    alpha: npt.NDArray[np.float32] | None,
+    light: Array32,
+    alpha: Array32 | None,
     scale: float,
     shown: Shown = displayed,
-) -> npt.NDArray[np.uint8]:
+) -> Bytes:
     """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
     if alpha is None:
         return shown(light, scale)
@@ -48,7 +47,7 @@ def picture(
     return np.dstack([shown(straight, scale), np.round(255 * alpha).astype(np.uint8)])
 
 
-def in_colour(light: npt.NDArray[np.float32], bands: Sequence[Band]) -> npt.NDArray[np.float32]:
+def in_colour(light: Array32, bands: Sequence[Band]) -> Array32:
     """Light [H, W, C] for the eye, linear Rec.709 [H, W, 3]: itself, or the false colours of bands."""
     return light if not bands else (light @ false_colour(bands).T).astype(np.float32)
 
@@ -60,7 +59,7 @@ def exposure_of(training: Training, dataset: Dataset) -> float:
     return display_scale(in_colour(_radiance(training, views[place].lens), dataset.bands) for place in chosen)
 
 
-def _radiance(training: Training, camera: SplatCamera) -> npt.NDArray[np.float32]:
+def _radiance(training: Training, camera: SplatCamera) -> Array32:
     """Linear radiance [H, W, C]."""
     with torch.no_grad():
         degree = training.method.degree(1.0)

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import Array
 from imaging.colour import srgb_encode
 from imaging.progress import Progress
 from recon.result.display import displayed
@@ -20,7 +20,6 @@ from recon.splat import Limits, SplatCamera
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 
-Array = npt.NDArray[np.float64]
 Pair = tuple[SplatCamera, Tensor]
 
 MOST_VIEWS = 32

@@ -4,9 +4,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.exr import white_luminance, write_exr
 from recon.result.model import ENVIRONMENT
@@ -72,7 +72,7 @@ def dome_of(far: Environment, appearance: Appearance, gaussians: int) -> Gaussia
     )
 
 
-def evenly(count: int) -> npt.NDArray[np.float64]:
+def evenly(count: int) -> Array:
     """Unit vectors [count, 3] evenly over the sphere, on a spiral in steps of the golden angle."""
     height = 1 - 2 * (np.arange(count) + 0.5) / count
     turn = np.arange(count) * math.pi * (3 - math.sqrt(5))

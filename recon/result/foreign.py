@@ -10,10 +10,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array, Mask
 from imaging.errors import InputError
 from imaging.lens import Lens
 from imaging.pose import Pose
@@ -28,8 +28,6 @@ from recon.scene.ply import PlySplats, read_ply
 from recon.scene.spz import read_spz
 from recon.scene.usd_field import UsdCamera, read_usd
 from recon.splat import Limits
-
-Array = npt.NDArray[np.float64]
 
 ORBIT = 12
 """Views around a file without cameras."""
@@ -76,7 +74,7 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     return record, gaussians, Renderer(PlainHarmonics(), limits)
 
 
-def _gaussians(file: PlySplats, valid: npt.NDArray[np.bool_], world: WorldTransform) -> Gaussians:
+def _gaussians(file: PlySplats, valid: Mask, world: WorldTransform) -> Gaussians:
     harmonics = file.harmonics[valid]
     rest = np.zeros((len(harmonics), COEFFICIENTS - 1, 3))
     shown = harmonics[:, 1:COEFFICIENTS]

@@ -7,11 +7,11 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from PIL import Image
 
 from imaging.arguments import checked
+from imaging.arrays import Array, Array32, Bytes
 from imaging.errors import ReconstructionError
 from imaging.files.photo import encode_png
 from imaging.notebook import gallery
@@ -36,7 +36,7 @@ from recon.splat import Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
 
-Layer = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]
+Layer = tuple[Array32, Array32 | None]
 """Light [H, W, C], and alpha [H, W] where a scene has any."""
 SHOWN_WIDTH = 320
 """px of each picture that a notebook shows."""
@@ -89,7 +89,7 @@ class Scene:
         return None if self.record.luminance is None else self.record.luminance[1]
 
     @property
-    def up(self) -> npt.NDArray[np.float64]:
+    def up(self) -> Array:
         """A unit vector: the way up of the photographs together, as photographers hold their cameras."""
         down = sum((view.splat_camera.cam_from_world[1, :3] for view in self.views), np.zeros(3))
         length = float(np.linalg.norm(down))
@@ -124,7 +124,7 @@ class Scene:
         return self._rendered(camera).alpha.clamp(0, 1)
 
     @checked
-    def render(self, camera: SplatCamera | SceneView | str) -> npt.NDArray[np.float32]:
+    def render(self, camera: SplatCamera | SceneView | str) -> Array32:
         """Render linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
@@ -159,7 +159,7 @@ class Scene:
         ]
         return gallery(self._summary(), pictures)
 
-    def _shown(self, layer: Layer, exposure: float) -> npt.NDArray[np.uint8]:
+    def _shown(self, layer: Layer, exposure: float) -> Bytes:
         """A layer as a display shows it at that many stops, uint8 [H, W, 3], or RGBA where it has alpha."""
         light, alpha = layer
         factor = self.exposure * 2.0 ** float(np.clip(exposure, -STOPS_MOST, STOPS_MOST))
@@ -196,7 +196,7 @@ class Scene:
         light, covered = self.covered_layer(camera)
         return light, covered if self.record.transparent else None
 
-    def covered_layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def covered_layer(self, camera: SplatCamera) -> tuple[Array32, Array32]:
         """Return what `layer` has, and how much of each pixel is of Gaussians, 0..1 [H, W], of any scene."""
         render = self._rendered(self.record.world.camera(camera))
         return self.in_units(render.image), render.alpha.clamp(0, 1).numpy()
@@ -205,7 +205,7 @@ class Scene:
         with torch.no_grad():
             return self.renderer(self.gaussians, camera, degree=self.record.degree)
 
-    def in_units(self, image: torch.Tensor) -> npt.NDArray[np.float32]:
+    def in_units(self, image: torch.Tensor) -> Array32:
         """Light of `drawn` [..., C] as linear radiance in the units of the calibration, float32."""
         display = self.record.display
         if display is not None:
@@ -244,7 +244,7 @@ class Opened:
         """Return what a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
         return self.scene.drawn(camera)
 
-    def radiance(self, view: View) -> npt.NDArray[np.float32]:
+    def radiance(self, view: View) -> Array32:
         """Linear radiance of a view of `dataset`, float32 [H, W, channels]."""
         return self.scene.render(view.name)
 

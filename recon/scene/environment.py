@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample, pad
 
+from imaging.arrays import Array
 from recon.data.geometry import rays
 from recon.scene.appearance import Rate
 from recon.splat import SplatCamera
@@ -36,7 +36,7 @@ class Environment:
     """
 
     ln_light: Tensor
-    axes: npt.NDArray[np.float64]
+    axes: Array
 
     @classmethod
     def stored(cls, tensors: dict[str, Tensor]) -> "Environment | None":
@@ -79,12 +79,12 @@ class Environment:
         sampled = grid_sample(map_light, places, padding_mode="border", align_corners=False)
         return sampled[0, :, 0].T.reshape(directions.shape)
 
-    def directions(self) -> npt.NDArray[np.float64]:
+    def directions(self) -> Array:
         """Unit vectors [rows, 2 * rows, 3] of the middles of the texels, in scene axes."""
         return texels(self.ln_light.shape[1]) @ self.axes
 
 
-def texels(rows: int) -> npt.NDArray[np.float64]:
+def texels(rows: int) -> Array:
     """Unit vectors [rows, 2 * rows, 3] of the middles of texels, along the axes of a map."""
     latitude = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
     longitude = np.pi * (1 - (np.arange(2 * rows) + 0.5) / rows)[None]

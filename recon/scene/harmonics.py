@@ -3,17 +3,15 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.arrays import Array, Floats
 from imaging.compute.jit import kernel
 
 C0 = 0.28209479177387814
 C1 = 0.4886025119029199
 C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
-
-Array = npt.NDArray[np.floating]
 
 DEGREE = 2
 COEFFICIENTS = (DEGREE + 1) ** 2
@@ -99,7 +97,7 @@ def _values(x: float, y: float, z: float, degree: int) -> tuple[float, ...]:
 
 
 @kernel
-def _sum(first: Array, others: Array, towards: Array, degree: int, total: Array) -> None:
+def _sum(first: Floats, others: Floats, towards: Floats, degree: int, total: Floats) -> None:
     for n in range(len(first)):
         values = _values(towards[n, 0], towards[n, 1], towards[n, 2], degree)
         for channel in range(total.shape[1]):
@@ -110,7 +108,7 @@ def _sum(first: Array, others: Array, towards: Array, degree: int, total: Array)
 
 
 @kernel
-def _spread(outer: Array, towards: Array, degree: int, first: Array, others: Array) -> None:
+def _spread(outer: Floats, towards: Floats, degree: int, first: Floats, others: Floats) -> None:
     for n in range(len(first)):
         values = _values(towards[n, 0], towards[n, 1], towards[n, 2], degree)
         for channel in range(outer.shape[1]):
@@ -119,7 +117,7 @@ def _spread(outer: Array, towards: Array, degree: int, first: Array, others: Arr
                 others[n, k, channel] = values[k] * outer[n, channel]
 
 
-def sphere(count: int = 48) -> npt.NDArray[np.float64]:
+def sphere(count: int = 48) -> Array:
     """Directions spread evenly over the sphere (Fibonacci spiral), float64 [count, 3]."""
     index = np.arange(count) + 0.5
     height = 1 - 2 * index / count

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array, Floats
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
@@ -37,7 +37,7 @@ def properties(degree: int) -> tuple[str, ...]:
     )
 
 
-def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -> npt.NDArray[np.float64]:
+def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -> Array:
     """The appearance as the plain series of 3DGS: float64 [N, (degree + 1)^2, 3], see `properties`.
 
     Of `PlainHarmonics` its own coefficients; of the others, of linear radiance in scene units, those that are
@@ -48,15 +48,13 @@ def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -
         parts = [parameters[name].detach().double().numpy() for name in ("sh_dc", "sh_rest")]
         return np.concatenate(parts, axis=1)[:, : (degree + 1) ** 2]
 
-    def colours(towards: torch.Tensor) -> npt.NDArray[np.float64]:
+    def colours(towards: torch.Tensor) -> Array:
         return appearance.colours(parameters, towards, degree).detach().double().numpy()
 
     return fitted_harmonics(colours, len(gaussians), degree)
 
 
-def fitted_harmonics(
-    colours: Callable[[torch.Tensor], npt.NDArray[np.float64]], count: int, degree: int
-) -> npt.NDArray[np.float64]:
+def fitted_harmonics(colours: Callable[[torch.Tensor], Array], count: int, degree: int) -> Array:
     """The series of 3DGS that is nearest to the colours of `count` Gaussians: [count, (degree + 1)^2, 3].
 
     `colours` [count, 3] are asked for towards directions [count, 3] (camera to Gaussian), all the same; least
@@ -73,7 +71,7 @@ def fitted_harmonics(
 def write_ply(
     path: Path,
     gaussians: Gaussians,
-    harmonics: npt.NDArray[np.floating],
+    harmonics: Floats,
     comments: Sequence[str],
     world: WorldTransform = SAME,
     offset: Vector = (0.0, 0.0, 0.0),
@@ -125,11 +123,11 @@ class PlySplats:
     [N, (degree + 1)^2, 3], up to degree 3. comments: of the header, in order.
     """
 
-    means: npt.NDArray[np.float64]
-    log_scales: npt.NDArray[np.float64]
-    quats: npt.NDArray[np.float64]
-    logits: npt.NDArray[np.float64]
-    harmonics: npt.NDArray[np.float64]
+    means: Array
+    log_scales: Array
+    quats: Array
+    logits: Array
+    harmonics: Array
     comments: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -157,7 +155,7 @@ def read_ply(path: Path) -> PlySplats:
         raise InputError(f"{path} holds no Gaussian: export it again.")
     rows = np.frombuffer(body, table)
 
-    def columns(*names: str) -> npt.NDArray[np.float64]:
+    def columns(*names: str) -> Array:
         return np.stack([rows[name].astype(np.float64) for name in names], axis=-1)
 
     others = sum(name.startswith("f_rest_") for name in table.names or ())

@@ -5,17 +5,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32
 from imaging.compute.jit import kernel
 from imaging.compute.threads import share, take_number
 from recon.splat import SplatCamera
 
-Array = npt.NDArray[np.float32]
 _TASK = 4096
 
 
-def drawn_by_kernel(arrays: Sequence[Array], camera: SplatCamera, blur: float) -> tuple[Array, Array]:
+def drawn_by_kernel(arrays: Sequence[Array32], camera: SplatCamera, blur: float) -> tuple[Array32, Array32]:
     """Scales [N, 3] and opacities [N], float32, new.
 
     arrays: away [N, 3], scales [N, 3], quats [N, 4], opacities [N], least [N] and most [N], contiguous, as

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from imaging import lens as optics
+from imaging.arrays import Array32
 from imaging.compute.jit import kernel
 from imaging.compute.threads import share, take_number
 from recon.splat import SplatCamera
@@ -19,9 +19,7 @@ _BOUNDS, _LEAST_COSINE, _FOCAL, _FISHEYE = 12, 16, 17, 18
 _TASK = 4096
 
 
-def spacing_range(
-    means: npt.NDArray[np.float32], cameras: Sequence[SplatCamera]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def spacing_range(means: Array32, cameras: Sequence[SplatCamera]) -> tuple[Array32, Array32]:
     """Least and most spacing of pixels [N] at points [N, 3], of the cameras in whose picture they are.
 
     As `recon.scene.sampling.spacing_of` has it; 0 and infinity of what none sees.

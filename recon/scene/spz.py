@@ -14,13 +14,10 @@ from pathlib import Path
 
 import imagecodecs
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Bytes
 from imaging.errors import InputError
 from recon.scene.ply import PlySplats
-
-Array = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 BRIGHTEST = 0.5 + 0.5 / 0.15 * 0.28209479177387814
 """Largest value of a colour."""

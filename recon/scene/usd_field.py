@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
 from imaging.lens import Lens
 from recon.scene.ply import PlySplats
 
-Array = npt.NDArray[np.float64]
 _WIDTH = 640
 """Width, px, of a camera whose file states no size, as those of OpenUSD do not."""
 _MOST_VIEWS = 500

@@ -7,14 +7,12 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from imaging import lens as optics
+from imaging.arrays import Array
 from imaging.errors import ReconstructionError
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens
 from imaging.pose import Pose
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +24,7 @@ class SplatCamera:
     fisheye: k1 to k4 are the terms of an equidistant lens instead (COLMAP `OPENCV_FISHEYE`), p1, p2 unused.
     """
 
-    cam_from_world: Floats
+    cam_from_world: Array
     fx: float
     fy: float
     cx: float
@@ -117,7 +115,7 @@ class SplatCamera:
         """
         return optics.fold(self.lens[4:], fisheye=self.fisheye) ** 2
 
-    def distort(self, points: Floats) -> Floats:
+    def distort(self, points: Array) -> Array:
         """Undistorted tangents (x/z, y/z) [..., 2] to distorted ones [..., 2]."""
         return optics.distort(points, self.lens[4:], fisheye=self.fisheye)
 

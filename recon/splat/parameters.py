@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from recon.splat.camera import Floats, SplatCamera
+from imaging.arrays import Array
+from recon.splat.camera import SplatCamera
 from recon.splat.limits import Limits
 
 LENS = 12
@@ -22,7 +23,7 @@ COUNT = 33
 """Numbers in the vector."""
 
 
-def parameters(camera: SplatCamera, limits: Limits) -> Floats:
+def parameters(camera: SplatCamera, limits: Limits) -> Array:
     """All that the projection needs to know of camera and limits, as float64 [33]."""
     motion = np.asarray(camera.cam_from_world, np.float64)
     reference = limits.luminance_reference

@@ -1,44 +1,43 @@
 """The tables that the kernels hand on to each other, as named tuples (Numba reads them as such)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from imaging.arrays import AnyArray
 
 
 class Projected(NamedTuple):
     """Results of `project` for each of N Gaussians."""
 
-    shape: Array
+    shape: AnyArray
     """float64 [N, shape_size(C)]: pixel mean x, y; m11, m21, m22; the rest is `paint`. With (dx, dy) the
     offset from the mean, alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where
     q <= reach."""
-    paint: Array
+    paint: AnyArray
     """float32 [N, 2 shape_size(C)], the same memory: from column PAINT on -reach, opacity, the C colours."""
-    box: Array
+    box: AnyArray
     """int32 [N, 4]: first and last column, first and last row of pixels that the ellipse may touch."""
-    depth: Array
+    depth: AnyArray
     """float32 [N]: camera z."""
-    radius: Array
+    radius: AnyArray
     """float32 [N]: three sigma of the longer axis, px."""
-    state: Array
+    state: AnyArray
     """uint8 [N]: SKIPPED, DRAWN or BAD."""
 
 
 class Entries(NamedTuple):
     """The tiles of each Gaussian, Gaussian after Gaussian."""
 
-    start: Array
+    start: AnyArray
     """int64 [N + 1]: where each Gaussian's entries may begin."""
-    number: Array
+    number: AnyArray
     """int32 [N]: how many there are."""
-    slot: Array
+    slot: AnyArray
     """int64 [N + 1]: the number of its first entry when entries are counted without gaps."""
-    tile: Array
+    tile: AnyArray
     """int32 [capacity]"""
-    bits: Array
+    bits: AnyArray
     """uint8 [capacity]: which of the tile's four blocks it touches."""
 
 
@@ -47,13 +46,13 @@ class Lists(NamedTuple):
 
     across: int
     """Tiles in a row of tiles."""
-    start: Array
+    start: AnyArray
     """int64 [tiles + 1]: where each tile's list begins."""
-    id: Array
+    id: AnyArray
     """uint32 [entries]: the Gaussian, and above ID_BITS its block bits."""
-    slot: Array
+    slot: AnyArray
     """int32 [entries]: the entry's gradient slot."""
-    chunk_start: Array
+    chunk_start: AnyArray
     """int64 [tiles]: where a tile's chunks begin, all tiles counted."""
 
 

@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array32
 from imaging.cfa import Cfa, mosaic
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response
@@ -26,7 +26,6 @@ from recon.train.learning_rates import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
-Float = npt.NDArray[np.float32]
 COUNT, VIEWS, ITERATIONS = 60, 6, 120
 USUAL = (1 / 64, 1 / 4)
 """Exposure scales at which the scene, of light up to 4, is neither dark nor white."""
@@ -69,7 +68,7 @@ def _row(case: str, what: str, error: float, limit: float) -> StressCase:
     return StressCase.of("methods", case, what, "truth", error, limit)
 
 
-def _miss(found: Float, true: Float) -> float:
+def _miss(found: Array32, true: Array32) -> float:
     """Median relative error where there is light."""
     lit = true > 1e-3 * true.max()
     return float(np.median(np.abs(found[lit] / true[lit] - 1)))
@@ -82,7 +81,7 @@ def learned(
     scales: Sequence[float],
     labels: Sequence[float] = (),
     glow: float = 0.02,
-) -> tuple[Float, Float]:
+) -> tuple[Array32, Array32]:
     """The held-out view's light, as it was learned and as it is, [H, W, 3].
 
     scales: true exposures; labels: what is said of them, if it is anything else; glow: light behind all.
@@ -108,7 +107,7 @@ def learned(
     return found, _seen(tensors, held_out.lens, glow)
 
 
-def _seen(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Float:
+def _seen(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Array32:
     means, quats, scales, opacities, colours = tensors
     back, limits = torch.full((3,), glow), Limits.for_scene(1e-4, 1.0)
     with torch.no_grad():
@@ -137,7 +136,7 @@ def _view(
     return View("a", index, lens, sensor, shots)
 
 
-def _shot(light: Float, sensor: Sensor, k: float, label: float) -> Shot:
+def _shot(light: Array32, sensor: Sensor, k: float, label: float) -> Shot:
     """Shot without noise, in steps of 12 bits (RAW) or 8 (photographs), and none (EXR)."""
     signal = (light if sensor.cfa is None else mosaic(light, sensor.cfa)) * k
     if sensor.kind == "raw":

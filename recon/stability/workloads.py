@@ -6,12 +6,10 @@ of their spacing (lognormal, 0.35) and opacities of 0.1 to 1.
 """
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from recon.splat import SplatCamera
-
-Points = npt.NDArray[np.float64]
 
 
 def workload(name: str, count: int, seed: int = 0) -> list[torch.Tensor]:
@@ -28,7 +26,7 @@ def workload(name: str, count: int, seed: int = 0) -> list[torch.Tensor]:
     return [torch.tensor(value, dtype=torch.float32).requires_grad_() for value in values]
 
 
-def _object(count: int, rng: np.random.Generator) -> tuple[Points, Points, float]:
+def _object(count: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
     flat = count // 2
     points = [np.concatenate([rng.uniform(-1, 1, (flat, 2)), np.zeros((flat, 1))], axis=1)]
     normals, area = [np.tile([0.0, 0.0, 1.0], (flat, 1))], 4.0
@@ -42,7 +40,7 @@ def _object(count: int, rng: np.random.Generator) -> tuple[Points, Points, float
     return np.concatenate(points), np.concatenate(normals), area
 
 
-def _room(count: int, rng: np.random.Generator) -> tuple[Points, Points, float]:
+def _room(count: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
     sizes = [(6.0, 5.0, 3.0)] + [(0.5, 0.5, 1.0)] * 6
     corners = [(-3.0, -2.5, 0.0)] + [(*rng.uniform([-2.8, -2.3], [2.3, 1.8]), 0.0) for _ in range(6)]
     faces = []

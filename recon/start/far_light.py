@@ -5,17 +5,14 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.ndimage import distance_transform_edt
 
-from imaging.merge.linear_frame import Bool, Float
+from imaging.arrays import Array, Array32, Integers, Mask
 from recon.data.dataset import View
 from recon.data.geometry import inside, project, project_camera, rays
 from recon.scene.environment import Environment, texels
 from recon.start.initialisation import FEWEST_POINTS, Start
-
-Array = npt.NDArray[np.float64]
 
 FINEST = 768
 """Rows at most: 3.5 million numbers, whose steps take a tenth of a training's time."""
@@ -35,7 +32,7 @@ FLOOR = 2.0**-20
 
 def far_light(
     views: Sequence[View],
-    images: Sequence[tuple[Float, Bool]],
+    images: Sequence[tuple[Array32, Mask]],
     units: Callable[[torch.Tensor], torch.Tensor],
     finest: int = FINEST,
 ) -> Environment:
@@ -67,7 +64,7 @@ def far_light(
     return Environment(scaled.clamp_min(floor).log().float().contiguous(), axes)
 
 
-def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _most_like(light: Array32) -> tuple[Integers, Integers]:
     """Sample among [L, D, 3], NaN where missing, that most others resemble, and their number, [D]."""
     with np.errstate(invalid="ignore", divide="ignore"):
         logs = np.log(light @ LUMINANCE)
@@ -80,7 +77,7 @@ def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int6
     return best, np.maximum(friends, 0)
 
 
-def within_reach(views: Sequence[View], points: Array) -> Bool:
+def within_reach(views: Sequence[View], points: Array) -> Mask:
     """Return which of points [P, 3] lie within `BEYOND` extents of the views' cameras, bool [P]."""
     centres = np.array([view.centre for view in views])
     middle = centres.mean(0)
@@ -91,7 +88,7 @@ def within_reach(views: Sequence[View], points: Array) -> Bool:
 def without_far(
     start: Start,
     views: Sequence[View],
-    images: Sequence[tuple[Float, Bool]],
+    images: Sequence[tuple[Array32, Mask]],
     far: Environment,
     units: Callable[[torch.Tensor], torch.Tensor],
 ) -> Start:
@@ -111,10 +108,10 @@ def without_far(
 def looked_through(
     start: Start,
     views: Sequence[View],
-    images: Sequence[tuple[Float, Bool]],
+    images: Sequence[tuple[Array32, Mask]],
     far: Environment,
     units: Callable[[torch.Tensor], torch.Tensor],
-) -> Bool:
+) -> Mask:
     """Return at which swept points the views rather see the light from far away, bool [P].
 
     Most of those that look there see it to `ALIKE`, and all together differ less from it than from the light
@@ -158,7 +155,7 @@ def _axes(views: Sequence[View]) -> Array:
     return np.stack([side, up, np.cross(side, up)])
 
 
-def _looks(view: View, rgb: Float, directions: Array) -> tuple[npt.NDArray[np.int64], Float]:
+def _looks(view: View, rgb: Array32, directions: Array) -> tuple[Integers, Array32]:
     """Return which of far directions [D, 3] a view shows, and their light [M, 3]."""
     lens, turn = view.lens, view.lens.cam_from_world[:3, :3]
     border = rays(lens, [[0, 0], [lens.width, 0], [0, lens.height], [lens.width, lens.height]])

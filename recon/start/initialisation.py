@@ -4,13 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.spatial import cKDTree
 
+from imaging.arrays import Array, Array32, Mask
 from imaging.errors import ReconstructionError
 from imaging.files import store
-from imaging.merge.linear_frame import Float
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import lift, project
@@ -18,8 +17,6 @@ from recon.data.light import Images, light_of
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
 from recon.start.plane_sweep import plane_sweep, sample
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 8
 SAMPLES_AT_ONCE = 250_000
@@ -132,7 +129,7 @@ def points_of_poses(dataset: Dataset, images: Images, progress: Progress = unrep
     return np.concatenate(points)
 
 
-def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, Mask]:
     """Median radiance [P, C] of points over the training views that see their place, and who was seen.
 
     The median forgives the views in which something else stands before the point.
@@ -158,7 +155,7 @@ def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, npt
 
 def _medians_by_disk(
     dataset: Dataset, images: Images, xyz: Array, pieces: list[slice]
-) -> list[tuple[Array, npt.NDArray[np.bool_]]]:
+) -> list[tuple[Array, Mask]]:
     """Images come once: the looks of all views at all points wait for each other on the disk."""
     with store.scratch(dataset.session) as file:
         try:
@@ -179,7 +176,7 @@ def _medians_by_disk(
     return parts
 
 
-def _looks(view: View, mask: npt.NDArray[np.bool_], image: Float, xyz: Array) -> Float:
+def _looks(view: View, mask: Mask, image: Array32, xyz: Array) -> Array32:
     """Radiance [P, C] that a view has at the places of points; NaN where it does not see them.
 
     mask: of the view, which takes a look at all its pixels.
@@ -193,7 +190,7 @@ def _looks(view: View, mask: npt.NDArray[np.bool_], image: Float, xyz: Array) ->
     return colours
 
 
-def _median(looks: Sequence[Float] | Float) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _median(looks: Sequence[Array32] | Array32) -> tuple[Array, Mask]:
     """Median of samples [V, P, C]."""
     samples = np.asarray(looks, np.float64)
     sampled = np.isfinite(samples).any(0)

@@ -13,15 +13,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Mask
 from imaging.compute.threads import thread_count
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.geometry import inside, lift, project, rays
 from recon.data.light import Images, grey
 from recon.start.warped_plane import warp
-
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
 
 PLANES = 56
 NEIGHBOURS = 4
@@ -53,17 +51,17 @@ class DepthMap:
     """
 
     view: View
-    depth: Float
-    trusted: Bool
-    believed: Bool
-    lit: Bool
-    centres: npt.NDArray[np.float64]
+    depth: Array32
+    trusted: Mask
+    believed: Mask
+    lit: Mask
+    centres: Array
 
 
 def plane_sweep(
     views: tuple[View, ...],
     images: Images,
-    points: npt.NDArray[np.float64] | None,
+    points: Array | None,
     *,
     dimmest: float = 0.0,
     width: int = 160,
@@ -90,7 +88,7 @@ def plane_sweep(
         if index in chosen:
             lit[index] = _at_size(np.nanmax(image, axis=-1), logs[-1]) > dimmest
 
-    def depth_of(index: int) -> tuple[Float, Float] | None:
+    def depth_of(index: int) -> tuple[Array32, Array32] | None:
         if over is not None and over():
             if skipped is not None:
                 skipped.append(index)
@@ -101,7 +99,7 @@ def plane_sweep(
         bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
-    swept: dict[int, tuple[Float, Float]] = {}
+    swept: dict[int, tuple[Array32, Array32]] = {}
     order = sorted(chosen, key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
         for done, (index, depth_map) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
@@ -130,7 +128,7 @@ def plane_sweep(
     ]
 
 
-def _log_image(image: Float, view: View, width: int) -> Float:
+def _log_image(image: Array32, view: View, width: int) -> Array32:
     size = (min(width, view.lens.width), max(1, round(view.lens.height * min(1, width / view.lens.width))))
     small = cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA)
     # Noise of the shadows would be the only texture left without a floor; a thousandth of the view's
@@ -139,12 +137,12 @@ def _log_image(image: Float, view: View, width: int) -> Float:
     return np.asarray(np.log(np.maximum(small, 0) + floor), np.float32)
 
 
-def _coarse_centres(view: View, width: int, height: int) -> npt.NDArray[np.float64]:
+def _coarse_centres(view: View, width: int, height: int) -> Array:
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     return np.stack([x * view.lens.width / width, y * view.lens.height / height], -1)
 
 
-def _bounds(view: View, points: npt.NDArray[np.float64]) -> tuple[float, float] | None:
+def _bounds(view: View, points: Array) -> tuple[float, float] | None:
     pixels, depth = project(view.lens, points)
     shown = inside(view.lens, pixels, depth) & (depth > 1e-6)
     if shown.sum() < 8:
@@ -197,7 +195,7 @@ def _neighbours(index: int, views: tuple[View, ...], among: Collection[int]) -> 
     return [other for _, other in sorted(others)[:NEIGHBOURS]]
 
 
-def _measured(view: View, image: Float) -> tuple[Float, Float] | None:
+def _measured(view: View, image: Array32) -> tuple[Array32, Array32] | None:
     """Depth and score [h, w] of a view by its depth map, or None."""
     if view.depth is None:
         return None
@@ -210,8 +208,8 @@ def _measured(view: View, image: Float) -> tuple[Float, Float] | None:
 
 
 def _sweep_one(
-    index: int, near: list[int], views: tuple[View, ...], logs: list[Float], bounds: tuple[float, float]
-) -> tuple[Float, Float]:
+    index: int, near: list[int], views: tuple[View, ...], logs: list[Array32], bounds: tuple[float, float]
+) -> tuple[Array32, Array32]:
     reference, image = views[index].lens, logs[index]
     height, width = image.shape
     direction = rays(reference, _coarse_centres(views[index], width, height))
@@ -239,7 +237,7 @@ def _sweep_one(
     return _subplane(volume, best, planes), np.take_along_axis(volume, best[None], 0)[0]
 
 
-def _subplane(volume: Float, best: npt.NDArray[np.intp], planes: npt.NDArray[np.float64]) -> Float:
+def _subplane(volume: Array32, best: npt.NDArray[np.intp], planes: Array) -> Array32:
     """Depth at the top of the parabola through the best plane and its two neighbours."""
     inner = best.clip(1, len(planes) - 2)
     left, middle, right = (np.take_along_axis(volume, (inner + step)[None], 0)[0] for step in (-1, 0, 1))
@@ -250,24 +248,24 @@ def _subplane(volume: Float, best: npt.NDArray[np.intp], planes: npt.NDArray[np.
     return np.asarray(1 / np.maximum(inverse, 1e-9), np.float32)
 
 
-def _moments(image: Float) -> tuple[Float, Float]:
+def _moments(image: Array32) -> tuple[Array32, Array32]:
     mean = cv2.blur(image, (PATCH, PATCH))
     square = cv2.blur(image * image, (PATCH, PATCH))
     return mean, np.sqrt(np.maximum(square - mean * mean, 0))
 
 
-def _at_size(picture: Float, depth: Float) -> Float:
+def _at_size(picture: Array32, depth: Array32) -> Array32:
     """A picture [H, W] averaged to the size of a depth map."""
     return np.asarray(cv2.resize(picture, depth.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _confirmed(
     index: int,
-    depths: Mapping[int, Float],
-    centres: npt.NDArray[np.float64],
+    depths: Mapping[int, Array32],
+    centres: Array,
     views: tuple[View, ...],
     swept: Collection[int],
-) -> Bool:
+) -> Mask:
     """Return where at least one other view puts a surface at the same place."""
     place = lift(views[index].lens, centres, depths[index])
     confirmed = np.zeros(depths[index].shape, bool)
@@ -286,7 +284,7 @@ def _confirmed(
     return confirmed
 
 
-def _fill(depth: Float, trusted: Bool) -> Float:
+def _fill(depth: Array32, trusted: Mask) -> Array32:
     """Depth with the untrusted pixels taken from the trusted ones around them, smoothly, coarse to fine."""
     if not trusted.any():
         return depth
@@ -305,7 +303,7 @@ def _fill(depth: Float, trusted: Bool) -> Float:
     return np.asarray(1 / np.maximum(filled, 1e-9), np.float32)
 
 
-def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> Array:
     """Draw at most `count` scene points, evenly over the pixels of all maps that are believed and lit.
 
     Anywhere else depth is a guess, and a Gaussian there would hide what is behind it.

@@ -1,17 +1,13 @@
 """Warping of a view to another one, as if all it shows lay on a plane, pixel by pixel."""
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Mask
 from imaging.compute.jit import kernel
 from recon.splat import SplatCamera
 
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
-Array = npt.NDArray[np.float64]
 
-
-def warp(lens: SplatCamera, picture: Float, rays: Array, shift: Array, out: Float, shown: Bool) -> None:
+def warp(lens: SplatCamera, picture: Array32, rays: Array, shift: Array, out: Array32, shown: Mask) -> None:
     """Fill `out` [h, w] with what a picture of a camera shows at points `rays + shift`, `shown` with where.
 
     Elsewhere `out` is what the nearest border shows, or 0 behind the camera.
@@ -34,15 +30,15 @@ def warp(lens: SplatCamera, picture: Float, rays: Array, shift: Array, out: Floa
 
 @kernel
 def _warp(
-    picture: Float,
+    picture: Array32,
     rays: Array,
     shift: Array,
     lens: Array,
     fisheye: bool,
     fold: float,
     size: Array,
-    out: Float,
-    shown: Bool,
+    out: Array32,
+    shown: Mask,
 ) -> None:
     fx, fy, cx, cy, k1, k2, k3, k4 = lens
     rows, columns = picture.shape

@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Bytes
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ
 from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import write_dng
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
-
-from .scenes import Array
-
-Light = npt.NDArray[np.float32]
 
 CAMERA_FROM_REC709 = np.array([[0.42, 0.21, 0.03], [0.17, 0.72, 0.11], [0.03, 0.19, 0.44]])
 """Rows of red, green, blue: a sensor that sees less red and blue than green, and none of them pure."""
@@ -53,7 +50,7 @@ class Body:
         own = np.random.default_rng([self.seed, round(1e6 * label)])
         return float(label * np.exp(self.labels * (own.standard_normal() + 0.01 * rng.standard_normal())))
 
-    def mosaic(self, light: Light, seconds: float, rng: np.random.Generator) -> RawMosaic:
+    def mosaic(self, light: Array32, seconds: float, rng: np.random.Generator) -> RawMosaic:
         """A RAW frame of radiance [H, W, 3]: shot and read noise, black, ceiling."""
         seen = light.astype(np.float64) @ CAMERA_FROM_REC709.T
         sites = seen[..., 1].copy()
@@ -74,7 +71,7 @@ class Body:
             noise_profile=(gain, (gain * self.read) ** 2),
         )
 
-    def developed(self, light: Light, seconds: float, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    def developed(self, light: Array32, seconds: float, rng: np.random.Generator) -> Bytes:
         """A JPEG's codes of radiance [H, W, 3]: noise, and a curve that is not sRGB's."""
         electrons = rng.poisson(np.minimum(self.well * light * seconds / self.seconds, 3 * self.well))
         signal = (electrons + self.read * rng.standard_normal(light.shape)) / self.well
@@ -98,7 +95,7 @@ class Shots:
 
 
 def photograph(
-    folder: Path, light: Light, body: Body, times: Sequence[Sequence[float]], *, developed: bool = False
+    folder: Path, light: Array32, body: Body, times: Sequence[Sequence[float]], *, developed: bool = False
 ) -> Shots:
     """Files of views [V, H, W, 3] as DNG, or JPEG, in a new folder.
 

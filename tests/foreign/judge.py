@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array, Array32, Mask
 from imaging.files.exr import read_exr, write_exr
 
 from . import truth
-from .folder import Light, Shots, s_curve
-from .scenes import Array
+from .folder import Shots, s_curve
 
 Figures = dict[str, float]
 
 
-def tell_truth(session: Path, light: Light, poses: Array, shots: Shots, *, developed: bool = False) -> None:
+def tell_truth(session: Path, light: Array32, poses: Array, shots: Shots, *, developed: bool = False) -> None:
     """Write `truth/` of an imported session, as `rig evaluate` reads it."""
     files = _files(session)
     names = {frame: Path(file).stem.rsplit("_", 1)[0] for file, frame in files.values()}
@@ -120,7 +120,7 @@ def exposure_figures(session: Path, shots: Shots) -> Figures:
     }
 
 
-def merge_figures(merged: Path, light: Light) -> Figures:
+def merge_figures(merged: Path, light: Array32) -> Figures:
     """Merged brackets against the light: mu-law PSNR, stops in the median, chi-square of sigma.
 
     chi-square: mean over what is neither clipped nor interpolated from what is, of the squared error over
@@ -153,9 +153,7 @@ def merge_figures(merged: Path, light: Light) -> Figures:
     return figures
 
 
-def light_figures(
-    reconstruction: Path, light: Light, parts: Mapping[str, npt.NDArray[np.bool_]] | None = None
-) -> Figures:
+def light_figures(reconstruction: Path, light: Array32, parts: Mapping[str, Mask] | None = None) -> Figures:
     """Held-out renders against the light, brought to one scale by the median ratio.
 
     PSNR in the mu-law of the brightest, and of the 99.9th percentile; stops in the median, of the darkest
@@ -221,7 +219,7 @@ def stops(prediction: npt.ArrayLike, goal: npt.ArrayLike) -> Array:
     return np.where(lit, np.abs(np.log2(np.where(lit, a, 1) / np.where(lit, b, 1))), 32.0)
 
 
-def _smooth(light: Light) -> npt.NDArray[np.bool_]:
+def _smooth(light: Array32) -> Mask:
     """Values [V, H, W, C] that differ by less than 10 % from those above, below, left and right."""
     smooth = np.zeros(light.shape, bool)
     inner = light[:, 2:-2, 2:-2]

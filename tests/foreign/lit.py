@@ -17,11 +17,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from .scenes import CACHE, VARIANT, Array, Shape, _bytes, _shape
+from imaging.arrays import AnyArray, Array, Array32, Bytes, Mask
 
-Light = npt.NDArray[np.float32]
+from .scenes import CACHE, VARIANT, Shape, _bytes, _shape
 
 BOUNCES = 6
 """Longest path, in segments."""
@@ -39,7 +38,7 @@ class Panel:
     """
 
     place: Array
-    reflectance: Light
+    reflectance: Array32
     texels: tuple[int, int] = (24, 24)
 
 
@@ -54,7 +53,7 @@ class LitScene:
     panels: Mapping[str, Panel]
     shapes: Mapping[str, Shape]
     poses: Array
-    probe: Light | None = None
+    probe: Array32 | None = None
     angle: float = 50.0
     width: int = 160
     height: int = 120
@@ -71,15 +70,15 @@ class LitScene:
         """Parts that `seen` counts; 0 is the background."""
         return ("background", *self.panels, *self.shapes)
 
-    def light(self) -> Light:
+    def light(self) -> Array32:
         """Radiance [V, H, W, 3] of every view."""
         return np.asarray(self._kept["light"], np.float32)
 
-    def seen(self) -> npt.NDArray[np.uint8]:
+    def seen(self) -> Bytes:
         """Part in the middle of each pixel, [V, H, W]."""
         return np.asarray(self._kept["seen"])
 
-    def where(self, *names: str) -> npt.NDArray[np.bool_]:
+    def where(self, *names: str) -> Mask:
         """Pixels [V, H, W] that show a part whose name begins with one of these."""
         return np.isin(self.seen(), [n for n, part in enumerate(self.parts) if part.startswith(names)])
 
@@ -94,7 +93,7 @@ class LitScene:
         return np.asarray(world + 0.005 * rng.standard_normal(world.shape))
 
     @cached_property
-    def _kept(self) -> dict[str, npt.NDArray[Any]]:
+    def _kept(self) -> dict[str, AnyArray]:
         file = CACHE / f"{self.name}-{self._hash()}.npz"
         if not file.exists():
             self._trace(file)
@@ -151,7 +150,7 @@ class LitScene:
             }
         return mitsuba.load_dict(world)
 
-    def _glossy(self, seen: npt.NDArray[np.uint8]) -> list[tuple[int, int, int, int]]:
+    def _glossy(self, seen: Bytes) -> list[tuple[int, int, int, int]]:
         """Windows (left, top, width, height) around metal and glass in a view, where paths part."""
         found = []
         for name, shape in self.shapes.items():
@@ -205,7 +204,7 @@ class LitScene:
             },
         }
 
-    def _falling(self, name: str) -> Light:
+    def _falling(self, name: str) -> Array32:
         """Radiance of a white panel in the place of this one, [rows, columns, 3], smoothed."""
         import mitsuba
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Bytes
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -17,15 +17,13 @@ from imaging.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 
-Light = npt.NDArray[np.float32]
-
 GAIN, READ, WELL, BLACK = 0.35, 3.5, 10_000.0, 512
 """DN per electron, electrons of read noise, electrons at saturation, DN at no light."""
 TIMES = (1 / 500, 1 / 30, 1 / 2)
 """Seconds of a bracket."""
 
 
-def raw(light: Light, seed: int, times: Sequence[float] = TIMES) -> list[tuple[RawMosaic, Exposure]]:
+def raw(light: Array32, seed: int, times: Sequence[float] = TIMES) -> list[tuple[RawMosaic, Exposure]]:
     """A bracket of radiance [H, W, 3]: shot and read noise, black level, ceiling; 1 saturates in 1/15 s."""
     rng = np.random.default_rng(seed)
     white = BLACK + int(GAIN * WELL)
@@ -44,7 +42,7 @@ def raw(light: Light, seed: int, times: Sequence[float] = TIMES) -> list[tuple[R
     return shots
 
 
-def jpeg(light: Light, seed: int, time: float) -> list[tuple[npt.NDArray[np.uint8], Exposure]]:
+def jpeg(light: Array32, seed: int, time: float) -> list[tuple[Bytes, Exposure]]:
     """One developed picture: noise, sRGB's curve, 8 bits."""
     rng = np.random.default_rng(seed)
     electrons = rng.poisson(np.minimum(15 * WELL * light * time, WELL)) + READ * rng.standard_normal(
@@ -55,7 +53,7 @@ def jpeg(light: Light, seed: int, time: float) -> list[tuple[npt.NDArray[np.uint
     return [(np.rint(255 * curve).astype(np.uint8), Exposure(time=time))]
 
 
-def session(folder: Path, light: Light, *, developed: bool = False) -> Path:
+def session(folder: Path, light: Array32, *, developed: bool = False) -> Path:
     """A session of views [V, H, W, 3] by one camera: RAW brackets, or JPEGs of one exposure."""
     kind = "ldr" if developed else "raw"
     camera = CameraRecord(name="cam", serial="1", make="Foreign", model="F1", kind=kind)
@@ -83,6 +81,6 @@ def session(folder: Path, light: Light, *, developed: bool = False) -> Path:
     return folder
 
 
-def probe(path: Path) -> Light:
+def probe(path: Path) -> Array32:
     """A light probe of a Radiance file: latitude and longitude, [H, W, 3]."""
     return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1], np.float32)

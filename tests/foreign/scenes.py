@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array, Array32
+
 Shape = dict[str, Any]
 
 CACHE = Path(os.environ.get("RIG_FOREIGN", Path(tempfile.gettempdir()) / "hdr-rig-foreign"))
@@ -38,7 +38,7 @@ class Scene:
 
     name: str
     shapes: Mapping[str, Shape]
-    probe: npt.NDArray[np.float32]
+    probe: Array32
     poses: Array
     width: int = 400
     height: int = 300
@@ -49,7 +49,7 @@ class Scene:
         """px; the middle of the picture is where the axis meets it."""
         return float(self.width / 2 / np.tan(np.radians(FIELD / 2)))
 
-    def light(self) -> npt.NDArray[np.float32]:
+    def light(self) -> Array32:
         """Radiance [V, H, W, 3] of every view, path-traced, or taken from the cache."""
         file = CACHE / f"{self.name}-{self._hash()}.npz"
         if not file.exists():
@@ -69,7 +69,7 @@ class Scene:
             digest.update(name.encode() + _bytes(shape))
         return digest.hexdigest()[:12]
 
-    def _traced(self) -> npt.NDArray[np.float32]:
+    def _traced(self) -> Array32:
         import mitsuba
 
         mitsuba.set_variant(VARIANT)
@@ -137,9 +137,7 @@ def _shape(shape: Shape) -> dict[str, Any]:
     return made
 
 
-def surface(
-    texture: npt.NDArray[np.float32], *, gloss: float = 0.0, repeat: tuple[int, int] = (1, 1)
-) -> Shape:
+def surface(texture: Array32, *, gloss: float = 0.0, repeat: tuple[int, int] = (1, 1)) -> Shape:
     """A BSDF of a reflectance [H, W, 3]; gloss: roughness of a varnish over it, none if 0."""
     scaled = np.diag([float(repeat[0]), float(repeat[1]), 1.0, 1.0])
     colour: Shape = {"type": "bitmap", "bitmap": texture, "raw": True, "to_uv": scaled}
@@ -149,7 +147,7 @@ def surface(
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}}
 
 
-def spots(seed: int, size: int = 512, contrast: float = 1.0) -> npt.NDArray[np.float32]:
+def spots(seed: int, size: int = 512, contrast: float = 1.0) -> Array32:
     """A texture [size, size, 3] like no other of another seed: coloured blots from large to small."""
     rng = np.random.default_rng(seed)
     texture = np.full((size, size, 3), 0.4, np.float32)
@@ -162,7 +160,7 @@ def spots(seed: int, size: int = 512, contrast: float = 1.0) -> npt.NDArray[np.f
     return np.clip(texture, 0.04, 0.9)
 
 
-def _blurred(images: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
+def _blurred(images: Array32, sigma: float) -> Array32:
     """Square images [N, S, S] that repeat, under a Gaussian cut off at four sigmas: by FFT, as it is wide."""
     size, reach = images.shape[-1], round(4 * sigma)
     steps = np.arange(-reach, reach + 1)
@@ -172,12 +170,12 @@ def _blurred(images: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.fl
     return np.asarray(fft.irfft2(spectrum, (size, size)), np.float32)
 
 
-def plain(value: float = 0.5) -> npt.NDArray[np.float32]:
+def plain(value: float = 0.5) -> Array32:
     """A texture without any."""
     return np.full((4, 4, 3), value, np.float32)
 
 
-def windows(seed: int = 0, height: int = 128) -> npt.NDArray[np.float32]:
+def windows(seed: int = 0, height: int = 128) -> Array32:
     """A light probe [height, 2 height, 3]: a dim hall with a few bright windows, all different."""
     from scipy import ndimage
 

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .lit import Light, LitScene, Panel
+from imaging.arrays import Array, Array32
+
+from .lit import LitScene, Panel
 from .photographs import probe
-from .scenes import Array, Shape, look_at, moved, plain, ring, spots, upright, windows
+from .scenes import Shape, look_at, moved, plain, ring, spots, upright, windows
 
 GOLD: Shape = {"type": "roughconductor", "material": "Au", "alpha": 0.25}
 POLISHED: Shape = {"type": "roughconductor", "material": "Au", "alpha": 0.06}
@@ -78,7 +80,7 @@ def objects(
     return LitScene(name, panels, shapes, poses, cathedral(), 50.0, width, width * 3 // 4, samples, traced)
 
 
-def cathedral() -> Light:
+def cathedral() -> Array32:
     """Grace Cathedral (Paul Debevec's light probe), where RIG_DATA has it; else windows that are made up."""
     path = Path(os.environ.get("RIG_DATA", "")) / "radiance" / "Grace_Cathedral.hdr"
     return probe(path) if path.is_file() else windows(1)
@@ -144,7 +146,7 @@ def _over(place: Array) -> Array:
     return np.asarray(place @ np.diag([1.0, -1.0, -1.0, 1.0]))
 
 
-def _stretched(texture: Light, across: int, up: int) -> Light:
+def _stretched(texture: Array32, across: int, up: int) -> Array32:
     """A part of the texture in the proportions of what it covers."""
     rows, columns = texture.shape[:2]
     return np.ascontiguousarray(

@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from imaging.arrays import Array32
+
 from .folder import Shots
-from .lit import Light, LitScene
+from .lit import LitScene
 
 
 @dataclass(frozen=True)
@@ -12,7 +14,7 @@ class Taken:
     """A scene, its true light, what was photographed of it, and the session; exits: code of each command."""
 
     scene: LitScene
-    light: Light
+    light: Array32
     shots: Shots
     session: Path
     exits: dict[str, int]

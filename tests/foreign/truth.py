@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array
 
 DEGREES, SHARE = 2.0, 0.02
 """A view is wrong that is turned by more, or shifted by more than this share of the size of the rig."""

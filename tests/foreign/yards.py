@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from .lit import Light, LitScene, Panel
-from .scenes import Array, look_at, moved, spots, upright
+from imaging.arrays import Array, Array32
+
+from .lit import LitScene, Panel
+from .scenes import look_at, moved, spots, upright
 
 GROUND = -1.0
 WALL = 4.0
@@ -59,7 +61,7 @@ def _yard(
     return LitScene(name, panels, {}, poses, sky(*sun), 65.0, width, width * 3 // 4, samples, traced)
 
 
-def sky(azimuth: float, elevation: float, rows: int = 256) -> Light:
+def sky(azimuth: float, elevation: float, rows: int = 256) -> Array32:
     """A light probe [rows, 2 rows, 3] of `sky_light`."""
     across = 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows)
     down = np.pi * (np.arange(rows) + 0.5) / rows
@@ -68,7 +70,7 @@ def sky(azimuth: float, elevation: float, rows: int = 256) -> Light:
     return sky_light(directions, azimuth, elevation)
 
 
-def sky_light(directions: Array, azimuth: float, elevation: float) -> Light:
+def sky_light(directions: Array, azimuth: float, elevation: float) -> Array32:
     """Radiance [..., 3] from unit directions [..., 3]: a sky of about 1, and the sun in its halo.
 
     azimuth: of the sun, degrees from y towards x; elevation: degrees.
@@ -84,7 +86,7 @@ def sky_light(directions: Array, azimuth: float, elevation: float) -> Light:
     return np.where(away < 1.2, SUN * warm, light).astype(np.float32)
 
 
-def _plaster(seed: int, part: int = 96) -> Light:
+def _plaster(seed: int, part: int = 96) -> Array32:
     """So many of 256 pixels of blots, which are then as large as pictures of this size can show."""
     return np.ascontiguousarray(spots(seed, 256, 0.8)[:part, :part])
 

@@ -4,12 +4,12 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from imaging import lens as optics
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 
@@ -63,7 +63,7 @@ def test_the_widest_angle_is_that_of_the_farthest_corner() -> None:
     assert optics.widest_angle(ideal.model_copy(update={"k1": -0.4})) == math.inf
 
 
-def slope(at: npt.NDArray[np.float64], terms: tuple[float, ...]) -> npt.NDArray[np.float64]:
+def slope(at: Array, terms: tuple[float, ...]) -> Array:
     """The least factor by which a lens stretches anything at tangents [n, 2], by finite differences."""
     step = 1e-5
     columns = [

@@ -4,12 +4,13 @@ import re
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+
+from imaging.arrays import Array32
 
 KINDS = {"float": "<f4", "uchar": "u1"}
 
 
-def read_ply(path: Path, *, faces: bool = False) -> dict[str, npt.NDArray[np.float32]]:
+def read_ply(path: Path, *, faces: bool = False) -> dict[str, Array32]:
     """Every property of the vertices of a binary little-endian PLY, by name: float32 [N] each.
 
     faces: whether faces may follow.

@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.lens import Lens, LensModel
 from imaging.pose import Pose
 
 LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "llff"]
-
-Array = npt.NDArray[np.float64]
 
 FARTHEST = 1e9
 """A camera further than this from the origin, in any unit, is a damaged number."""

@@ -9,10 +9,10 @@ names begin with the number of a split, as `0_` and `1_`, that number does not c
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.imports.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, lens_of, pose_seen
 from capture.imports.originals import pictures_in
+from imaging.arrays import Array
 from imaging.compute.memory import check
 from imaging.errors import InputError
 from imaging.lens import Lens
@@ -20,8 +20,6 @@ from imaging.pose import Pose
 
 ARRAY = "poses_bounds.npy"
 INTRINSICS = "hwf_cxcy.npy"
-
-Array = npt.NDArray[np.float64]
 
 
 def is_one(folder: Path) -> bool:

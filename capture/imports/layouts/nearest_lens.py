@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-from capture.imports.layouts.given import Array, lens_of
+from capture.imports.layouts.given import lens_of
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel, project
 

@@ -16,7 +16,6 @@ import numpy as np
 from capture.imports.layouts.given import (
     FARTHEST,
     OPENCV_FROM_OPENGL,
-    Array,
     Given,
     GivenDepth,
     GivenPhoto,
@@ -29,6 +28,7 @@ from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.layouts.split_lists import PARTS, photos_named, split
 from capture.imports.originals import shown
 from capture.pictures.read import read_picture
+from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store

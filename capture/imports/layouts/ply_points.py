@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.compute.memory import check
 from imaging.errors import InputError
 
@@ -30,7 +30,7 @@ _PER_BYTE = 32
 """Bytes of memory that the numbers of a text take for each of its bytes."""
 
 
-def read_ply_points(path: Path) -> npt.NDArray[np.float64]:
+def read_ply_points(path: Path) -> Array:
     """x, y, z of every vertex, float64 [P, 3]; InputError unless there are vertices, and all of them."""
     try:
         check(f"{path} is a large file", path.stat().st_size)
@@ -43,7 +43,7 @@ def read_ply_points(path: Path) -> npt.NDArray[np.float64]:
         ) from error
 
 
-def _points(data: bytes, path: Path) -> npt.NDArray[np.float64]:
+def _points(data: bytes, path: Path) -> Array:
     end = _END.search(data)
     if end is None:
         raise ValueError("no end of the header")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from capture.pictures.read import kind_of
+from imaging.arrays import Array32
 from imaging.errors import InputError
 from imaging.files.photo import read_photo
 
@@ -100,7 +100,7 @@ def _is_copy(small: Path, large: Path) -> bool:
     return _correlation(*(cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in (one, other))) > ALIKE
 
 
-def _correlation(one: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> float:
+def _correlation(one: Array32, other: Array32) -> float:
     a, b = one - one.mean(), other - other.mean()
     scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
     return float((a * b).sum()) / scale if scale > 0 else 0.0

@@ -7,13 +7,13 @@ from enum import Enum
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.optics import Optics
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.seeds import generator
+from imaging.arrays import Array, Floats
 from imaging.cfa import Cfa, mosaic
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
@@ -29,7 +29,7 @@ binned to a pixel.
 _EPOCH = datetime(2026, 1, 1, 12, 0, 0)
 _FRAME_SECONDS, _LATENCY = 60.0, 250e-6
 
-View = Callable[[int], npt.NDArray[np.floating]]
+View = Callable[[int], Floats]
 
 
 class _Stage(Enum):
@@ -193,7 +193,7 @@ class SimulatedCamera:
             focal_length_mm=round(self.body.optics.sensor_width_mm * lens.fx / lens.width, 2),
         )
 
-    def _electrons(self, shot: _Shot) -> tuple[npt.NDArray[np.float64], float]:
+    def _electrons(self, shot: _Shot) -> tuple[Array, float]:
         """Mean photo-electrons of every pixel in camera RGB [H, W, 3], and the time applied, s."""
         exact, flicker = applied_exposure(self.body, shot.frame, shot.label)
         # The ISO acts behind the photosites: it does not change what they count.

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.camera.camera import Body
+from imaging.arrays import Array
 from imaging.cfa import Cfa
 from imaging.session.records import Band
 
@@ -14,7 +14,7 @@ _WIDTHS = np.array((45.0, 40.0, 30.0))
 """nm: where red, green and blue of the scene are taken to lie, and how wide."""
 
 
-def weights(band: Band) -> npt.NDArray[np.float64]:
+def weights(band: Band) -> Array:
     """Return what a filter lets through of linear Rec.709, float64 [3]: three Gaussians at its wavelength.
 
     ValueError for a band of no wavelength.

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.compute.jit import compiled
 from imaging.lens import Lens
-
-Array = npt.NDArray[np.float64]
 
 
 @compiled

@@ -3,12 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.camera.stray_light import scattered
+from imaging.arrays import Array, Floats
 from imaging.lens import Lens
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ class Optics:
         a, b, c = self.vignetting
         return np.asarray(1.0 + r2 * (a + r2 * (b + r2 * c)))
 
-    def exposure(self, radiance: npt.NDArray[np.floating]) -> Array:
+    def exposure(self, radiance: Floats) -> Array:
         """Signal per unit of exposure scale, float64 [H, W, channels], of radiance [H, W, 3]."""
         light = np.asarray(radiance, np.float64)
         colour = (scattered(light, self.glare) if self.glare else light) @ self.camera_from_rec709.T

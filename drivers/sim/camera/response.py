@@ -8,7 +8,8 @@ where the code saturates.
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
+
+from imaging.arrays import Array, Floats
 
 Curve = Literal["film", "srgb", "gamma"]
 
@@ -16,7 +17,7 @@ POWER, KNEE = 1.12, 0.21
 GAMMA = 1.8
 
 
-def develop(x: npt.NDArray[np.floating], curve: Curve = "film") -> npt.NDArray[np.float64]:
+def develop(x: Floats, curve: Curve = "film") -> Array:
     """Code value 0..1 of a relative exposure."""
     light = np.clip(np.asarray(x, np.float64), 0.0, 1.0)
     if curve == "srgb":
@@ -27,7 +28,7 @@ def develop(x: npt.NDArray[np.floating], curve: Curve = "film") -> npt.NDArray[n
     return np.asarray((1.0 + KNEE) * raised / (raised + KNEE))
 
 
-def exposure_of(code: npt.NDArray[np.floating], curve: Curve = "film") -> npt.NDArray[np.float64]:
+def exposure_of(code: Floats, curve: Curve = "film") -> Array:
     """The inverse: relative exposure of a code value 0..1."""
     value = np.asarray(code, np.float64)
     if curve == "srgb":

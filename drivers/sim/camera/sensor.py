@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.sim.seeds import generator
+from imaging.arrays import Array, Floats
 from imaging.cfa import Tile, repeated
-
-Map = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,9 +62,9 @@ class SimulatedSensor:
     def __init__(self, model: SensorModel, width: int, height: int, *purpose: object) -> None:
         self.model = model
         shape = (height, width)
-        self.response: Map = 1.0 + model.prnu * generator(*purpose, "prnu").standard_normal(shape)
-        self.offset: Map = model.dsnu * generator(*purpose, "dsnu").standard_normal(shape)
-        self.dark_current: Map = np.full(shape, model.dark_current)
+        self.response: Array = 1.0 + model.prnu * generator(*purpose, "prnu").standard_normal(shape)
+        self.offset: Array = model.dsnu * generator(*purpose, "dsnu").standard_normal(shape)
+        self.dark_current: Array = np.full(shape, model.dark_current)
         if model.dark_spread > 0.0:
             self.dark_current *= np.exp(
                 model.dark_spread * generator(*purpose, "dark").standard_normal(shape)
@@ -76,11 +75,11 @@ class SimulatedSensor:
         dead = generator(*purpose, "dead")
         self.dead = dead.random(shape) < model.dead_share
         self.response[self.dead] = dead.uniform(0.0, 0.5, int(self.dead.sum()))
-        self._black: Map = repeated(np.array(model.black, np.float64), height, width)
+        self._black: Array = repeated(np.array(model.black, np.float64), height, width)
 
     def expose(
         self,
-        photo_electrons: npt.NDArray[np.floating],
+        photo_electrons: Floats,
         time: float,
         iso_gain: float,
         noise: np.random.Generator,

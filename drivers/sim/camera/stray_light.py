@@ -1,16 +1,15 @@
 """Veiling glare: light that surfaces of lens and sensor scatter over the whole picture."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import irfft2, rfft2
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array, Floats
 
 NARROW, WIDE = 0.02, 0.3
 """Scales of the two parts, of the image's diagonal: bloom round a lamp, and a veil over everything."""
 
 
-def scattered(light: npt.NDArray[np.floating], share: float) -> Array:
+def scattered(light: Floats, share: float) -> Array:
     """Light [H, W, C] of which `share` falls elsewhere, float64; half of that near by, half far away.
 
     Each part falls off as `exp(-r / scale)`. What is beyond the picture is as the picture mirrored.

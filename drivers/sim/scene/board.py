@@ -10,13 +10,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from drivers.sim.camera.lens import unproject
 from drivers.sim.seeds import generator
+from imaging.arrays import Array, Array32
 from imaging.lens import Lens
-
-Array = npt.NDArray[np.float64]
 
 _TEXELS = 48
 """Along a square. Edges of squares and markers lie between texels, so the picture is exact."""
@@ -54,7 +52,7 @@ class SimulatedBoard:
             "dictionary": self.dictionary,
         }
 
-    def reflectance(self) -> npt.NDArray[np.float64]:
+    def reflectance(self) -> Array:
         """Reflectance of every texel of the board with its border, float64 [rows, columns]."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = (self.columns, self.rows)
@@ -63,7 +61,7 @@ class SimulatedBoard:
         border = round(_MARGIN * _TEXELS)
         return np.where(np.pad(picture, border, constant_values=255) > 127, _PAPER, _INK)
 
-    def render(self, lens: Lens, cam_from_board: Array, samples: int) -> npt.NDArray[np.float32]:
+    def render(self, lens: Lens, cam_from_board: Array, samples: int) -> Array32:
         """Radiance of board and background where white paper that reflects all has 1, float32 [H, W]."""
         texture = self.reflectance()
         border = round(_MARGIN * _TEXELS)

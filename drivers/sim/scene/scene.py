@@ -12,10 +12,9 @@ from drivers.sim.scene import raycast
 from drivers.sim.scene.raycast import DIM_ZONE, LIGHT
 from drivers.sim.scene.solids import BOX, CYLINDER, ROOM, SOLID, SPHERE
 from drivers.sim.scene.texture import MATERIAL
+from imaging.arrays import Array, Array32, Integers
 from imaging.compute.threads import share_pieces
 from imaging.lens import Lens
-
-Array = npt.NDArray[np.float64]
 
 SATIN = 12.0
 """Sharpness of the highlights on what has none of its own: some 20 degrees wide."""
@@ -43,7 +42,7 @@ class Scene:
         """Distance in metres to the first surface along rays, float64 [...]; inf for a miss."""
         return self._trace(origin, direction)[1]
 
-    def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> npt.NDArray[np.float32]:
+    def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> Array32:
         """Radiance averaged over each pixel by samples x samples rays, float32 [H, W, 3]."""
         image = np.empty((lens.height, lens.width, 3), np.float32)
         values, world_from_cam = parameters(lens), np.linalg.inv(cam_from_world)
@@ -81,9 +80,7 @@ class Scene:
     def _parts(self) -> tuple[Any, Any, Any, Any, Array]:
         return self.solids, self.materials, self.lights, self.zones, self.ambient
 
-    def _trace(
-        self, origin: npt.ArrayLike, direction: npt.ArrayLike
-    ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    def _trace(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> tuple[Array, Array, Integers]:
         towards = np.asarray(direction, np.float64)
         unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
         start = np.broadcast_to(np.asarray(origin, np.float64), unit.shape)

@@ -4,8 +4,8 @@ Adobe DNG specification 1.7, "Mapping Camera Color Space to CIE XYZ Space".
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.files.tiff.directory import Directory, integers, numbers
 from imaging.files.tiff.dng_tags import (
     ANALOG_BALANCE,
@@ -49,8 +49,6 @@ _TEMPERATURES = {
 
 DAYLIGHT = 6500.0
 """K, of D65."""
-
-Array = npt.NDArray[np.float64]
 
 
 def camera_from_xyz(tags: Directory, channels: int) -> Matrix | None:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 
+from imaging.arrays import AnyArray
 from imaging.compute.memory import check_picture
 from imaging.files.tiff import dng_tags
 from imaging.files.tiff.directory import Directory, TiffError, integers
@@ -22,7 +23,7 @@ def is_foreign(tags: Directory) -> bool:
     )
 
 
-def in_place(pixels: npt.NDArray[Any], rows: int, columns: int) -> npt.NDArray[Any]:
+def in_place(pixels: AnyArray, rows: int, columns: int) -> AnyArray:
     """Deinterlace samples [H, W, ...] of an image stored as interleaved fields of rows and columns.
 
     RowInterleaveFactor and ColumnInterleaveFactor (DNG 1.7): the first field has every row that is a multiple

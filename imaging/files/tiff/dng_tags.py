@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa, Tile, as_tile, repeated
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integers, numbers
 
@@ -40,7 +40,7 @@ FOREIGN_COMPRESSIONS = {8: "deflate", 32946: "deflate", 34892: "lossy JPEG", 525
 """Allowed by the specification, and beyond LibRaw for the whole numbers of a mosaic."""
 D65 = 21
 
-Offset = npt.NDArray[np.float32] | None
+Offset = Array32 | None
 
 
 def check_extents(directories: Sequence[Directory], file: TiffReader) -> None:
@@ -204,9 +204,7 @@ def black(
     return as_tile(means), offset
 
 
-def levels(
-    tags: Directory, height: int, width: int
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def levels(tags: Directory, height: int, width: int) -> tuple[Array, Array]:
     """Black and white of the three samples of a pixel of the active area; TiffError if these are no levels.
 
     Black is [1, 1, 3], or [H, W, 3] where it varies: by BlackLevelRepeatDim, BlackLevelDeltaV and DeltaH.
@@ -232,7 +230,7 @@ def levels(
     return black, top
 
 
-def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:
+def _deltas(tags: Directory, tag: int, start: int, length: int) -> Array:
     """Return what rows or columns add to black from `start` on; 0 where the tag is missing or too short."""
     deltas = np.array(numbers(tags, tag)[max(start, 0) :][:length], np.float64)
     return deltas if len(deltas) == length else np.zeros(length)

@@ -5,9 +5,9 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import tifffile
 
+from imaging.arrays import AnyArray
 from imaging.compute.memory import check_picture
 from imaging.files.tiff.directory import TiffReader
 from imaging.files.tiff.pages import photograph
@@ -31,7 +31,7 @@ class UnfitError(Exception):
     """A sound file of a kind that is not read; the message ends the sentence that the path begins."""
 
 
-def decode_tiff(data: bytes, name: str) -> npt.NDArray[Any]:
+def decode_tiff(data: bytes, name: str) -> AnyArray:
     """Code values of the photograph (`pages`), uint8 or uint16 [H, W] or [H, W, C]; of 2 or 4 alpha is last.
 
     UnfitError for a kind that is not read, InputError for one larger than the memory, and whatever the
@@ -101,13 +101,13 @@ def _check_samples(page: Any) -> None:
             )
 
 
-def _first_inverted(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _first_inverted(codes: AnyArray) -> AnyArray:
     codes = codes.copy()
     codes[..., 0] = np.iinfo(codes.dtype).max - codes[..., 0]
     return codes
 
 
-def _rgb(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
+def _rgb(codes: AnyArray, page: Any) -> AnyArray:
     """YCbCr as RGB: TIFF 6.0, section 21."""
     top = float(np.iinfo(codes.dtype).max)
     middle = (top + 1) / 2
@@ -125,7 +125,7 @@ def _rgb(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
     return rgb if codes.shape[2] == 3 else np.concatenate([rgb, codes[..., 3:]], axis=-1)
 
 
-def _with_alpha(codes: npt.NDArray[Any], page: Any) -> npt.NDArray[Any]:
+def _with_alpha(codes: AnyArray, page: Any) -> AnyArray:
     """The page's samples without extra ones other than unpremultiplied alpha."""
     if codes.ndim < 3:
         return codes

@@ -1,9 +1,9 @@
 """Numbers as bytes that name one of 256 values, chosen for the numbers at hand."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from imaging.arrays import Array, Bytes
+
 SIZE = 256
 _ROUNDS = 30
 _SAMPLES = 200_000
@@ -30,6 +30,6 @@ def codebook(values: Array) -> Array:
     return book
 
 
-def nearest(values: Array, book: Array) -> npt.NDArray[np.uint8]:
+def nearest(values: Array, book: Array) -> Bytes:
     """The place in an ascending book of what is nearest to each number, uint8 of the same shape."""
     return np.searchsorted((book[1:] + book[:-1]) / 2, values).astype(np.uint8)

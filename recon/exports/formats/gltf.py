@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import AnyArray
 from imaging.files import store
 from recon.exports.job import Job, Written
 from recon.exports.place import Place
@@ -46,7 +46,7 @@ class _Buffer:
     views: list[dict[str, Any]] = field(default_factory=list)
     accessors: list[dict[str, Any]] = field(default_factory=list)
 
-    def add(self, values: npt.NDArray[Any], **facts: Any) -> int:
+    def add(self, values: AnyArray, **facts: Any) -> int:
         """Append [N] or [N, C], float32 or normalised uint8; the number of its accessor."""
         kind = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[1 if values.ndim == 1 else values.shape[1]]
         raw = np.ascontiguousarray(values).tobytes()

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import AnyArray, Array, Bytes
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from recon.exports.formats.codebook import codebook, nearest
@@ -34,8 +35,6 @@ from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.result.splat_files import what_is_shown
 from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
-
-Array = npt.NDArray[np.float64]
 
 _PARTS = (
     *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag"),
@@ -80,7 +79,7 @@ class Packed:
     """
 
     codes: npt.NDArray[np.uint16]
-    rest: npt.NDArray[np.uint8]
+    rest: Bytes
     book: Array
     low: Array
     grain: Array
@@ -137,7 +136,7 @@ def packed_splats(splats: Splats, least: Array, most: Array, floor: float) -> Pa
     return Packed(codes, rest, book, low, grain, floor, held)
 
 
-def _harmonics(splats: Splats, light: Array, floor: float) -> tuple[Array, npt.NDArray[np.uint8], Array]:
+def _harmonics(splats: Splats, light: Array, floor: float) -> tuple[Array, Bytes, Array]:
     """Harmonics as held, the bytes of those above the constant one, and the values that these name."""
     constant = ((light - 0.5) / C0)[:, None]
     if not splats.degree:
@@ -213,7 +212,7 @@ def _view(scene: Scene, view: SceneView) -> dict[str, Any]:
     return {"name": view.name, "turn": turn.ravel().tolist(), "centre": (-turn.T @ shift).tolist(), **lens}
 
 
-def _planes(values: npt.NDArray[Any]) -> bytes:
+def _planes(values: AnyArray) -> bytes:
     """The bytes of [N, ...] plane by plane: those of one plane are alike, which compresses better."""
     return values.reshape(len(values), math.prod(values.shape[1:])).view(np.uint8).T.tobytes()
 

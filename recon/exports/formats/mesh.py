@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import binary_erosion, distance_transform_edt, map_coordinates
 
+from imaging.arrays import Array, Array32
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from recon.exports.formats.ply import vertex_comments
@@ -25,9 +25,6 @@ from recon.rendering.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.splat import SplatCamera
-
-Array = npt.NDArray[np.float64]
-Single = npt.NDArray[np.float32]
 
 CELLS = 192
 """Along the longest side of the box that the surfaces are in."""
@@ -92,8 +89,8 @@ class _Picture:
     """Image of a pinhole: radiance [H, W, 3], and depth along the axis [H, W], infinite for no surface."""
 
     camera: SplatCamera
-    light: Single
-    depth: Single
+    light: Array32
+    depth: Array32
 
 
 def _drawn(job: Job, view: SceneView) -> _Picture:
@@ -110,11 +107,11 @@ class _Volume:
 
     origin: Array
     cell: float
-    distance: Single
-    weight: Single
-    light: Single
+    distance: Array32
+    weight: Array32
+    light: Array32
     """[X, Y, Z, 3], natural logarithm."""
-    lit: Single
+    lit: Array32
     floor: float
     """The dimmest radiance that matters."""
 
@@ -167,7 +164,7 @@ class _Volume:
             ]
             self.lit[x].reshape(-1)[where[near]] += 1
 
-    def colours(self) -> list[Single]:
+    def colours(self) -> list[Array32]:
         """Radiance of the cells, a volume for each of red, green and blue; unlit ones have that of others."""
         nearest = distance_transform_edt(self.lit == 0, return_distances=False, return_indices=True)
         means = np.exp(self.light / np.maximum(self.lit, 1)[..., None])[tuple(nearest)]

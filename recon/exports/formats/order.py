@@ -1,12 +1,13 @@
 """Gaussians in an order in which neighbours in a file are neighbours in space, which compresses better."""
 
 import numpy as np
-import numpy.typing as npt
+
+from imaging.arrays import Array, Integers
 
 _BITS = 10
 
 
-def along_curve(means: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+def along_curve(means: Array) -> Integers:
     """The order of points [N, 3] along Morton's curve, int64 [N]; by ranks, so that far ones take no room."""
     code = np.zeros(len(means), np.int64)
     for axis in range(3):

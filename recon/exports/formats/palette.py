@@ -1,12 +1,10 @@
 """Vector quantisation of the harmonics of Gaussians: a palette, which a file indexes."""
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array, Integers
 from imaging.progress import Progress, unreported
-
-Array = npt.NDArray[np.float64]
 
 MOST = 65_536
 """Largest palette with 16-bit indices."""
@@ -18,7 +16,7 @@ _ROUNDS = 4
 _CHUNK = 8192
 
 
-def palette(vectors: Array, progress: Progress = unreported) -> tuple[Array, npt.NDArray[np.int64]]:
+def palette(vectors: Array, progress: Progress = unreported) -> tuple[Array, Integers]:
     """Return the palette [P, D], and the index of each of the vectors [N, D]: int64 [N].
 
     Up to 65,536 are their own palette; of more, k-means makes one of 2,048. The same vectors give the same.

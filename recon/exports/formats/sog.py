@@ -13,9 +13,9 @@ import zipfile
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from imaging.arrays import Array, Bytes
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.exports.formats.codebook import codebook, nearest
@@ -25,9 +25,6 @@ from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
 from recon.exports.splats import Splats
 from recon.scene.harmonics import C0
-
-Array = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 _ROW = 64
 """Entries of the palette of harmonics in a row of their picture."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import write_exr
@@ -154,7 +154,7 @@ def _documentation(scene: Scene, splats: Splats, place: Place) -> str:
     return " ".join(lines)
 
 
-def _matrix(turn: npt.NDArray[np.float64]) -> Any:
+def _matrix(turn: Array) -> Any:
     """A turn [3, 3] of column vectors as Gf has it, whose vectors are rows."""
     from pxr import Gf
 
@@ -163,5 +163,5 @@ def _matrix(turn: npt.NDArray[np.float64]) -> Any:
     return Gf.Matrix4d(*whole.ravel().tolist())
 
 
-def _single(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+def _single(values: Array) -> Array32:
     return np.ascontiguousarray(values, np.float32)

@@ -5,20 +5,21 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from imaging.arrays import Bytes
 from imaging.colour import srgb_encode
 
 _SHOWN = ("red", "green", "blue")
 _LIGHT = tuple(f"radiance_{name}" for name in _SHOWN)
 
 
-def shown(light: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+def shown(light: npt.ArrayLike) -> Bytes:
     """Linear Rec.709 [N, 3], 1 being white, as 8 bits of sRGB."""
     return np.round(255 * srgb_encode(np.clip(np.asarray(light, np.float64), 0, 1))).astype(np.uint8)
 
 
 def packed_vertices(
     places: npt.ArrayLike,
-    codes: npt.NDArray[np.uint8],
+    codes: Bytes,
     comments: Sequence[str],
     *,
     light: npt.ArrayLike | None = None,

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from recon.splat.tables import Array
+from imaging.arrays import AnyArray, Bytes
 
 _LINE = 64
 _free: list["Buffers"] = []
@@ -19,9 +19,9 @@ class Buffers:
     """A set of named arrays, grown when needed and never shrunk."""
 
     def __init__(self) -> None:
-        self._bytes: dict[str, npt.NDArray[np.uint8]] = {}
+        self._bytes: dict[str, Bytes] = {}
 
-    def array(self, name: str, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> Array:
+    def array(self, name: str, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> AnyArray:
         """An uninitialised array; it is valid until the next request of the same name."""
         kind = np.dtype(dtype)
         sizes = (shape,) if isinstance(shape, int) else shape

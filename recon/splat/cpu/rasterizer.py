@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from imaging.arrays import AnyArray
 from imaging.compute.threads import share, thread_count
 from recon.splat.cpu import tiles
 from recon.splat.cpu.buffers import Lease
@@ -16,7 +17,7 @@ from recon.splat.limits import T_LEAST
 from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
 from recon.splat.render import RasterInputs, Render, RenderCall
-from recon.splat.tables import BAD, Array, Entries, Lists, Projected, shape_size
+from recon.splat.tables import BAD, Entries, Lists, Projected, shape_size
 
 
 def rasterize_cpu(inputs: RasterInputs) -> Render:
@@ -28,9 +29,9 @@ def rasterize_cpu(inputs: RasterInputs) -> Render:
     return Render(image, 1 - left, call.counts)
 
 
-def _numpy(tensor: torch.Tensor) -> Array:
+def _numpy(tensor: torch.Tensor) -> AnyArray:
     """The tensor's memory as a contiguous array."""
-    array: Array = tensor.detach().contiguous().numpy()
+    array: AnyArray = tensor.detach().contiguous().numpy()
     return array
 
 
@@ -72,7 +73,7 @@ class _Rasterize(torch.autograd.Function):
 class _Tables:
     """All tables of one render, from projection to the end of its backward pass."""
 
-    def __init__(self, lease: Lease, arrays: list[Array], call: RenderCall) -> None:
+    def __init__(self, lease: Lease, arrays: list[AnyArray], call: RenderCall) -> None:
         """Project all Gaussians and list them by tile."""
         self.lease, self.call = lease, call
         get = lease.buffers.array
@@ -120,7 +121,7 @@ class _Tables:
         self.chunks = get("chunks", across * down, np.int32)
         self.t_min = np.float32(max(call.limits.t_min, T_LEAST))
 
-    def blend(self, background: Array) -> tuple[torch.Tensor, torch.Tensor]:
+    def blend(self, background: AnyArray) -> tuple[torch.Tensor, torch.Tensor]:
         """The image [H, W, C] and what is left of the light behind it [H, W]."""
         width, height = self.call.camera.width, self.call.camera.height
         pairs = self.lease.buffers.array("pairs", len(self.chunks), np.int64)
@@ -134,7 +135,7 @@ class _Tables:
         return image, left
 
     def gradients(
-        self, arrays: list[Array], image: Array, left: Array, moving: bool
+        self, arrays: list[AnyArray], image: AnyArray, left: AnyArray, moving: bool
     ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
         """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.session.calibration import BoardPlace, CalibrationRecord
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
@@ -14,8 +14,6 @@ from rig.terminal.text import counted
 
 MOST_RIGS = 4
 """Most separate drawings of cameras that never saw the board together."""
-
-Array = npt.NDArray[np.float64]
 
 
 def board_figures(record: CalibrationRecord) -> Iterable[Figure]:

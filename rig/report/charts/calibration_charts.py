@@ -4,15 +4,13 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
+from imaging.arrays import Array
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from rig.report.charts.chart import Series, chart
-
-Array = npt.NDArray[np.float64]
 
 
 def charts(session: Session, record: CalibrationRecord) -> Iterable[tuple[str, str, Markup]]:

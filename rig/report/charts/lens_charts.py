@@ -4,18 +4,16 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
 
 from imaging import lens as optics
+from imaging.arrays import Array
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, LensError
 from rig.report.charts.chart import COLOURS, Series, chart
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
 from rig.terminal.text import number
-
-Array = npt.NDArray[np.float64]
 
 MOST_CAMERAS = 8
 """Cameras that are drawn one by one; of a larger rig those that miss most, or are least sure."""

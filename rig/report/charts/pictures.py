@@ -5,13 +5,10 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Bytes, Floats
 from imaging.colour import srgb_encode
 from imaging.files.photo import encode_jpeg, encode_png
-
-Float = npt.NDArray[np.floating]
-Bytes = npt.NDArray[np.uint8]
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAP_STOPS = 2.0
@@ -20,13 +17,13 @@ MAP_COLOURS = ((15, 12, 40), (72, 28, 110), (158, 47, 105), (229, 92, 48), (250,
 UNKNOWN_GREY = 128
 
 
-def developed(radiance: Float, stops: float) -> Bytes:
+def developed(radiance: Floats, stops: float) -> Bytes:
     """Linear RGB [H, W, 3] times 2**stops, clipped at white, sRGB: uint8 [H, W, 3]."""
     light = np.nan_to_num(radiance, nan=0.0, posinf=1e30, neginf=0.0) * 2.0**stops
     return np.asarray(np.rint(255 * srgb_encode(np.clip(light, 0.0, 1.0))), np.uint8)
 
 
-def three_exposures(radiance: Float) -> tuple[float, float, float]:
+def three_exposures(radiance: Floats) -> tuple[float, float, float]:
     """Stops that show a scene's highlights, middle and shadows, dark picture first.
 
     Middle: the median at 18 % grey. The others put the brightest 0.5 % just below white and the
@@ -49,12 +46,12 @@ def _half(stops: float) -> float:
     return round(2 * stops) / 2
 
 
-def luminance(radiance: Float) -> Float:
+def luminance(radiance: Floats) -> Floats:
     """Rec.709 luminance of linear RGB [..., 3]."""
     return np.asarray(radiance @ LUMINANCE)
 
 
-def error_map(prediction: Float, truth: Float) -> Bytes:
+def error_map(prediction: Floats, truth: Floats) -> Bytes:
     """|log2(prediction / truth)| of luminance as colours, uint8 [H, W, 3]; grey: not known."""
     mine, true = luminance(prediction), luminance(truth)
     floor = 1e-6 * float(np.nanmax(true, initial=0.0))

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 MOST_OBSERVATIONS = 200_000
 """Most observations drawn; of larger models an even choice of each image's observations is."""

@@ -8,15 +8,13 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
 
+from imaging.arrays import Array
 from imaging.lens import Lens
 from imaging.session.view_id import ViewId
 from rig.report.charts.chart import COLOURS, nice_step
 from rig.report.charts.topview import ground
-
-Array = npt.NDArray[np.float64]
 
 STEPS, FIRST = 12, 1
 """Directions that the rig is drawn from (the style sheet shows as many), and the one that is shown first."""

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session.calibration import CalibrationRecord
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
-
-Array = npt.NDArray[np.float64]
 
 MOST_SENSORS = 6
 """Sensors whose photon transfer is drawn; more would hide each other."""

@@ -3,16 +3,14 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
 
+from imaging.arrays import Array
 from imaging.session.view_id import ViewId
 from rig.report.charts.chart import COLOURS
 
 WIDTH, LOWEST, TALLEST, MARGIN = 640, 200, 520, 26
 MOST_POINTS = 2500
-
-Array = npt.NDArray[np.float64]
 
 
 def ground(poses: Sequence[Array]) -> Array:
@@ -46,7 +44,7 @@ def _up(poses: Sequence[Array]) -> Array:
     return np.asarray(up / np.linalg.norm(up))
 
 
-def top_view(poses: Mapping[ViewId, Array], points: npt.NDArray[np.float64], title: str) -> Markup:
+def top_view(poses: Mapping[ViewId, Array], points: Array, title: str) -> Markup:
     """Cameras as small wedges that point where they look, coloured by camera; scene points as dots.
 
     poses: cam_from_world [4, 4]. points: float64 [P, 3].

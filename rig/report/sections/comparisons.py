@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Bytes, Floats
 from imaging.colour import balanced, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
@@ -18,7 +17,6 @@ from recon.result.display import in_colour
 from recon.result.scene import Opened
 from rig.report.charts.pictures import (
     MAP_STOPS,
-    Bytes,
     colour_bar,
     developed,
     error_map,
@@ -32,8 +30,6 @@ from rig.report.sections.shots import compressed
 MOST_VIEWS = 6
 WIDTH = 480
 """Pixels that a picture is at most wide in the page."""
-
-Float = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
 
 
 def _against_truth(
-    truth: Float, render: Float, stops: Sequence[float]
+    truth: Floats, render: Floats, stops: Sequence[float]
 ) -> Iterable[tuple[ComparedPicture, ...]]:
     middle = stops[1]
     for step in stops:
@@ -132,20 +128,20 @@ def _against_shots(opened: Opened, view: View) -> Iterable[tuple[ComparedPicture
     yield tuple(errors[-2:])
 
 
-def _as_shown(pixels: Float, view: View) -> Bytes:
+def _as_shown(pixels: Floats, view: View) -> Bytes:
     """Code values as they are; linear signals demosaicked, white-balanced and developed."""
     if view.sensor.kind == "ldr":
         return np.asarray(np.rint(255 * np.clip(pixels, 0, 1)), np.uint8)
     return np.asarray(np.rint(255 * srgb_encode(np.clip(_balanced(pixels, view), 0, 1))), np.uint8)
 
 
-def _balanced(pixels: Float, view: View) -> Float:
+def _balanced(pixels: Floats, view: View) -> Floats:
     """A linear signal as rgb [H, W, 3] in which a neutral surface is grey."""
     rgb = pixels if view.sensor.cfa is None else demosaic(pixels, view.sensor.cfa).rgb
     return balanced(rgb, view.sensor.camera_from_rec709.sum(1).tolist())
 
 
-def _shot_error(shot: Shot, predicted: Float, view: View) -> Bytes:
+def _shot_error(shot: Shot, predicted: Floats, view: View) -> Bytes:
     """Error of light where the photograph is neither clipped, nor dark, nor invalid."""
     said = ~shot.saturated & ~shot.dark & shot.valid
     valid = said[..., None] if said.ndim == 2 else np.all(said, axis=-1, keepdims=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Bytes, Floats, Mask
 from imaging.cfa import cell_means
 from imaging.colour import balanced, srgb_decode
 from imaging.compute import memory
@@ -23,9 +23,6 @@ from imaging.progress import Progress
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from rig.report.charts.pictures import developed, fitted, jpeg_uri, three_exposures
-
-Float = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
 
 MOST_VIEWS = 24
 """Most views read; of a larger session an even choice."""
@@ -49,8 +46,8 @@ class ShotPreview:
 
     clipped: float
     dark: float
-    rgb: Float
-    valid: Bool
+    rgb: Array32
+    valid: Mask
     developed: bool = False
 
 
@@ -178,7 +175,7 @@ def _factor(height: int, width: int) -> int:
     return max(1, min(width // THUMBNAIL_WIDTH, height))
 
 
-def _reduced(rgb: Float, valid: Bool, factor: int | None = None) -> tuple[Float, Bool]:
+def _reduced(rgb: Array32, valid: Mask, factor: int | None = None) -> tuple[Array32, Mask]:
     """Averaged to about the width of a thumbnail; a pixel is valid if all it was made of is.
 
     valid: [H, W], or [H, W, 3] by sample. factor: as `_factor` has it of the whole picture.
@@ -186,7 +183,7 @@ def _reduced(rgb: Float, valid: Bool, factor: int | None = None) -> tuple[Float,
     factor = factor or _factor(*rgb.shape[:2])
     height, width = rgb.shape[0] // factor, rgb.shape[1] // factor
 
-    def averaged(picture: Float) -> Float:
+    def averaged(picture: Array32) -> Array32:
         cut = picture[: height * factor, : width * factor]
         return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
@@ -194,14 +191,14 @@ def _reduced(rgb: Float, valid: Bool, factor: int | None = None) -> tuple[Float,
     return averaged(rgb), np.asarray(trusted.all(-1) if trusted.ndim == 3 else trusted, np.bool_)
 
 
-def _thumbnail(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> npt.NDArray[np.uint8]:
+def _thumbnail(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> Bytes:
     """A view as one picture: a single photograph as it is, else its bracket merged."""
     if len(previews) == 1 and previews[0][1].developed:
         return fitted(developed(previews[0][1].rgb, 0.0), THUMBNAIL_WIDTH)
     return _merged(previews)
 
 
-def _merged(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> npt.NDArray[np.uint8]:
+def _merged(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> Bytes:
     """A bracket as one picture: light summed over time where no shot is clipped, then compressed."""
     by_size: dict[tuple[int, ...], list[tuple[float, ShotPreview]]] = defaultdict(list)
     for shot, preview in previews:
@@ -221,7 +218,7 @@ def _merged(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> npt.NDArray[n
     return fitted(compressed(np.maximum(radiance, 0.0)), THUMBNAIL_WIDTH)
 
 
-def compressed(radiance: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+def compressed(radiance: Floats) -> Bytes:
     """One picture that shows a wide range: light up to the middle as it is, highlights by their logarithm.
 
     A gain that depends on the brightest channel alone keeps the hue of lamps and reflections.

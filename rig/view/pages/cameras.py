@@ -6,27 +6,25 @@ All are in the coordinates that the scene was trained in, where what the photogr
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 from rig.view.serving.start import Start, pose_of, start_at, up_of
-
-Vector = npt.NDArray[np.float64]
 
 
 class BrowserCamera(Protocol):
     """Camera of a browser: its axes are those of OpenCV, x right, y down, z ahead."""
 
     @property
-    def wxyz(self) -> Vector:
+    def wxyz(self) -> Array:
         """The turn from the camera's axes to the world's, a unit quaternion."""
         ...
 
     @property
-    def position(self) -> Vector:
+    def position(self) -> Array:
         """Position of its centre."""
         ...
 
@@ -52,7 +50,7 @@ def splat_camera(camera: BrowserCamera, width: int) -> SplatCamera:
     return SplatCamera(motion, focal, focal, width / 2, height / 2, width, height)
 
 
-def pose(camera: SplatCamera) -> tuple[Vector, Vector]:
+def pose(camera: SplatCamera) -> tuple[Array, Array]:
     """wxyz and position of a scene's camera, as a browser has them."""
     return pose_of(camera.cam_from_world)
 

@@ -5,9 +5,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import viser
 
+from imaging.arrays import Array, Bytes
 from imaging.errors import RigError
 from imaging.session.paths import session_of
 from recon.result.model import SceneView
@@ -15,7 +15,6 @@ from rig.view.pages.cameras import pose
 from rig.view.pictures.look import Look
 from rig.view.pictures.painter import Painter
 from rig.view.pictures.photographs import Photographs
-from rig.view.pictures.tones import Picture
 from rig.view.serving.start import Start, height_angle, overview
 
 LENGTH = 0.06
@@ -45,7 +44,7 @@ class Frusta:
                 if light is not None and self.visible:
                     self._add(view, look.shown(light, self.painter.scene.exposure))
 
-    def hide_the_scene_from(self, eye: npt.NDArray[np.float64]) -> bool:
+    def hide_the_scene_from(self, eye: Array) -> bool:
         """Return whether a camera is so near to the eye that its photograph would hide what is behind it."""
         centres = np.array([pose(self.painter.placed(view.name))[1] for view in self.painter.scene.views])
         return bool(np.linalg.norm(centres - eye, axis=1).min() < NEAR)
@@ -69,7 +68,7 @@ class Frusta:
         except RigError:
             return None
 
-    def _add(self, view: SceneView, image: Picture | None) -> None:
+    def _add(self, view: SceneView, image: Bytes | None) -> None:
         wxyz, position = pose(self.painter.placed(view.name))
         frustum = self.client.scene.add_camera_frustum(
             _name(view),

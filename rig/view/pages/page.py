@@ -9,6 +9,7 @@ import numpy as np
 import torch
 import viser
 
+from imaging.arrays import Bytes
 from imaging.errors import RigError
 from rig.view.pages.cameras import splat_camera
 from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
@@ -17,7 +18,6 @@ from rig.view.pictures.layers import LAYERS, TRUST, picture_of
 from rig.view.pictures.look import Look, coloured, stops
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
-from rig.view.pictures.tones import Picture
 from rig.view.serving.frame import Frame, marked
 from rig.view.serving.start import Start, point, stand, start_at, up_of
 from rig.view.serving.state import State
@@ -228,7 +228,7 @@ class ScenePage:
         lens = splat_camera(camera, width) if view is None else self.painter.placed(view)
         return Wanted(show, view, lens, controls.parts)
 
-    def _picture(self, drawing: Drawing, show: str) -> Picture:
+    def _picture(self, drawing: Drawing, show: str) -> Bytes:
         scale = self.painter.scene.exposure
         if drawing.layer is not None and show in LAYERS:
             return picture_of(show, drawing.layer, self.painter.scene)

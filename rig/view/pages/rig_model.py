@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Bytes
 from imaging.files.colmap import read_model
 from imaging.lens import Lens
 from imaging.session.calibration import CalibrationRecord
@@ -13,7 +13,6 @@ from imaging.session.view_id import ViewId
 from rig.report.charts.residuals import read_residuals
 from rig.view.serving.start import Start, overview, start_at, up_of
 
-Array = npt.NDArray[np.float64]
 MOST_POINTS = 100_000
 WORST = 12
 """Views whose residuals are listed."""
@@ -30,8 +29,8 @@ class RigModel:
     record: CalibrationRecord
     poses: dict[ViewId, Array]
     lenses: dict[str, Lens]
-    points: npt.NDArray[np.float32]
-    colours: npt.NDArray[np.uint8]
+    points: Array32
+    colours: Bytes
     residuals: dict[ViewId, float]
 
     @classmethod
@@ -77,7 +76,7 @@ class RigModel:
         return text
 
 
-def _points(colmap: Path) -> tuple[Array, npt.NDArray[np.uint8]]:
+def _points(colmap: Path) -> tuple[Array, Bytes]:
     model = read_model(colmap)
     points = list(model.points3D.values())
     points = points[:: max(1, -(-len(points) // MOST_POINTS))]

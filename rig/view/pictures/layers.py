@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Bytes
 from imaging.errors import InputError
 from recon.result.model import read_own_calibration
 from recon.result.scene import Scene
 from rig.terminal.text import number
 from rig.view.pictures.look import ramp
-from rig.view.pictures.tones import Picture
 
-Plane = npt.NDArray[np.float32]
 LayerName = Literal["depth", "normal", "trust"]
 TRUST: LayerName = "trust"
 LAYERS: tuple[LayerName, ...] = get_args(LayerName)
@@ -30,12 +28,12 @@ MOST_PHOTOGRAPHS = 16
 class _Shown:
     """Display of a layer of a scene: its colours, their legend, and a value in words."""
 
-    picture: Callable[[Plane, Scene], Picture]
+    picture: Callable[[Array32, Scene], Bytes]
     legend: Callable[[Scene], str]
-    words: Callable[[npt.NDArray[np.float32], Scene], str]
+    words: Callable[[Array32, Scene], str]
 
 
-def picture_of(name: LayerName, plane: Plane, scene: Scene) -> Picture:
+def picture_of(name: LayerName, plane: Array32, scene: Scene) -> Bytes:
     """A layer, [H, W] or [H, W, 3], for a screen, uint8 [H, W, 3]; black: nothing there."""
     return _SHOWN[name].picture(plane, scene)
 
@@ -45,7 +43,7 @@ def legend_of(name: LayerName, scene: Scene) -> str:
     return _SHOWN[name].legend(scene)
 
 
-def words_of(name: LayerName, value: npt.NDArray[np.float32], scene: Scene) -> str:
+def words_of(name: LayerName, value: Array32, scene: Scene) -> str:
     """Return what a layer says of one pixel."""
     return _SHOWN[name].words(value, scene)
 
@@ -54,7 +52,7 @@ def _most(scene: Scene) -> int:
     return min(max(len(scene.record.training_views), 2), MOST_PHOTOGRAPHS)
 
 
-def _depth(plane: Plane, scene: Scene) -> Picture:
+def _depth(plane: Array32, scene: Scene) -> Bytes:
     near, far = (np.log2(end * scene.record.world.unit) for end in (NEAREST, FARTHEST))
     with np.errstate(divide="ignore", invalid="ignore"):
         place = np.asarray((np.log2(plane) - near) / (far - near), np.float32)
@@ -66,24 +64,24 @@ def _depth_legend(scene: Scene) -> str:
     return f"{near} to {far} {unit_of(scene)} away"
 
 
-def _depth_words(value: npt.NDArray[np.float32], scene: Scene) -> str:
+def _depth_words(value: Array32, scene: Scene) -> str:
     return f"{number(float(value))} {unit_of(scene)} away" if np.isfinite(value) else "nothing there"
 
 
-def _normal(plane: Plane, scene: Scene) -> Picture:
+def _normal(plane: Array32, scene: Scene) -> Bytes:
     there = np.abs(plane).sum(axis=2, keepdims=True) > 0
     return np.where(there, np.uint8(np.round(127.5 * (np.clip(plane, -1, 1) + 1))), np.uint8(0))
 
 
-def _normal_words(value: npt.NDArray[np.float32], scene: Scene) -> str:
+def _normal_words(value: Array32, scene: Scene) -> str:
     return "normal " + ", ".join(f"{part:+.2f}" for part in value) if value.any() else "no surface"
 
 
-def _trust(plane: Plane, scene: Scene) -> Picture:
+def _trust(plane: Array32, scene: Scene) -> Bytes:
     return ramp(plane / np.float32(_most(scene)), plane > 0)
 
 
-def _trust_words(value: npt.NDArray[np.float32], scene: Scene) -> str:
+def _trust_words(value: Array32, scene: Scene) -> str:
     return f"**{float(value):.1f} photographs** saw it above their noise"
 
 

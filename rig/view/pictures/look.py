@@ -9,11 +9,10 @@ from typing import Literal, get_args
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32, Bytes, Mask
 from imaging.files.photo import is_photo
 from rig.view.pictures import tones
-from rig.view.pictures.tones import Light, Picture
 
 ToneMap = Literal["linear", "ACES 2.0", "AgX", "filmic", "false colour", "clipping"]
 TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
@@ -26,7 +25,7 @@ STOPS = 8.0
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Luminance weights of linear Rec.709 (ITU-R BT.709)."""
 _BRIGHT, _DARK = (255, 0, 80), (40, 90, 255)
-_CURVES: dict[str, Callable[[Light], Picture]] = {
+_CURVES: dict[str, Callable[[Array32], Bytes]] = {
     "linear": tones.linear,
     "ACES 2.0": tones.aces,
     "AgX": tones.agx,
@@ -41,13 +40,13 @@ class Look:
     exposure: float = 0.0
     tones: ToneMap = "linear"
 
-    def shown(self, light: Light, scale: float) -> Picture:
+    def shown(self, light: Array32, scale: float) -> Bytes:
         """Linear Rec.709 [H, W, 3] for a screen, uint8; `scale` shows the scene's median as middle grey."""
         factor = scale * 2.0**self.exposure
         with np.errstate(over="ignore"):  # what is beyond float32 is white all the same
             return self._mapped(np.nan_to_num(light, posinf=3e38), factor)
 
-    def _mapped(self, light: Light, factor: float) -> Picture:
+    def _mapped(self, light: Array32, factor: float) -> Bytes:
         if self.tones == "false colour":
             return bands(stops(light, factor))
         shown = light * np.float32(factor)
@@ -75,36 +74,36 @@ def shot_at(shots: Sequence[Sequence[tuple[str, float]]]) -> float | None:
     return float(np.median([factor for ((_, factor),) in shots]))
 
 
-def stops(light: Light, factor: float) -> Light:
+def stops(light: Array32, factor: float) -> Array32:
     """Stops of luminance times a factor above middle grey, [H, W]; minus infinity where there is no light."""
     with np.errstate(divide="ignore", invalid="ignore"):
         result = np.log2(np.maximum(light @ LUMINANCE, 0) * np.float32(factor / MIDDLE_GREY))
     return np.asarray(result, np.float32)
 
 
-def coloured(values: Light, most: float = STOPS) -> Picture:
+def coloured(values: Array32, most: float = STOPS) -> Bytes:
     """Colours [H, W, 3] of stops [H, W] from -most (dark blue) to most (dark red); black: no light at all."""
     return ramp(np.nan_to_num(values / (2 * most)) + 0.5, np.isfinite(values))
 
 
-def bands(values: Light) -> Picture:
+def bands(values: Array32) -> Bytes:
     """Colours [H, W, 3] of stops [H, W], one for each whole stop; black: no light at all."""
     with np.errstate(invalid="ignore"):
         return coloured(np.round(values))
 
 
-def ramp(place: Light, there: npt.NDArray[np.bool_]) -> Picture:
+def ramp(place: Array32, there: Mask) -> Bytes:
     """Colours [H, W, 3] of places 0..1 [H, W] from dark blue to dark red; black where nothing is `there`."""
     code = np.uint8(np.round(255 * np.clip(np.nan_to_num(place), 0, 1)))
     return np.where(there[..., None], _turbo()[code], np.uint8(0))
 
 
-def legend(most: float = STOPS) -> Picture:
+def legend(most: float = STOPS) -> Bytes:
     """The colours of `coloured` from left to right, uint8 [12, 256, 3]."""
     return coloured(np.tile(np.linspace(-most, most, 256, dtype=np.float32), (12, 1)), most)
 
 
-def band_legend() -> Picture:
+def band_legend() -> Bytes:
     """The colours of `bands` from left to right with numbers below, uint8 [26, 272, 3]."""
     whole = np.arange(-STOPS, STOPS + 1, dtype=np.float32)
     picture = np.zeros((26, 16 * len(whole), 3), np.uint8)
@@ -120,7 +119,7 @@ def band_legend() -> Picture:
     return picture
 
 
-def _clipped(light: Light) -> Picture:
+def _clipped(light: Array32) -> Bytes:
     """Grey, but red where a channel is at white or above, and blue where all are below the first code."""
     shown = tones.linear(light)
     grey = np.repeat(shown.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2)
@@ -130,7 +129,7 @@ def _clipped(light: Light) -> Picture:
 
 
 @cache
-def _turbo() -> Picture:
+def _turbo() -> Bytes:
     """Google's turbo, uint8 [256, 3]."""
     ramp = np.arange(256, dtype=np.uint8)[:, None]
     return np.asarray(cv2.applyColorMap(ramp, cv2.COLORMAP_TURBO)[:, 0, ::-1], np.uint8)

@@ -9,15 +9,15 @@ from typing import cast
 import cv2
 import numpy as np
 
+from imaging.arrays import Array32
 from imaging.files.exr import read_exr
 from recon.rendering.data_layers import DataLayers
 from recon.rendering.light_files import stem
 from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.pictures.layers import LAYERS, LayerName, Plane
+from rig.view.pictures.layers import LAYERS, LayerName
 from rig.view.pictures.residuals import Residuals, residuals_of
-from rig.view.pictures.tones import Light
 
 RENDER, REFERENCE, DIFFERENCE = "render", "reference", "difference"
 FIRST, SECOND, SPLIT, OVER = "A", "B", "A | B", "B over A"
@@ -65,9 +65,9 @@ class Drawing:
     """light: linear Rec.709 [H, W, 3], which a spot meter measures; over: what it is compared with;
     layer: of `rig.view.pictures.layers`, which is shown in its place."""
 
-    light: Light
-    over: Light | None = None
-    layer: Plane | None = None
+    light: Array32
+    over: Array32 | None = None
+    layer: Array32 | None = None
 
 
 class Painter:
@@ -145,12 +145,12 @@ class Painter:
         """Return whether the views were drawn already, which takes a picture each."""
         return "photographs" in vars(self._data)
 
-    def _layer(self, wanted: Wanted) -> Plane:
+    def _layer(self, wanted: Wanted) -> Array32:
         camera = self.scene.record.world.camera_in_world(wanted.camera)
         with self.drawing:
             return self._data.layer(cast(LayerName, wanted.show), camera)
 
-    def _light(self, number: int, wanted: Wanted) -> Light:
+    def _light(self, number: int, wanted: Wanted) -> Array32:
         scene = self.scenes[number]
         camera = self.scene.record.world.camera_in_world(wanted.camera)
         if number and wanted.view in {view.name for view in scene.views}:
@@ -171,12 +171,12 @@ def references(scene: Scene) -> Mapping[str, Path]:
     return {name: path for name, path in paths.items() if path.is_file()}
 
 
-def read_light(path: Path) -> Light:
+def read_light(path: Path) -> Array32:
     """Linear light of an EXR, float32 [H, W, 3]."""
     return np.asarray(read_exr(path).rgb(), np.float32)
 
 
-def resized(light: Light, like: Light) -> Light:
+def resized(light: Array32, like: Array32) -> Array32:
     """Light in the size of other light."""
     if light.shape == like.shape:
         return light

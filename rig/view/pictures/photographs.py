@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from imaging.arrays import Array32, Bytes
 from imaging.cfa import cell_means
 from imaging.colour import balanced, of_channels, rec709_from_camera
 from imaging.errors import InputError
@@ -16,7 +17,6 @@ from imaging.session.calibration import CalibrationRecord, CameraCalibration, Re
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-from rig.view.pictures.tones import Light, Picture
 
 WIDTH = 320
 """px of each."""
@@ -33,7 +33,7 @@ class Photograph:
     """
 
     view: ViewId
-    light: Light | None
+    light: Array32 | None
     caption: str
 
 
@@ -61,7 +61,7 @@ class Photographs:
             return Photograph(view, None, f"{view}: {error}")
         return Photograph(view, _merged(parts), caption)
 
-    def _small(self, view: ViewId, shot: ShotRecord) -> tuple[Light, Light, float]:
+    def _small(self, view: ViewId, shot: ShotRecord) -> tuple[Array32, Array32, float]:
         """Signal [h, w, 3] in Rec.709, share of it that is light and no limit [h, w, 1], and its scale."""
         camera = self._camera(view.camera)
         k = self._scale(shot)
@@ -86,7 +86,7 @@ class Photographs:
 
 def _reduced(
     frame: LinearFrame, camera: CameraCalibration | None, neutral: Sequence[float] | None
-) -> tuple[Light, Light]:
+) -> tuple[Array32, Array32]:
     useless = frame.saturated | ~frame.valid
     signal, limits = cell_means(frame.signal, frame.cfa), cell_means(useless, frame.cfa)
     if signal.ndim == 2:
@@ -106,12 +106,12 @@ def _reduced(
     return (signal @ turn.T).astype(np.float32), share
 
 
-def _resized(image: Light, size: tuple[int, int]) -> Light:
+def _resized(image: Array32, size: tuple[int, int]) -> Array32:
     small = cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small.reshape(size[1], size[0], -1), np.float32)
 
 
-def _merged(parts: Sequence[tuple[Light, Light, float]]) -> Light:
+def _merged(parts: Sequence[tuple[Array32, Array32, float]]) -> Array32:
     """Signals over the scales of where they are light; where all are clipped the white of the shortest."""
     total = sum(signal.astype(np.float64) for signal, _, _ in parts)
     weight = sum(share.astype(np.float64) * k for _, share, k in parts)
@@ -119,7 +119,7 @@ def _merged(parts: Sequence[tuple[Light, Light, float]]) -> Light:
     return np.where(weight > _LEAST, total / np.maximum(weight, _LEAST), white).astype(np.float32)
 
 
-def sheet(pictures: Sequence[Light], columns: int) -> Light:
+def sheet(pictures: Sequence[Array32], columns: int) -> Array32:
     """Pictures side by side in rows, each in a cell as large as the largest, black beside them."""
     high, wide = max(one.shape[0] for one in pictures), max(one.shape[1] for one in pictures)
     rows = -(-len(pictures) // columns)
@@ -130,7 +130,7 @@ def sheet(pictures: Sequence[Light], columns: int) -> Light:
     return canvas
 
 
-def labelled(picture: Picture, names: Sequence[str], columns: int) -> Picture:
+def labelled(picture: Bytes, names: Sequence[str], columns: int) -> Bytes:
     """A sheet of that many columns with a name in the upper left of each picture, white on black."""
     shown = picture.copy()
     rows = -(-len(names) // columns)

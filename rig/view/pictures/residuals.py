@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array32
 from imaging.errors import RigError
 from imaging.progress import unreported
 from imaging.session.paths import session_of
@@ -31,8 +31,8 @@ class Residuals:
     it is above that of the photographs, noise included. views: number of brackets.
     """
 
-    brightness: npt.NDArray[np.float32]
-    off: npt.NDArray[np.float32]
+    brightness: Array32
+    off: Array32
     views: int
 
     def at(self, luminance: float) -> float | None:

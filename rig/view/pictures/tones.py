@@ -8,13 +8,10 @@ Hable's curve (Uncharted 2: HDR Lighting, GDC 2010), with the constants of his a
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 import PyOpenColorIO as ocio
 
+from imaging.arrays import Array32, Bytes
 from imaging.colour import srgb_encode
-
-Light = npt.NDArray[np.float32]
-Picture = npt.NDArray[np.uint8]
 
 _CONFIG, _SOURCE, _DISPLAY = "cg-config-v4.0.0_aces-v2.0_ocio-v2.5", "Linear Rec.709 (sRGB)", "sRGB - Display"
 _VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"
@@ -48,19 +45,19 @@ _FILMIC = 0.22, 0.30, 0.10, 0.20, 0.01, 0.30
 _FILMIC_BIAS, _FILMIC_WHITE = 2.0, 11.2
 
 
-def linear(light: Light) -> Picture:
+def linear(light: Array32) -> Bytes:
     """Clipped at white, and encoded: no tone is moved."""
     return _encoded(light)
 
 
-def aces(light: Light) -> Picture:
+def aces(light: Array32) -> Bytes:
     """Tone map by the output transform of ACES 2.0 for an SDR screen of 100 nits."""
     values = np.ascontiguousarray(np.minimum(light, _BRIGHTEST), np.float32)
     _output_transform().applyRGB(values)
     return np.asarray(np.round(255 * np.clip(np.nan_to_num(values), 0, 1)), np.uint8)
 
 
-def agx(light: Light) -> Picture:
+def agx(light: Array32) -> Bytes:
     """AgX, without a look."""
     into = (_AGX_INTO @ _REC2020_FROM_REC709).astype(np.float32)
     out_of = (np.linalg.inv(_REC2020_FROM_REC709)).astype(np.float32)
@@ -76,25 +73,25 @@ def agx(light: Light) -> Picture:
     return _encoded(back @ out_of.T)
 
 
-def filmic(light: Light) -> Picture:
+def filmic(light: Array32) -> Bytes:
     """Hable's curve of each channel."""
     shown = _filmic_curve(_FILMIC_BIAS * np.clip(light, 0, np.float32(1e4)))
     return _encoded(shown / np.float32(_filmic_curve(np.float32(_FILMIC_WHITE))))
 
 
-def _filmic_curve(x: Light | np.float32) -> Light:
+def _filmic_curve(x: Array32 | np.float32) -> Array32:
     a, b, c, d, e, f = (np.float32(value) for value in _FILMIC)
     return np.asarray((x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f, np.float32)
 
 
-def _encoded(light: Light) -> Picture:
+def _encoded(light: Array32) -> Bytes:
     """sRGB of clipped light, to a fortieth of a code: a table is a dozen times as fast as its power."""
     place = np.clip(light, 0, 1) * np.float32(_CODES - 1) + np.float32(0.5)
     return _srgb()[place.astype(np.uint16)]
 
 
 @cache
-def _srgb() -> Picture:
+def _srgb() -> Bytes:
     return np.asarray(np.round(255 * srgb_encode(np.arange(_CODES) / (_CODES - 1))), np.uint8)
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from imaging.arrays import Array32
 from imaging.errors import RigError
 from imaging.files.exr import read_exr
 from imaging.lens import Lens
 from imaging.pose import Pose
 from rig.view.pictures.look import Look, first_look, shot_at
-from rig.view.pictures.tones import Light
 from rig.view.serving.start import Start, start_at, up_of
 
 
@@ -26,7 +26,7 @@ class FirstPicture:
     view: name of the view that it is of, `frame/camera`; start: where that stands; look: how it is shown.
     """
 
-    light: Light
+    light: Array32
     exposure: float
     view: str
     start: Start

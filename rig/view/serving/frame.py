@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.view.pictures.tones import Light, Picture
+from imaging.arrays import Array32, Bytes
 
 BESIDE = 24
 """Grey of what a window shows beside a picture of another shape."""
@@ -14,7 +14,7 @@ BESIDE = 24
 class Frame:
     """light: linear, [H, W, 3]; aspect: width over height of the window, which shows it in its middle."""
 
-    light: Light
+    light: Array32
     aspect: float
 
     def pixel(self, across: float, down: float) -> tuple[int, int] | None:
@@ -25,7 +25,7 @@ class Frame:
         row = int(np.floor(down * (height + 2 * top) - top))
         return (row, column) if 0 <= row < height and 0 <= column < width else None
 
-    def in_window(self, picture: Picture) -> Picture:
+    def in_window(self, picture: Bytes) -> Bytes:
         """A picture of the frame's size with what is beside it, of the window's shape."""
         left, top = self._beside()
         if not left and not top:
@@ -40,7 +40,7 @@ class Frame:
         )
 
 
-def marked(picture: Picture, across: float, down: float) -> Picture:
+def marked(picture: Bytes, across: float, down: float) -> Bytes:
     """Draw a ring around a place of a picture, 0..1 from its upper left, that is seen on any colour."""
     height, width = picture.shape[:2]
     radius = max(3.0, width / 160)

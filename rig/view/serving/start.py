@@ -8,10 +8,11 @@ import numpy.typing as npt
 import viser
 from scipy.spatial.transform import Rotation
 
+from imaging.arrays import Array
 from imaging.lens import Lens, rays
 
 Point = tuple[float, float, float]
-Pair = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Pair = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -42,20 +43,20 @@ def height_angle(lens: Lens) -> float:
     return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
 
 
-def up_of(poses: Iterable[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+def up_of(poses: Iterable[Array]) -> Array:
     """A unit vector: the way up of cameras [4, 4] together, as photographers hold them."""
     down = sum((pose[1, :3] for pose in poses), np.zeros(3))
     length = float(np.linalg.norm(down))
     return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else -down / length
 
 
-def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> Start:
+def start_at(motion: Array, up: npt.ArrayLike, lens: Lens) -> Start:
     """Return where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
     centre = -motion[:3, :3].T @ motion[:3, 3]
     return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))
 
 
-def overview(poses: Sequence[npt.NDArray[np.float64]]) -> Start:
+def overview(poses: Sequence[Array]) -> Start:
     """Place that overlooks cameras about the origin, cam_from_world [4, 4]: behind and above them."""
     up = up_of(poses)
     ahead = sum((pose[2, :3] for pose in poses), np.zeros(3))
@@ -65,7 +66,7 @@ def overview(poses: Sequence[npt.NDArray[np.float64]]) -> Start:
     return Start(point(reach * (0.9 * up - 1.2 * ahead)), point(0.3 * ahead), point(up), 0.9)
 
 
-def pose_of(cam_from_world: npt.NDArray[np.float64]) -> Pair:
+def pose_of(cam_from_world: Array) -> Pair:
     """wxyz and position of a motion [4, 4], as a browser has them."""
     turn = cam_from_world[:3, :3].T
     wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)

@@ -3,17 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from calib.boards.corners import Corners
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
+from imaging.arrays import Array
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 
-Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 960, 720
 
 

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from calib.boards.corners import PRINTS, Picture, Print, find, find_all
+from calib.boards.corners import PRINTS, Print, find, find_all
+from imaging.arrays import Bytes
 from imaging.errors import CalibrationError
 from imaging.progress import unreported
 from imaging.session.records import Board
 from tests.calib.boards.conftest import Stage
 
 
-def picture(stage: Stage, camera: int, frame: int) -> Picture:
+def picture(stage: Stage, camera: int, frame: int) -> Bytes:
     """Picture of a camera, with noise of two codes."""
     rendered = stage.shown.render(
         stage.rig.mounts[camera].optics.lens, stage.cam_from_board(camera, frame), samples=2

@@ -1,7 +1,6 @@
 """Lenses and rigs from corners with known noise, against the rig that was simulated."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from calib.boards import ladder, rig, uncertainty
@@ -9,13 +8,12 @@ from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import first_guess
 from drivers.sim.camera.lens import project
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
-
-Array = npt.NDArray[np.float64]
 
 
 def errors_of(stage: Stage, mounted: dict[str, Array]) -> tuple[list[float], list[float]]:

@@ -6,14 +6,12 @@ from functools import cache
 import colour
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging.arrays import Array, Array32, Floats
 from imaging.cfa import Cfa, mosaic
 from imaging.colour import PRIMARIES, REC709_FROM_XYZ, adaptation
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, Matrix, RawMosaic, as_matrix
-
-Array = npt.NDArray[np.float64]
 
 CAMERAS = {"nikon": "Nikon 5100 (NPL)", "sigma": "Sigma SDMerill (NPL)"}
 BLACK, WHITE = 512, 15871
@@ -69,9 +67,7 @@ def square_on(width: int, height: int, share: float = 0.5, turn: float = 0.0, ti
     )
 
 
-def painted(
-    patches: Array, background: Array, corners: Array, width: int, height: int
-) -> npt.NDArray[np.float32]:
+def painted(patches: Array, background: Array, corners: Array, width: int, height: int) -> Array32:
     """A chart on a wall: light float32 [height, width, 3], patches [24, 3] inside a dark frame."""
     cell, gap = 40, 6
     card = np.full((4 * (cell + gap) + gap, 6 * (cell + gap) + gap, 3), 0.035 * background, np.float32)
@@ -93,7 +89,7 @@ def painted(
 
 
 def photograph(
-    light: npt.NDArray[np.floating],
+    light: Floats,
     exposure: float,
     *,
     seed: int = 0,

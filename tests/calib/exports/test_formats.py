@@ -6,13 +6,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 import yaml
 
 from calib.exports import formats
 from capture.imports.layouts.ply_points import read_ply_points
 from imaging import lens as optics
+from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
@@ -24,8 +24,6 @@ from imaging.session.calibration import (
     read_calibration,
 )
 from imaging.session.records import CameraRecord
-
-Array = npt.NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,13 @@ from calib.data.features import Features, MatchedPair
 from calib.poses.brightness_steps import warning
 from calib.poses.resolution import resolve_contradictions
 from calib.poses.sfm import SceneModel, solve
+from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
-Array = np.ndarray
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 LENS = Lens(
     model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2

@@ -9,6 +9,7 @@ import pytest
 
 from calib.calibrate import calibrate
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.cfa import Cfa
 from imaging.errors import CalibrationError
 from imaging.exposure import Exposure
@@ -17,7 +18,6 @@ from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from tests.calib.conftest import make_session
 
-Array = np.ndarray
 Shot = tuple[RawMosaic, Exposure]
 WIDTH, HEIGHT, VIEWS = 160, 120, 4
 GAIN, READ, WELL, BLACK = 0.4, 3.0, 9500.0, 256

@@ -5,12 +5,12 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from calib import calibrate as calibrating
 from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.lens import Lens
 from imaging.pose import Pose
@@ -18,8 +18,6 @@ from imaging.progress import unreported
 from imaging.session.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 FRAMES = 2
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from calib.poses import sfm
 from drivers.sim.camera.lens import project, unproject
 from drivers.sim.rigs import simulate
+from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -19,8 +19,6 @@ from imaging.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.coordinates import PointMark
 from imaging.session.view_id import ViewId
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

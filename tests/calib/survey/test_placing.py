@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from calib.calibrate import calibrate
@@ -13,13 +12,13 @@ from calib.data.unfinished import KEPT
 from calib.poses.sfm import SceneModel, centres
 from calib.survey.placing import Expected, place_by_survey
 from calib.survey.points import Survey, SurveyPosition
+from imaging.arrays import Array
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files.colmap import read_points
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from tests.calib.survey.conftest import Staked, true_poses, write_marks, write_points
 
-Array = npt.NDArray[np.float64]
 ModelOf = Callable[[Path], SceneModel]
 SIZES = {f"cam{number}": (320, 240) for number in range(4)}
 CLICK = 0.3

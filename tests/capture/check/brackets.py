@@ -6,11 +6,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from capture.pictures.reduced import ReducedPicture, of_raw
 from drivers.sim.camera.response import develop
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
+from imaging.arrays import Array, Bytes
 from imaging.cfa import Cfa, mosaic
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -22,13 +22,12 @@ from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, Sho
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN
 
-Light = npt.NDArray[np.float64]
 BLACK, WHITE = 256.0, 4095
 SENSOR = SensorModel(0.4, 3.0, 10_300.0, ((BLACK,),), 12, prnu=0.005, dsnu=0.4)
 ELECTRONS = (WHITE - BLACK) / SENSOR.gain
 
 
-def scene(seed: int = 0, height: int = 160, width: int = 240) -> Light:
+def scene(seed: int = 0, height: int = 160, width: int = 240) -> Array:
     """Light [H, W, 3], about 1 at its middle."""
     random = np.random.default_rng(seed)
     light = np.ones((height, width, 3))
@@ -40,17 +39,17 @@ def scene(seed: int = 0, height: int = 160, width: int = 240) -> Light:
     return light * np.exp(0.3 * grain)[..., None]
 
 
-def blurred(light: Light, sigma: float) -> Light:
+def blurred(light: Array, sigma: float) -> Array:
     """Blur as a lens out of focus does."""
     return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma))
 
 
-def shifted(light: Light, right: int, down: int) -> Light:
+def shifted(light: Array, right: int, down: int) -> Array:
     """Seen by a camera that turned by whole pixels."""
     return np.roll(light, (down, right), axis=(0, 1))
 
 
-def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
+def raw(light: Array, exposure: Exposure, seed: int = 0) -> RawMosaic:
     """A frame; light times the exposure scale is the share of white."""
     height, width = light.shape[:2]
     sensor = SimulatedSensor(SENSOR, width, height, 0, "unit")
@@ -63,12 +62,12 @@ def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
     return RawMosaic(pixels, Cfa.RGGB, ((BLACK,),), WHITE, noise_profile=profile, metadata=metadata)
 
 
-def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> ReducedPicture:
+def seen_raw(light: Array, exposure: Exposure, seed: int = 0) -> ReducedPicture:
     """The same as `rig check` sees it."""
     return of_raw(from_raw(raw(light, exposure, seed), 1.0), Cfa.RGGB)
 
 
-def photo(light: Light, exposure: Exposure, seed: int = 0) -> npt.NDArray[np.uint8]:
+def photo(light: Array, exposure: Exposure, seed: int = 0) -> Bytes:
     """Photograph with a curve that is neither sRGB nor a gamma; codes [H, W, 3]."""
     random = np.random.default_rng([seed, int(1e6 * exposure.time)])
     electrons = random.poisson(np.minimum(light * exposure.scale, 4.0) * 40_000.0)
@@ -104,7 +103,7 @@ class Studio:
         camera: str,
         frame: int,
         step: int,
-        light: Light,
+        light: Array,
         exposure: Exposure,
         label: Exposure | None = None,
         kind: str = "scene",

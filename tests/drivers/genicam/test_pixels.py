@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
 from drivers.sim.genicam.pixels import pack
+from imaging.arrays import Bytes
 from imaging.cfa import Cfa
 
 
@@ -35,7 +35,7 @@ def slowly(data: bytes, pixels: PixelFormat, count: int) -> list[int]:
     ]
 
 
-def payload(seed: int, size: int, pixels: PixelFormat) -> npt.NDArray[np.uint8]:
+def payload(seed: int, size: int, pixels: PixelFormat) -> Bytes:
     data = np.random.default_rng(seed).integers(0, 256, size).astype(np.uint8)
     if pixels.packing == "plain" and pixels.stored_bits == 16:
         data[1::2] &= (1 << (pixels.bits - 8)) - 1  # The unused bits are zero.

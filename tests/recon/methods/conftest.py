@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from bench.support import oracle
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
 from imaging import metrics
+from imaging.arrays import Array32
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -117,7 +117,7 @@ class Outcome:
     scene: Opened
     metrics: dict[str, Any]
 
-    def light(self, view: View) -> npt.NDArray[np.float32]:
+    def light(self, view: View) -> Array32:
         """Radiance of a view, [H, W, 3]."""
         return np.asarray(self.scene.training.method.observation.radiance(self.scene.render(view.lens)))
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from imaging.arrays import Array
 from imaging.lens import Lens
 from imaging.pose import Pose
 from recon.data.world import SAME, WorldTransform
@@ -78,6 +79,6 @@ def scene(
     return Scene(Path("none"), record, gaussians, Renderer(APPEARANCE, limits_for(1.0), environment))
 
 
-def axis_of(direction: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def axis_of(direction: npt.ArrayLike) -> Array:
     vector = np.asarray(direction, float)
     return vector / np.linalg.norm(vector)

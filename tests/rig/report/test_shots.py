@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from imaging.arrays import Bytes
 from imaging.colour import srgb_decode
 from imaging.files import store
 from imaging.files.photo import encode_png
@@ -16,7 +17,7 @@ from imaging.session.session import Session
 from rig.report.sections.shots import CLIPPED, DARK, read_preview, read_previews
 
 
-def a_shot(folder: Path, codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> tuple[Session, ShotRecord]:
+def a_shot(folder: Path, codes: Bytes | npt.NDArray[np.uint16]) -> tuple[Session, ShotRecord]:
     """A session of one photograph."""
     camera = CameraRecord(name="cam", serial="1", kind="ldr")
     session = Session.create(
