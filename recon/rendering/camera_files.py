@@ -28,6 +28,12 @@ TRANSFORMS = "transforms.json"
 OFFSET = "world_offset"
 """Key of the coordinates of a transforms.json of `rig export`: those of the calibration are the file's plus
 this. (An `offset` is what they are less than those of a survey, and Instant NGP's.)"""
+_NOT_READ = (
+    "x_fov", "y_fov", "distortion_params", "rolling_shutter", "transform_matrix_start",
+    "transform_matrix_end", "from_mitsuba", "normal_mts_args", "latlong", "equirectangular", "orthographic",
+    "ftheta_p0",
+)  # fmt: skip
+"""Keys of Instant NGP and nerfstudio by which a camera would be another one."""
 _MOST = 1e9
 """Bound on the numbers of a lens."""
 _COLMAP_MODELS = {
@@ -98,6 +104,9 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
     cameras = []
     for index, frame in enumerate(frames):
         where = f"frame {index} of {path}"
+        for key in _NOT_READ:
+            if _says({**content, **frame}.get(key)):
+                raise InputError(f"{where} has a {key}, which rig does not draw by: export it again without.")
         lens = _nerfstudio_lens({**content, **frame}, usual, where)
         cameras.append(camera_of(frame.get("transform_matrix"), lens, where, opengl=True))
     coordinates = content.get("coordinates")
@@ -108,6 +117,11 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
     if len(numbers) != 3 or not all(isinstance(one, int | float) and math.isfinite(one) for one in numbers):
         raise InputError(f"{path} has a {OFFSET} that is not three numbers: export it again.")
     return GivenPath(CameraPath(path.stem, tuple(cameras)), None, less(numbers))
+
+
+def _says(value: object) -> bool:
+    """Return whether the value of a key says anything: no list of zeros, and not false."""
+    return any(map(bool, value)) if isinstance(value, list) else value is not None and value is not False
 
 
 def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from typing import Any, Literal
 from capture.imports.layouts import colmap
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.layouts.llff import lens_of_rows, pose_of_row, read_rows
-from capture.imports.layouts.nerfstudio import PosedFrame, entries
+from capture.imports.layouts.nerfstudio import entries
+from capture.imports.layouts.posed_frame import PosedFrame
 from capture.imports.originals import pictures_in, shown
 from capture.pictures.read import kind_of
 from imaging.errors import InputError

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from capture.imports.layouts import nerfstudio
 from capture.imports.layouts.ply_points import read_ply_points
+from capture.imports.layouts.posed_frame import PosedFrame
 from capture.imports.photos import import_photos
 from imaging.cfa import Cfa
 from imaging.colour import camera_from_rec709
@@ -274,7 +275,7 @@ def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digit
     motion[:3, :3] = Rotation.from_rotvec(turns).as_matrix()
     motion[:3, 3] = centre
     rounded = [[float(f"{value:.{digits}g}") for value in row] for row in motion]
-    entry = nerfstudio.PosedFrame({"transform_matrix": rounded}, {}, "here")
+    entry = PosedFrame({"transform_matrix": rounded}, {}, "here")
     found = np.linalg.inv(entry.cam_from_world().matrix()) @ np.diag([1, -1, -1, 1])
     scale = max(1.0, *map(abs, centre))
     np.testing.assert_allclose(found[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
@@ -294,6 +295,16 @@ KEYS = [
     "camera_model",
     "exposure_time",
     "camera_angle_x",
+    "x_fov",
+    "distortion_params",
+    "rolling_shutter",
+    "transform_matrix_start",
+    "transform_matrix_end",
+    "from_mitsuba",
+    "applied_scale",
+    "n_frames",
+    "time",
+    "latlong",
     *LENS,
     *TERMS,
 ]
