@@ -18,7 +18,8 @@ from recon.result.scene import Scene
 from recon.result.splat_files import shown_in_colour
 from recon.scene.gaussians import GEOMETRY, Gaussians
 from recon.scene.harmonics import C0, COEFFICIENTS
-from recon.scene.ply import PlySplats, plain_harmonics, read_ply
+from recon.scene.ply import plain_harmonics
+from recon.scene.ply_file import PlySplats, read_ply
 from recon.splat import SplatCamera
 
 

@@ -2,10 +2,12 @@
 
 What was trained, by what and on which photographs, such files do not say. Cameras are those of the file, or
 an orbit around the Gaussians. Colours are display values, sRGB, unless the file says that they are linear
-light. Display values are drawn as 3DGS draws, with its blur and its cut-offs, light as `rig` draws.
+light. Display values are drawn as 3DGS draws, with its blur and its cut-offs, light as `rig` draws; where the
+file says that its Gaussians were trained with the filters of Mip-Splatting, they are drawn with them.
 """
 
 import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,7 +26,8 @@ from recon.result.model import DisplayValues, ModelRecord, SceneView
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.scene.harmonics import COEFFICIENTS, DEGREE
-from recon.scene.ply import PlySplats, read_ply
+from recon.scene.ply_file import PlySplats, read_ply
+from recon.scene.sampling import Sampling
 from recon.scene.spz import read_spz
 from recon.scene.usd_field import UsdCamera, read_usd
 from recon.splat import Limits
@@ -50,7 +53,10 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     suffix = path.suffix.lower()
     if suffix == ".ply":
         file = read_ply(path)
-        linear = any(re.match(r"linear Rec\.709 radiance|false colours", line) for line in file.comments)
+        stated = any(re.match(r"linear Rec\.709 radiance|false colours", line) for line in file.comments)
+        linear = file.linear or stated
+        if "Vertical Axis: z" in file.comments:  # nerfstudio's
+            up = np.array([0.0, 0.0, 1.0])
     elif suffix == ".spz":
         file, linear = read_spz(path), False
     else:
@@ -71,7 +77,11 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     reference = _SPAN * brightest if linear and brightest > 0 else None
     record = _record(path, world, views, len(gaussians), degree, linear, reference)
     limits = limits_for(reference) if linear else Limits.gsplat()
-    return record, gaussians, Renderer(PlainHarmonics(), limits)
+    if file.made_up is None:
+        return record, gaussians, Renderer(PlainHarmonics(), limits)
+    # All of the blur is made up for, as if they had been trained on an infinitely fine picture.
+    finest = Sampling(torch.zeros(len(gaussians)), torch.zeros(len(gaussians)))
+    return record, gaussians, Renderer(PlainHarmonics(), replace(limits, blur=file.made_up), sampling=finest)
 
 
 def _gaussians(file: PlySplats, valid: Mask, world: WorldTransform) -> Gaussians:

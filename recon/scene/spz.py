@@ -17,21 +17,29 @@ import numpy as np
 
 from imaging.arrays import Array, Bytes
 from imaging.errors import InputError
-from recon.scene.ply import PlySplats
+from recon.scene.ply_file import PlySplats
 
 BRIGHTEST = 0.5 + 0.5 / 0.15 * 0.28209479177387814
 """Largest value of a colour."""
 _MAGIC = 0x5053474E
 _VERSION = 3
 _COLOUR = 0.15
-_FLIPS = np.array([1.0, -1.0, -1.0])
-"""Signs of x, y and z."""
-_FLIPS_QUAT = np.array([1.0, 1.0, -1.0, -1.0])
-"""Signs of w, x, y and z of a rotation."""
-_FLIPS_REST = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
-"""Signs of the harmonics of degree 1 to 3, by their parity in y and z."""
+_ODD = ("y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
+_PARITY = np.array([[int(axis in odd) for axis in "xyz"] for odd in _ODD])
+"""Axes with which the harmonics of degree 1 to 3 change their sign, [15, 3]."""
+ANTIALIASED, EXTENDED = 1, 2
+"""Flags: trained with the 2D filter of Mip-Splatting, and with records of makers."""
+BLUR = 0.3
+"""Variance, px^2, of that filter, as gsplat and viewers have it."""
+_COORDINATES = 0xADBE0003
+"""Adobe's record of the axes in which numbers are stored, where they are not those of OpenGL."""
+_OPENGL = 4
+_LEVEL = 8
+"""Largest number of axes that differ from those of PLY by signs; bits of it less 1: right, up, ahead."""
 _MOST_BITS = 23
 _LARGEST = 2**9 - 1
+_HEADER = 32
+"""Bytes of the header of version 4, behind which the records are."""
 _MOST = 100_000_000
 """Gaussians that a file is believed to have."""
 
@@ -39,18 +47,18 @@ _MOST = 100_000_000
 def pack(means: Array, log_scales: Array, quats: Array, opacities: Array, harmonics: Array) -> bytes:
     """A file of Gaussians as `PlySplats` has them, but opacities [N] within 0..1, and quats of length 1."""
     degree = math.isqrt(harmonics.shape[1]) - 1
+    flips, flips_quat, flips_rest = _signs(_OPENGL)
     reach = max(float(np.abs(means).max(initial=0)), 1e-12)
     bits = int(np.clip(math.floor(math.log2((2**23 - 1) / reach)), 0, _MOST_BITS))
-    fixed = np.round(means * _FLIPS * 2**bits).clip(1 - 2**23, 2**23 - 1).astype("<i4")
+    fixed = np.round(means * flips * 2**bits).clip(1 - 2**23, 2**23 - 1).astype("<i4")
     places = fixed.view(np.uint8).reshape(len(means), 3, 4)[..., :3]
-    flips = _FLIPS_REST[: harmonics.shape[1] - 1, None]
     parts = [
         places,
         _byte(255 * opacities),
         _byte(255 * (harmonics[:, 0] * _COLOUR + 0.5)),
         _byte(16 * (log_scales + 10)),
-        _packed_quats(quats * _FLIPS_QUAT),
-        _byte(128 * harmonics[:, 1:] * flips + 128),
+        _packed_quats(quats * flips_quat),
+        _byte(128 * harmonics[:, 1:] * flips_rest[: harmonics.shape[1] - 1, None] + 128),
     ]
     header = struct.pack("<IIIBBBB", _MAGIC, _VERSION, len(means), degree, bits, 0, 0)
     return gzip.compress(header + b"".join(part.tobytes() for part in parts), mtime=0)
@@ -73,10 +81,10 @@ def unpack(data: bytes) -> PlySplats:
     bytes.
     """
     if data[:4] == struct.pack("<I", _MAGIC):
-        version, count, degree, bits, parts = _streams(data)
+        version, count, degree, bits, flags, records, parts = _streams(data)
     else:
         plain = gzip.decompress(data)
-        magic, version, count, degree, bits, _, _ = struct.unpack("<IIIBBBB", plain[:16])
+        magic, version, count, degree, bits, flags, _ = struct.unpack("<IIIBBBB", plain[:16])
         if magic != _MAGIC or not 2 <= version <= 3:
             raise ValueError(f"version {version} of {magic:#x}")
         sizes = _sizes(version, count, degree)
@@ -84,26 +92,51 @@ def unpack(data: bytes) -> PlySplats:
             raise ValueError("it ends too early")
         ends = np.cumsum([16, *sizes])
         parts = [np.frombuffer(plain[a:b], np.uint8) for a, b in pairwise(ends)]
+        records = plain[ends[-1] :]
     if count > _MOST or degree > 3 or bits > _MOST_BITS:
         raise ValueError(f"{count} Gaussians of degree {degree}")
+    flips, flips_quat, flips_rest = _signs(_axes(records) if flags & EXTENDED else _OPENGL)
     if [len(part) for part in parts] != _sizes(version, count, degree):
         raise ValueError("its streams have other sizes")
     places, alphas, colours, scales, quats, rest = parts
     fixed = np.zeros((count * 3, 4), np.uint8)
     fixed[:, 1:] = places.reshape(-1, 3)
-    means = (fixed.view("<i4")[:, 0] >> 8).reshape(count, 3) / 2.0**bits * _FLIPS
+    means = (fixed.view("<i4")[:, 0] >> 8).reshape(count, 3) / 2.0**bits * flips
     opacities = (alphas / 255.0).clip(1e-6, 1 - 1e-6)
     constant = (colours.reshape(count, 1, 3) / 255.0 - 0.5) / _COLOUR
     others = (rest.reshape(count, -1, 3) - 128.0) / 128
-    others = others * _FLIPS_REST[: others.shape[1], None]
+    others = others * flips_rest[: others.shape[1], None]
     return PlySplats(
         means=means,
         log_scales=scales.reshape(count, 3) / 16.0 - 10,
-        quats=(_unpacked_quats(quats) if version > 2 else _older_quats(quats)) * _FLIPS_QUAT,
+        quats=(_unpacked_quats(quats) if version > 2 else _older_quats(quats)) * flips_quat,
         logits=np.log(opacities / (1 - opacities)),
         harmonics=np.concatenate([constant, others], axis=1),
         comments=(),
+        made_up=BLUR if flags & ANTIALIASED else None,
     )
+
+
+def _signs(axes: int) -> tuple[Array, Array, Array]:
+    """Signs of places, rotations (wxyz) and harmonics by which numbers in such axes become those of PLY."""
+    right, up, ahead = (bool(axes - 1 >> bit & 1) for bit in range(3))
+    signs = np.array([1 if right else -1, -1 if up else 1, 1 if ahead else -1])
+    x, y, z = signs
+    return signs, np.array([1, y * z, x * z, x * y]), np.prod(signs**_PARITY, axis=1)
+
+
+def _axes(records: bytes) -> int:
+    """Number of the axes by Adobe's record, else that of OpenGL's; ValueError for axes in another order."""
+    place = 0
+    while place + 8 <= len(records):
+        kind, length = struct.unpack_from("<II", records, place)
+        if kind == _COORDINATES and length == 4 and place + 12 <= len(records):
+            axes = int(struct.unpack_from("<I", records, place + 8)[0])
+            if axes > _LEVEL:
+                raise ValueError(f"its axes, number {axes} of Adobe's extension, are not read")
+            return axes or _OPENGL
+        place += 8 + length
+    return _OPENGL
 
 
 def _sizes(version: int, count: int, degree: int) -> list[int]:
@@ -112,9 +145,9 @@ def _sizes(version: int, count: int, degree: int) -> list[int]:
             3 * ((degree + 1) ** 2 - 1) * count]  # fmt: skip
 
 
-def _streams(data: bytes) -> tuple[int, int, int, int, list[Bytes]]:
-    """Version, number of Gaussians, degree, bits of the fraction and streams of a file of version 4."""
-    _, version, count, degree, bits, _, streams, table = struct.unpack("<IIIBBBBI", data[:20])
+def _streams(data: bytes) -> tuple[int, int, int, int, int, bytes, list[Bytes]]:
+    """Version, number of Gaussians, degree, bits of the fraction, flags, records and streams of version 4."""
+    _, version, count, degree, bits, flags, streams, table = struct.unpack("<IIIBBBBI", data[:20])
     if version != 4 or count > _MOST or degree > 3:
         raise ValueError(f"version {version}, {count} Gaussians of degree {degree}")
     sizes = _sizes(version, count, degree)
@@ -128,7 +161,7 @@ def _streams(data: bytes) -> tuple[int, int, int, int, list[Bytes]]:
         parts.append(np.frombuffer(piece, np.uint8))
         place += packed
     parts += [np.empty(0, np.uint8)] * (len(sizes) - len(parts))
-    return version, count, degree, bits, parts
+    return version, count, degree, bits, flags, data[_HEADER:table], parts
 
 
 def _packed_quats(quats: Array) -> Bytes:

@@ -10,7 +10,7 @@ from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
 from imaging.lens import Lens
-from recon.scene.ply import PlySplats
+from recon.scene.ply_file import PlySplats
 
 _WIDTH = 640
 """Width, px, of a camera whose file states no size, as those of OpenUSD do not."""

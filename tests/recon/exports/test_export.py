@@ -17,7 +17,7 @@ from recon.exports.loss import loss_of, stops_between
 from recon.exports.splats import display_splats, linear_splats, sound
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
-from recon.scene.ply import read_ply
+from recon.scene.ply_file import read_ply
 from tests.recon.exports.made_scene import write_made
 
 SPLATS = {"usd": "a.usdc", "sog": "a.sog", "glb": "a.glb", "spz": "a.spz", "ply": "a.ply", "html": "a.html"}

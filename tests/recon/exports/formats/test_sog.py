@@ -13,7 +13,7 @@ from recon.exports.formats.sog import packed_splats
 from recon.exports.loss import floor_of, stops_between
 from recon.exports.splats import Splats, as_splats, linear_splats
 from recon.result.scene import open_scene
-from recon.scene.ply import read_ply
+from recon.scene.ply_file import read_ply
 from tests.foreign_gsply import gsply
 from tests.splat_transform import needs_splat_transform, splat_transform
 

@@ -13,7 +13,8 @@ from recon.exports.export import export
 from recon.exports.formats.spz import packed_splats
 from recon.exports.splats import Splats, as_splats, display_splats
 from recon.result.scene import Scene, open_scene
-from recon.scene.ply import PlySplats, read_ply, write_ply
+from recon.scene.ply import write_ply
+from recon.scene.ply_file import PlySplats, read_ply
 from recon.scene.spz import read_spz
 from tests.foreign_gsply import gsply
 from tests.splat_transform import needs_splat_transform, splat_transform

@@ -1,0 +1,161 @@
+"""What files of splats say beside their Gaussians: filters, axes, motion and the light that colours are."""
+
+import gzip
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging.errors import InputError
+from imaging.lens import Lens
+from imaging.pose import Pose
+from recon.exports.place import pinhole
+from recon.result.model import SceneView
+from recon.result.scene import Scene, open_scene
+from recon.scene import spz
+from recon.scene.ply import properties
+
+DEVIATION, OPACITY, RADIUS = 0.004, 0.7, 3.0
+"""Of one Gaussian at the origin, and the distance of the camera that looks at it."""
+FOCAL = 300.0
+LENS = Lens(model="PINHOLE", width=33, height=25, fx=FOCAL, fy=FOCAL, cx=16.5, cy=12.5)
+"""The origin is seen in the middle of a pixel."""
+
+
+def row(**others: float) -> dict[str, float]:
+    """A white Gaussian at the origin, by property."""
+    values = dict.fromkeys(properties(0), 0.0)
+    values |= {f"scale_{axis}": math.log(DEVIATION) for axis in range(3)}
+    values |= {f"f_dc_{channel}": 0.5 / 0.28209479177387814 for channel in range(3)}
+    return values | {"opacity": math.log(OPACITY / (1 - OPACITY)), "rot_0": 1.0} | others
+
+
+def ply(path: Path, values: dict[str, float], behind: str = "", rest: bytes = b"", comment: str = "") -> Path:
+    names = "".join(f"property float {name}\n" for name in values)
+    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex 1\n{names}{behind}end_header\n"
+    path.write_bytes(head.encode() + np.array(list(values.values()), "<f4").tobytes() + rest)
+    return path
+
+
+def middle(scene: Scene) -> float:
+    """Value of the pixel in which the Gaussian is seen, over black."""
+    pose = Pose(quaternion=(1.0, 0.0, 0.0, 0.0), translation=(0.0, 0.0, RADIUS))
+    view = SceneView(camera="c", frame=0, use="training", lens=LENS, cam_from_world=pose, shots=())
+    drawn = scene.drawn(scene.record.world.camera(view.splat_camera)).numpy()
+    assert np.unravel_index(drawn[..., 0].argmax(), drawn.shape[:2]) == (12, 16)
+    return float(drawn[12, 16, 1])
+
+
+def variance(deviation: float) -> float:
+    """Variance in the picture, px^2."""
+    return (deviation * FOCAL / RADIUS) ** 2
+
+
+def test_without_filters_it_is_drawn_as_3dgs_draws(tmp_path: Path) -> None:
+    assert middle(open_scene(ply(tmp_path / "a.ply", row()))) == pytest.approx(OPACITY, rel=1e-3)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.002, 0.01])
+def test_the_filters_of_mip_splatting(width: float, tmp_path: Path) -> None:
+    """Its equations 9 and 10: wider, at the same mass in space; in the picture a blur at the same mass."""
+    scene = open_scene(ply(tmp_path / "a.ply", row(filter_3D=width)))
+    wide = math.hypot(DEVIATION, width)
+    peak = OPACITY * (DEVIATION / wide) ** 3
+    assert middle(scene) == pytest.approx(peak * variance(wide) / (variance(wide) + 0.1), rel=1e-3)
+
+
+def test_filters_of_any_size_leave_numbers(tmp_path: Path) -> None:
+    for width, opacity in ((1e30, 0.0), (0.0, 80.0), (1e-30, -80.0)):
+        scene = open_scene(ply(tmp_path / "a.ply", row(filter_3D=width, opacity=opacity)))
+        assert np.isfinite(scene.render(pinhole(scene.views[0].splat_camera))).all()
+    with pytest.raises(InputError, match="no Gaussian that can be drawn"):
+        open_scene(ply(tmp_path / "a.ply", row(filter_3D=math.nan)))
+
+
+def packed(path: Path, flags: int, records: bytes = b"") -> Path:
+    """SPZ of the Gaussian, moved by (1, 2, 3) and turned by 90 degrees about x, with one coefficient each."""
+    rest = np.arange(1, 16) / 32
+    harmonics = np.concatenate([[[1.0, 1.0, 1.0]], np.repeat(rest[:, None], 3, 1)])[None]
+    data = bytearray(gzip.decompress(spz.pack(
+        np.array([[1.0, 2.0, 3.0]]), np.full((1, 3), math.log(DEVIATION)),
+        np.array([[math.sqrt(0.5), math.sqrt(0.5), 0, 0]]), np.array([OPACITY]), harmonics,
+    )))  # fmt: skip
+    data[14] = flags
+    path.write_bytes(gzip.compress(bytes(data) + records))
+    return path
+
+
+def test_spz_that_was_trained_with_antialiasing(tmp_path: Path) -> None:
+    plain, other = (open_scene(packed(tmp_path / f"{flags}.spz", flags)) for flags in (0, spz.ANTIALIASED))
+    values = []
+    for scene in (plain, other):
+        pose = Pose(quaternion=(1.0, 0.0, 0.0, 0.0), translation=(-1.0, -2.0, RADIUS - 3.0))
+        view = SceneView(camera="c", frame=0, use="training", lens=LENS, cam_from_world=pose, shots=())
+        values.append(scene.drawn(scene.record.world.camera(view.splat_camera)).numpy()[12, 16, 0])
+    # Scales are stored to a sixteenth of their logarithm.
+    stored = variance(math.exp(round(16 * (math.log(DEVIATION) + 10)) / 16 - 10))
+    assert values[1] / values[0] == pytest.approx(stored / (stored + 0.3), rel=1e-3)
+
+
+def record(axes: int) -> bytes:
+    """Records of an unknown maker and of Adobe, the coordinate system."""
+    return struct.pack("<IIB", 0x12340001, 1, 7) + struct.pack("<III", 0xADBE0003, 4, axes)
+
+
+@pytest.mark.parametrize(("axes", "signs"), [
+    (0, (1, -1, -1)), (4, (1, -1, -1)), (6, (1, 1, 1)), (8, (1, -1, 1)), (7, (-1, -1, 1)), (1, (-1, 1, -1)),
+])  # fmt: skip
+def test_spz_in_other_axes_than_those_of_opengl(axes: int, signs: tuple[int, ...], tmp_path: Path) -> None:
+    """Letters of the number: left or right, down or up, back or front; PLY has right, down, front."""
+    usual = spz.read_spz(packed(tmp_path / "usual.spz", 0))
+    found = spz.read_spz(packed(tmp_path / "other.spz", spz.EXTENDED, record(axes)))
+    # What is stored is the same, in other axes; `usual` is in PLY's by the signs of OpenGL.
+    stored = usual.means * [1, -1, -1]
+    np.testing.assert_allclose(found.means, stored * signs)
+    x, y, z = (sign * own for sign, own in zip(signs, (1, -1, -1), strict=True))
+    np.testing.assert_allclose(found.quats, usual.quats * [1, y * z, x * z, x * y], atol=1e-12)
+    assert found.harmonics[0, 3, 0] == x * usual.harmonics[0, 3, 0]  # of degree 1, along x
+    assert found.harmonics[0, 10, 0] == x * y * z * usual.harmonics[0, 10, 0]  # xyz
+    assert found.harmonics[0, 12, 0] == z * usual.harmonics[0, 12, 0]
+
+
+def test_spz_whose_axes_are_in_another_order_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="its axes, number 12 of Adobe's extension, are not read"):
+        spz.read_spz(packed(tmp_path / "a.spz", spz.EXTENDED, record(12)))
+
+
+@pytest.mark.parametrize(("number", "linear"), [(0, False), (1, True)])
+def test_the_colour_space_of_sharp(number: int, linear: bool, tmp_path: Path) -> None:
+    behind = (
+        "element extrinsic 16\nproperty float extrinsic\nelement image_size 2\nproperty uint image_size\n"
+        "element color_space 1\nproperty uchar color_space\nelement version 3\nproperty uchar version\n"
+    )
+    rest = bytes(16 * 4 + 2 * 4) + bytes([number, 1, 5, 0])
+    scene = open_scene(ply(tmp_path / "a.ply", row(), behind, rest))
+    assert (scene.record.display is None) is linear
+    lists = "element face 1\nproperty list uchar int vertex_indices\n" + behind
+    assert open_scene(ply(tmp_path / "b.ply", row(), lists, bytes(13) + rest)).record.display is not None
+    assert open_scene(ply(tmp_path / "c.ply", row(), behind, rest[:70])).record.display is not None
+
+
+def test_the_vertical_axis_of_nerfstudio(tmp_path: Path) -> None:
+    scene = open_scene(ply(tmp_path / "a.ply", row(), comment="comment Vertical Axis: z\n"))
+    np.testing.assert_allclose(scene.up, [0, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("trbf_center", "that move"), ("motion_0", "that move"), ("t", "that move"), ("scale_t", "that move")]
+    + [(name, "that are no Gaussians") for name in ("shape", "beta", "nu_degree")],
+)
+def test_splats_that_move_or_are_no_gaussians_are_refused(name: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"{says} \({name}\)"):
+        open_scene(ply(tmp_path / "a.ply", row(**{name: 0.5})))
+
+
+def test_properties_that_change_nothing(tmp_path: Path) -> None:
+    others = dict.fromkeys(("nx", "ny", "nz", "red", "semantic_0", "roughness"), 0.3)
+    plain = middle(open_scene(ply(tmp_path / "a.ply", row())))
+    assert middle(open_scene(ply(tmp_path / "b.ply", row(**others)))) == plain
