@@ -1,7 +1,6 @@
 """The sharpest frames of a video, as photographs: what a telephone filmed can be imported."""
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,11 +8,11 @@ from typing import Any
 import cv2
 
 from capture.imports.originals import shown
+from capture.imports.video_colours import refuse_other_displays
 from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.cicp import UNSPECIFIED, name_of, refuse_hdr
 from imaging.files.photo import encode_png
 from imaging.files.silence import quiet
 from imaging.progress import Progress
@@ -24,15 +23,6 @@ MOST = 200
 """Frames that are taken of one video."""
 APART = 0.5
 """Seconds between two of them at least, on average."""
-
-_NARROW = (1, UNSPECIFIED, 5, 6, 7)
-"""ColourPrimaries whose colours are those of sRGB, or nearly."""
-_BOX = re.compile(rb"colrncl[cx](..)(..)", re.DOTALL)
-_EBML, _CLUSTER = b"\x1a\x45\xdf\xa3", b"\x1f\x43\xb6\x75"
-_ELEMENT = re.compile(rb"\x55\xb0(.{1,250})", re.DOTALL)
-_PRIMARIES, _TRANSFER = rb"\x55\xbb", rb"\x55\xba"
-_LARGEST = 1 << 26
-"""Bytes of a file's tables that are looked through."""
 
 
 def is_video(path: Path) -> bool:
@@ -45,15 +35,7 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
 
     InputError where the file is no video, is coded for displays of HDR, or takes more memory than there is.
     """
-    primaries, transfer = _colour(video)
-    try:
-        refuse_hdr(transfer, "colour information")
-        if primaries not in _NARROW:
-            raise InputError(f"has {name_of(primaries)} as the primaries of its colours")
-    except InputError as error:
-        raise InputError(
-            f"{video} {str(error).partition(':')[0]}: export it as SDR (Rec. 709) first."
-        ) from None
+    refuse_other_displays(video)
     into.mkdir(parents=True, exist_ok=True)
     taken = 0
     with quiet():
@@ -82,35 +64,6 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
         "the camera all the time and read row by row while it moves: photographs taken standing still are "
         "better."
     )
-
-
-def _colour(video: Path) -> tuple[int, int]:
-    """ColourPrimaries and TransferCharacteristics (ITU-T H.273) of a file; 2: unspecified, or not found.
-
-    In the box `colr` of MP4 and MOV (ISO/IEC 14496-12), and in the element `Colour` of Matroska and WebM
-    (RFC 9559, 5.1.4.1.28.16).
-    """
-    with video.open("rb") as file:
-        if file.read(4) == _EBML:
-            file.seek(0)
-            head = file.read(_LARGEST).partition(_CLUSTER)[0]
-            match = _ELEMENT.search(head)
-            parts = b"" if match is None else match[1]
-            said = (re.search(name + rb"\x81(.)", parts, re.DOTALL) for name in (_PRIMARIES, _TRANSFER))
-            primaries, transfer = (UNSPECIFIED if one is None else one[1][0] for one in said)
-            return primaries, transfer
-        file.seek(0)
-        while len(head := file.read(8)) == 8:
-            start, length = file.tell() - 8, int.from_bytes(head[:4])
-            if head[4:] == b"moov":
-                box = _BOX.search(file.read(min(length, _LARGEST)))
-                return (UNSPECIFIED,) * 2 if box is None else (int.from_bytes(box[1]), int.from_bytes(box[2]))
-            if length == 1:
-                length = int.from_bytes(file.read(8))
-            if length < 8:
-                break
-            file.seek(start + length)
-    return UNSPECIFIED, UNSPECIFIED
 
 
 def _frames(capture: Any) -> Iterator[Bytes]:
