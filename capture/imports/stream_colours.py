@@ -71,14 +71,14 @@ class _Bits:
         self._value, self._left = int.from_bytes(data), 8 * len(data)
 
     def take(self, count: int = 1) -> int:
-        """A number of so many bits."""
+        """The next bits as a number."""
         if count > self._left:
             raise IndexError
         self._left -= count
         return self._value >> self._left & (1 << count) - 1
 
     def skip(self, *counts: int) -> None:
-        """Leave out numbers of so many bits each."""
+        """Leave out numbers of these sizes, in bits."""
         for count in counts:
             self.take(count)
 
@@ -95,7 +95,7 @@ class _Bits:
         return (number + 1) // 2 if number % 2 else -(number // 2)
 
     def golombs(self, count: int) -> None:
-        """Leave out so many of them."""
+        """Leave out some of them."""
         for _ in range(count):
             self.golomb()
 
