@@ -29,16 +29,16 @@ ROOM = 0.5
 
 
 def summaries(
-    evidence: Evidence, kept: Unfinished, progress: Progress, kind: FeatureKind = "sift"
+    evidence: Evidence, unfinished: Unfinished, progress: Progress, kind: FeatureKind = "sift"
 ) -> dict[ViewId, ViewSummary]:
     """Return what calibration keeps of the images of every view; what an earlier run kept is not found again.
 
     kind: of features to look for.
     """
-    every = {view.id: kept.large(f"{kind} {view.id}") for view in evidence.views}
+    every = {view.id: unfinished.large(f"{kind} {view.id}") for view in evidence.views}
     missing = [view for view in evidence.views if every[view.id] is None]
     known = len(every) - len(missing)
-    found = in_processes(
+    computed = in_processes(
         processes(missing),
         summarise,
         [
@@ -55,9 +55,9 @@ def summaries(
     )
     step = "finding features" if kind == "sift" else f"finding {kind} features"
     progress(step, known, len(every))
-    for done, (view, summary) in enumerate(zip(missing, found, strict=True), known + 1):
+    for done, (view, summary) in enumerate(zip(missing, computed, strict=True), known + 1):
         every[view.id] = arrays = summary.arrays()
-        kept.keep_large(f"{kind} {view.id}", arrays)
+        unfinished.keep_large(f"{kind} {view.id}", arrays)
         progress(step, done, len(every))
     return {view: ViewSummary.of(arrays) for view, arrays in every.items() if arrays is not None}
 
@@ -66,7 +66,7 @@ def shown(
     evidence: Evidence, record: CalibrationRecord, sizes: Mapping[ViewId, tuple[int, int]], factor: float
 ) -> Iterator[tuple[ViewId, Bytes]]:
     """Picture of each view, at the size (w, h) at which its features were found; factor: its exposure."""
-    found = in_processes(
+    previews = in_processes(
         processes(evidence.views),
         pictures.picture,
         [
@@ -82,7 +82,7 @@ def shown(
             for view in evidence.views
         ],
     )
-    yield from zip((view.id for view in evidence.views), found, strict=True)
+    yield from zip((view.id for view in evidence.views), previews, strict=True)
 
 
 def processes(views: Sequence[View]) -> int:

@@ -189,7 +189,7 @@ def _lens_error(model: sfm.SceneModel, name: str, width: int, height: int) -> Le
     for axis, factor in (("x", width / model.lenses[name].width), ("y", height / model.lenses[name].height)):
         terms[f"f{axis}"] *= factor
         terms[f"c{axis}"] *= factor
-    return LensError.model_validate({**terms, "focal_untold": name in model.untold})
+    return LensError.model_validate({**terms, "focal_untold": name in model.focal_held})
 
 
 def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) -> PoseError | None:

@@ -307,12 +307,12 @@ def _with_part(
         fields = (*measures.fields, *(_STATED if stated else ()), *(("vignetting",) if flat else ()))
         new = fresh.camera(camera.name)
         cameras.append(camera.model_copy(update={field: getattr(new, field) for field in fields}))
-    kept = [rung for rung in earlier.rungs if rung.name not in names]
+    others = [rung for rung in earlier.rungs if rung.name not in names]
     update: dict[str, object] = {
         "created": fresh.created,
         "versions": fresh.versions,
         "cameras": tuple(cameras),
-        "rungs": (*(rung for rung in fresh.rungs if rung.name in names), *kept),
+        "rungs": (*(rung for rung in fresh.rungs if rung.name in names), *others),
     }
     if "response" in measures.fields:
         developed = {view.id: view.exposure for view in earlier.views}

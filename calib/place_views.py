@@ -60,13 +60,13 @@ def with_poses(
     """
     session = evidence.session
     _check_sizes(evidence)
-    kept = Unfinished(session.folder, _question(evidence))
-    summaries = all_views.summaries(evidence, kept, progress)
+    unfinished = Unfinished(session.folder, _question(evidence))
+    summaries = all_views.summaries(evidence, unfinished, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model, summaries = _placed(evidence, summaries, kept, keep_doubtful, progress)
+        model, summaries = _placed(evidence, summaries, unfinished, keep_doubtful, progress)
     except CalibrationError as error:
-        kept.finish()
+        unfinished.finish()
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
         measured = _measured_without_poses(evidence)
         if not measured or _has_poses(session):
@@ -128,7 +128,7 @@ def with_poses(
     sizes = {view: (summary.width, summary.height) for view, summary in summaries.items()}
     shown = all_views.shown(evidence, record, sizes, factor)
     write_calibration(session, record, shown, model, progress)
-    kept.finish()
+    unfinished.finish()
     return record
 
 
@@ -170,7 +170,7 @@ def _question(evidence: Evidence) -> list[object]:
 def _placed(
     evidence: Evidence,
     summaries: dict[ViewId, ViewSummary],
-    kept: Unfinished,
+    unfinished: Unfinished,
     keep_doubtful: bool,
     progress: Progress,
 ) -> tuple[sfm.SceneModel, dict[ViewId, ViewSummary]]:
@@ -184,7 +184,7 @@ def _placed(
     """
     model, refusal = None, None
     try:
-        model = _solved(evidence, summaries, 1, kept, keep_doubtful, progress)
+        model = _solved(evidence, summaries, 1, unfinished, keep_doubtful, progress)
     except (Contradicted, OnePlace):
         raise
     except CalibrationError as error:
@@ -198,9 +198,9 @@ def _placed(
         placed = 0 if model is None else len(model.poses)
         if placed >= least * len(showing) or (model is not None and _taken(model, CHECK)):
             continue
-        others = all_views.summaries(evidence, kept, progress, kind)
+        others = all_views.summaries(evidence, unfinished, progress, kind)
         try:
-            another = _solved(evidence, others, 1, kept, keep_doubtful, progress)
+            another = _solved(evidence, others, 1, unfinished, keep_doubtful, progress)
         except CalibrationError:
             continue
         if len(another.poses) > placed and not _taken(another, CHECK, *DOUBTS):
@@ -223,7 +223,7 @@ def _solved(
     evidence: Evidence,
     summaries: Mapping[ViewId, ViewSummary],
     threads: int,
-    kept: Unfinished,
+    unfinished: Unfinished,
     keep_doubtful: bool,
     progress: Progress,
 ) -> sfm.SceneModel:
@@ -264,7 +264,7 @@ def _solved(
         brightness={view: summary.brightness for view, summary in summaries.items()},
         exact={camera.name for camera in cameras if camera.kind == "raw"},
         steady=steady_cameras(evidence.views),
-        kept=kept,
+        unfinished=unfinished,
         keep_doubtful=keep_doubtful,
     )
 

@@ -87,8 +87,8 @@ def _ratio(true: float, rng: np.random.Generator) -> float:
         _frame(rng.poisson(np.minimum(light * k, 3) * WELL) + 4.0 * rng.standard_normal(light.shape), k)
         for k in (1.0, 1 / true)
     ]
-    found = ratio([overlap(*shots)])
-    return math.inf if found is None else abs(float(np.exp(found.log)) / true - 1)
+    measured = ratio([overlap(*shots)])
+    return math.inf if measured is None else abs(float(np.exp(measured.log)) / true - 1)
 
 
 def _falloff(rng: np.random.Generator) -> float:
@@ -105,10 +105,10 @@ def _falloff(rng: np.random.Generator) -> float:
     brightness[wrong] += rng.normal(0, 1, int(wrong.sum()))
     direction = np.tile([0.0, 0.0, 1.0], (len(point), 1))
     tracks = Tracks(point, camera, radius, brightness, direction, point % 20)
-    found = estimate(tracks, names, dict.fromkeys(names, "one"))
+    estimated = estimate(tracks, names, dict.fromkeys(names, "one"))
     powers = np.linspace(0, 1, 11)[:, None] ** [2, 4, 6]
-    ratio = (1 + powers @ np.array(found.vignetting["a"])) / (1 + powers @ polynomial)
-    relative = np.array([found.gain[name] for name in names]) / gains
+    ratio = (1 + powers @ np.array(estimated.vignetting["a"])) / (1 + powers @ polynomial)
+    relative = np.array([estimated.gain[name] for name in names]) / gains
     return float(max(np.abs(ratio - 1).max(), np.abs(relative / relative.mean() - 1).max()))
 
 
@@ -119,8 +119,8 @@ def _gain(gain: float, read: float, rng: np.random.Generator) -> float:
     true = gain**2 * (electrons + read**2) + 1 / 12
     measured = true * rng.chisquare(freedom, len(true)) / freedom
     points = Points(gain * electrons, measured, np.full(len(true), freedom))
-    found = fit(points)
-    return math.inf if found is None else abs(found.gain / gain - 1)
+    fitted = fit(points)
+    return math.inf if fitted is None else abs(fitted.gain / gain - 1)
 
 
 def _there_and_back(lens: Lens) -> float:

@@ -102,15 +102,15 @@ def summarise(
     merged = mean_of_bands(bands)
     height, width = picture.shape
     blank = _blank(merged)
-    found = _unmasked(session, view, find(picture, kind), width, height)
-    seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
+    features = _unmasked(session, view, find(picture, kind), width, height)
+    brightness = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return ViewSummary(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),
         width=width,
         height=height,
-        features=found,
-        brightness=brightness_at(seen, found.points, width, height),
-        colour=colour_at(seen, found.points, width, height),
+        features=features,
+        brightness=brightness_at(brightness, features.points, width, height),
+        colour=colour_at(brightness, features.points, width, height),
         blank=blank,
         faint=is_faint(merged),
     )
@@ -180,19 +180,19 @@ def _is_lit(frame: LinearFrame) -> bool:
     return bool((above & (company > 1)).mean() > LIT_SHARE)
 
 
-def _unmasked(session: Session, view: View, found: Features, width: int, height: int) -> Features:
+def _unmasked(session: Session, view: View, features: Features, width: int, height: int) -> Features:
     """The features that no mask of the view's shots covers; width, height: of the picture they are in, px."""
     for shot in view.shots:
         counts = mask_of(session, shot, shot.height, shot.width)
         if counts is not None:
-            found = unmasked(found, counts, width, height)
-    return found
+            features = unmasked(features, counts, width, height)
+    return features
 
 
 def _blank(merged: Merged) -> str | None:
     """Return why a view shows nothing, of its pixels that hold a number and that no mask hides."""
-    seen = np.isfinite(merged.radiance)
-    fewest = BLANK_SHARE * seen.sum()
+    visible = np.isfinite(merged.radiance)
+    fewest = BLANK_SHARE * visible.sum()
     if merged.clipped.sum() > fewest:
         return "saturated"
     if merged.dark.sum() > fewest:

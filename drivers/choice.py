@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraRefused
 from imaging.errors import CameraError
 
-OWN = "rig's own PTP, which can set and trigger it"
+BY_RIG = "rig's own PTP, which can set and trigger it"
 UNKNOWN = "libgphoto2, as rig's own PTP does not know what this make wants of a computer"
 ALONE = "rig's own PTP in its standard form, as libgphoto2 cannot set and trigger it"
 ONLY = "libgphoto2, as it is no PTP camera"
@@ -64,7 +64,7 @@ def chosen(camera: ptp.PtpCamera, other: Camera | None) -> tuple[Camera, str]:
     if lacks is None or other is None:
         return camera, ""
     if not lacks and camera.knows_make():
-        return camera, OWN
+        return camera, BY_RIG
     camera.close()  # libgphoto2 has to have the camera to itself
     able = _obstacle(other) == ""
     other.close()

@@ -30,7 +30,7 @@ from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from calib.data import features as matched
 from calib.data import pairs as chosen
-from calib.data.unfinished import KEPT, Unfinished
+from calib.data.unfinished import FOLDER, Unfinished
 from calib.poses import first_model, mapping, sfm
 from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
@@ -193,7 +193,7 @@ def _text(pair: tuple[ViewId, ViewId]) -> str:
 def whole_by_rig(work: Path) -> dict[str, Any]:
     """The castle calibrated by rig, to the last file."""
     session, _ = session_of("castle", work)
-    shutil.rmtree(session / KEPT, ignore_errors=True)
+    shutil.rmtree(session / FOLDER, ignore_errors=True)
     began = processor_seconds()
     record = calibrate(session)
     seconds = processor_seconds() - began

@@ -99,7 +99,7 @@ _estimate = each_photograph.estimate
 
 def _all_rules(kept: dict[str, Development], sights: Any, views: Any, *evidence: Any) -> Development:
     """Return what calibration takes; kept: what each rule would, of its last estimate."""
-    with patch.object(each_photograph, "LEFT_OVER", np.inf):
+    with patch.object(each_photograph, "MOST_REMAINING", np.inf):
         kept["points"] = _estimate(sights, views, NOTHING)
     kept["off"] = Development({}, {})
     kept["taken"] = _estimate(sights, views, *evidence)

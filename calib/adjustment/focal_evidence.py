@@ -16,7 +16,7 @@ from calib.adjustment.reduced import built_terms, reduced
 
 CHANGE = 0.1
 """Relative change of the focal length whose effect is measured."""
-TOLD = 3e-5
+DETERMINED = 3e-5
 """Share of an image's width by which points have to move with that change for the scene to determine the
 focal length. Flights over flat ground move them by 6e-6, flights over houses by 5e-5, walks by 1e-4 and more,
 rings by 7e-4 (bench.calibration.tracks); a real flight over a park by 7e-6.

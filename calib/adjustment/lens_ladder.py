@@ -18,7 +18,7 @@ from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 
 FISHEYE = "lens_fisheye"
-_UNTOLD = ("lens_principal_point", "lens_tangential", "lens_fisheye_far")
+_NEEDS_FOCAL = ("lens_principal_point", "lens_tangential", "lens_fisheye_far")
 """Terms that are not tried where the scene does not determine the focal length."""
 FEWEST_VIEWS = 4
 HELD_OUT = 3
@@ -77,7 +77,7 @@ def climb(
     rungs = []
     if any(one.held for one in free.focal.values()):
         # A middle aside looks like a tilt there, as a longer lens looks like more height.
-        trials = [trial for trial in trials if trial[0] not in _UNTOLD]
+        trials = [trial for trial in trials if trial[0] not in _NEEDS_FOCAL]
         reason = "a scene that does not tell the focal length does not tell the middle of the image either"
         rungs.append(Rung(name="lens_principal_point", taken=False, reason=reason))
     below = _held_out(sample, free, scale, threads)

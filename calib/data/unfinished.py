@@ -16,7 +16,7 @@ from imaging.files import store
 
 Arrays = dict[str, AnyArray]
 
-KEPT = ".calibration.unfinished"
+FOLDER = ".calibration.unfinished"
 EVERY = 30.0
 """Seconds of matching that a killed calibration loses at most."""
 
@@ -29,7 +29,7 @@ class Unfinished:
     """
 
     def __init__(self, session: Path | None = None, question: object = None) -> None:
-        self._folder = None if session is None else session / KEPT
+        self._folder = None if session is None else session / FOLDER
         self._few: Arrays = {}
         self._known: Arrays = {}
         self._since = time.monotonic()

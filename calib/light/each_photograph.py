@@ -39,14 +39,14 @@ FEWEST_OF_REGION = 5
 """Points of a region in a photograph, whose median counts."""
 FEWEST_MEDIANS = 20
 """Fewest medians of regions in photographs, below which a part is not judged."""
-LEFT_OVER = 0.5
+MOST_REMAINING = 0.5
 """Most that a part may leave of the differences between photographs in regions that it was not fitted to. Of
 real cameras that balanced or exposed by themselves 0.15 to 0.47 are left, of sheen and the like
 0.89 to 1.5 (bench/real/light.py)."""
 ROUNDS = 10
 HUBER = 1.5
 FOLDS = 5
-OWN = "of its own for each photograph"
+EACH = "of its own for each photograph"
 UNIT = "robust whitened loss per held-out point"
 EXPOSURE, WHITE_BALANCE = "exposure_each_photograph", "white_balance_each_photograph"
 
@@ -148,8 +148,8 @@ def estimate(
     }
     trial = _Trial.of(sights, count)
     rungs = [
-        trial.judged(EXPOSURE, f"an exposure {OWN}", _no_exposure, _one_exposure),
-        trial.judged(WHITE_BALANCE, f"a white balance {OWN}", _one_exposure, _as_is),
+        trial.judged(EXPOSURE, f"an exposure {EACH}", _no_exposure, _one_exposure),
+        trial.judged(WHITE_BALANCE, f"a white balance {EACH}", _one_exposure, _as_is),
     ]
     parts = (common, logs - common)
     for index, (part, what) in enumerate(zip(parts, ("brightness", "colour"), strict=True)):
@@ -241,7 +241,9 @@ class _Trial:
         explained = (
             f"{reason}, which leaves {100 * remaining:.0f} % of what regions differ by between {where}"
         )
-        return rung.model_copy(update={"taken": rung.taken and remaining <= LEFT_OVER, "reason": explained})
+        return rung.model_copy(
+            update={"taken": rung.taken and remaining <= MOST_REMAINING, "reason": explained}
+        )
 
     def _left_over(self, simple: _Reading, freer: _Reading) -> tuple[float | None, str]:
         """Return what is left of the differences of held-out regions between photographs, and between which.

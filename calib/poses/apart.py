@@ -75,7 +75,7 @@ def join(model: Any, others: Sequence[Any], rigs: Sequence[Sequence[str]]) -> Jo
     for other in others:
         names = sorted(_poses(other))
         try:
-            one, name, found, frames = _tied(whole, other, rigs)
+            one, name, link, frames = _tied(whole, other, rigs)
         except CalibrationError as error:
             rungs.append(unjoined(names, str(error)))
             continue
@@ -84,7 +84,7 @@ def join(model: Any, others: Sequence[Any], rigs: Sequence[Sequence[str]]) -> Jo
             "they are mounted to each other"
         )
         rungs.append(Rung(name=MOTION, taken=True, reason=reason))
-        _merge(whole, other, found)
+        _merge(whole, other, link)
         tied.update(names)
     return Joined(whole, frozenset(tied), tuple(rungs))
 
@@ -112,8 +112,8 @@ def _tied(model: Any, other: Any, rigs: Sequence[Sequence[str]]) -> tuple[str, s
     a, b = (
         np.array([poses[frame] for frame in frames]).reshape(-1, 4, 4) for poses in (here[one], there[name])
     )
-    found = tie(a, b, (_distance(model, one), _distance(other, name)))
-    return one, name, found, len(frames)
+    link = tie(a, b, (_distance(model, one), _distance(other, name)))
+    return one, name, link, len(frames)
 
 
 def _poses(model: Any) -> dict[str, dict[int, Array]]:
@@ -129,19 +129,19 @@ def _poses(model: Any) -> dict[str, dict[int, Array]]:
 
 def _distance(model: Any, name: str) -> float:
     """Median distance of what a camera sees."""
-    seen = observations(model)
+    observed = observations(model)
     distances = []
-    for index, rows in seen.of_images():
+    for index, rows in observed.of_images():
         image = model.image(index)
         if ViewId.of_image(image.name).camera == name:
-            local = image.cam_from_world() * seen.world[seen.point[rows]]
+            local = image.cam_from_world() * observed.world[observed.point[rows]]
             distances.append(np.linalg.norm(local, axis=1))
     return float(np.median(np.concatenate(distances)))
 
 
-def _merge(model: Any, other: Any, found: Tie) -> None:
+def _merge(model: Any, other: Any, link: Tie) -> None:
     """Add another model of the same database, whose images the model does not have; the other is moved."""
-    other.transform(pycolmap.Sim3d(found.a_world_from_b_world))
+    other.transform(pycolmap.Sim3d(link.a_world_from_b_world))
     for number in sorted(other.cameras):
         if not model.exists_camera(number):
             model.add_camera(other.cameras[number])

@@ -53,15 +53,17 @@ def otherwise_lit(pairs: Pairs, brightness: Mapping[ViewId, Array]) -> set[tuple
     gains: dict[tuple[str, str], list[float]] = {}
     for (one, other), step in steps.items():
         gains.setdefault((one.camera, other.camera), []).append(float(np.median(step)))
-    usual = {cameras: 0.0 if cameras[0] == cameras[1] else median(own) for cameras, own in gains.items()}
+    usual = {
+        cameras: 0.0 if cameras[0] == cameras[1] else median(medians) for cameras, medians in gains.items()
+    }
     apart = {(one, other): step - usual[one.camera, other.camera] for (one, other), step in steps.items()}
     if not apart:
         return set()
     shift = {pair: abs(float(np.median(step))) for pair, step in apart.items()}
     uneven = {pair: float(np.median(np.abs(step))) for pair, step in apart.items()}
     most_shift, most_uneven = (
-        float(np.clip(USUALLY_LIT * np.percentile(list(own.values()), 10), *limits))
-        for own, limits in ((shift, OTHERWISE_LIT), (uneven, UNEVEN))
+        float(np.clip(USUALLY_LIT * np.percentile(list(sizes.values()), 10), *limits))
+        for sizes, limits in ((shift, OTHERWISE_LIT), (uneven, UNEVEN))
     )
     return {pair for pair in apart if shift[pair] > most_shift or uneven[pair] > most_uneven}
 

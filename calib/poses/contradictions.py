@@ -78,7 +78,7 @@ def _best(pairs: Pairs, placed: Collection[ViewId]) -> dict[ViewId, int]:
 
 def strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[ViewId, ViewId], int]) -> bool:
     """Return whether a pair contradicts the poses with as many matches as those that support its views."""
-    holding = {pair: own for pair, own in pairs.items() if pair not in against}
+    holding = {pair: matches for pair, matches in pairs.items() if pair not in against}
     best = _best(holding, placed_views(reconstruction))
     return any(
         count >= STRONG * min(best.get(one, 0), best.get(other, 0)) for (one, other), count in against.items()

@@ -68,7 +68,7 @@ class Scene:
     pictures: Mapping[ViewId, bytes]
     brightness: Mapping[ViewId, Array]
     exact: Collection[str]
-    kept: Unfinished
+    unfinished: Unfinished
     focal: Mapping[str, FocalLength]
     stated: Mapping[ViewId, StatedPlace]
     steady: Collection[str] = ()
@@ -96,7 +96,9 @@ def first_models(
 
     models: pycolmap cameras by name.
     """
-    pairs = fill_database(database, models, scene.features, max_error, scene.rigs, scene.kept, scene.progress)
+    pairs = fill_database(
+        database, models, scene.features, max_error, scene.rigs, scene.unfinished, scene.progress
+    )
     if not pairs:
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
@@ -108,14 +110,14 @@ def first_models(
     unplaced: tuple[Rung, ...] = ()
     while rest:
         try:
-            own, lenses, _ = placing.placed(rest)
+            model, lenses, _ = placing.placed(rest)
         except CalibrationError as error:
             cause = f"{str(error)[0].lower()}{str(error)[1:].removesuffix('.')}"
             unplaced = (unjoined(rest, f"they cannot be placed by themselves: {cause}"),)
             break
-        apart.append(own)
+        apart.append(model)
         held |= lenses
-        rest -= own.cameras
+        rest -= model.cameras
     return FirstModels(main, tuple(apart), held, unplaced)
 
 

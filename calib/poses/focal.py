@@ -5,11 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 from calib.adjustment.bundle_adjustment import Free, adjust
-from calib.adjustment.focal_evidence import CHANGE, TOLD, effect
+from calib.adjustment.focal_evidence import CHANGE, DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
 from calib.adjustment.reduced import BUILT
 from calib.sensor.focal_length import FocalLength
-from imaging.session.calibration import FOCAL_UNTOLD
+from imaging.session.calibration import FOCAL_UNDETERMINED
 from imaging.session.records import Rung
 
 
@@ -45,26 +45,28 @@ def settle_focal(
         camera = reconstruction.cameras[number]
         of = f"of {names[number]} " if len(moved) > 1 else ""
         size = f"{100 * CHANGE:g} % more of it would move points by {shift:.2g} px only"
-        if shift >= TOLD * camera.width:
+        if shift >= DETERMINED * camera.width:
             size = size.removesuffix(" only")
             reason = f"the photographs {of}tell the focal length: {size}"
-            rungs.append(Rung(name=FOCAL_UNTOLD, taken=False, reason=reason))
+            rungs.append(Rung(name=FOCAL_UNDETERMINED, taken=False, reason=reason))
             continue
-        own = stated.get(names[number])
+        exif = stated.get(names[number])
         focal = float(camera.mean_focal_length())
-        if own is not None:
+        if exif is not None:
             priors[number] = replace(priors[number], held=True)
-            used = f"EXIF's {own.words} is used, known to {100 * own.spread:.2g} %"
+            used = f"EXIF's {exif.words} is used, known to {100 * exif.spread:.2g} %"
         else:
             # As little as the points tell it where what no model knows moves them by so much.
-            spread = min(CHANGE * TOLD * camera.width / max(shift, 1e-12), BUILT["fx"] * camera.width / focal)
+            spread = min(
+                CHANGE * DETERMINED * camera.width / max(shift, 1e-12), BUILT["fx"] * camera.width / focal
+            )
             priors[number] = FocalPrior(focal, spread * focal, held=True)
             used = f"no file tells it either, and it may be off by {100 * spread:.2g} %"
         reason = (
             f"these photographs {of}do not tell the focal length ({size}, as over flat ground seen straight "
             f"down): {used}, and distances along the view with it"
         )
-        rungs.append(Rung(name=FOCAL_UNTOLD, taken=True, reason=reason))
+        rungs.append(Rung(name=FOCAL_UNDETERMINED, taken=True, reason=reason))
     if priors == free.focal:
         return free, tuple(rungs)
     free = replace(free, focal=priors)

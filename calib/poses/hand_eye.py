@@ -65,18 +65,18 @@ def tie(a: Array, b: Array, distances: tuple[float, float]) -> Tie:
     def misses(parameters: Array) -> Array:
         return _misses(parameters, start, a, b, 1 / distance)
 
-    found = least_squares(misses, np.zeros(_PARAMETERS), loss="soft_l1", f_scale=3 * EXACT, x_scale="jac")
-    left = found.fun.reshape(len(a), 6)
-    miss = float(np.degrees(np.median(np.linalg.norm(left[:, :3], axis=1))))
+    fit = least_squares(misses, np.zeros(_PARAMETERS), loss="soft_l1", f_scale=3 * EXACT, x_scale="jac")
+    residuals = fit.fun.reshape(len(a), 6)
+    miss = float(np.degrees(np.median(np.linalg.norm(residuals[:, :3], axis=1))))
     if miss > MOST_MISS:
         raise CalibrationError(
             f"they did not move as one but turned by {miss:.1f} degrees against each other in the median: "
             "mount them rigidly, and expose them at the same time"
         )
     # Of noise, by the residuals of a normal distribution's median.
-    typical = 1.4826 * float(np.median(np.abs(left)))
-    spread = max(typical * np.sqrt(left.size / (left.size - _PARAMETERS)), EXACT)
-    curvature = found.jac.T @ found.jac
+    typical = 1.4826 * float(np.median(np.abs(residuals)))
+    spread = max(typical * np.sqrt(residuals.size / (residuals.size - _PARAMETERS)), EXACT)
+    curvature = fit.jac.T @ fit.jac
     # What no frame tells gets an error without bounds.
     covariance = spread**2 * np.linalg.inv(curvature + 1e-12 * np.diag(np.diag(curvature)))
     turn_error = float(np.degrees(_widest(covariance[:3, :3])))
@@ -87,7 +87,7 @@ def tie(a: Array, b: Array, distances: tuple[float, float]) -> Tie:
             f"{100 * shift_error / distance:.0f} % of the distance of the scene and "
             f"{100 * scale_error:.0f} % of its size only: take more frames, and {_TURN_BOTH}"
         )
-    b_from_a, a_from_b, scale = _moved(found.x, start)
+    b_from_a, a_from_b, scale = _moved(fit.x, start)
     similarity = np.column_stack([scale * a_from_b[:3, :3], a_from_b[:3, 3]])
     return Tie(b_from_a, similarity, turn_error, shift_error, scale_error)
 
@@ -111,8 +111,8 @@ def _require_motion(poses: Array, distance: float) -> None:
     # Turned about a point p of its own and q of the world, a camera keeps p = R q + t.
     about = np.concatenate([np.tile(np.eye(3), (len(poses), 1, 1)), -poses[:, :3, :3]], axis=2).reshape(-1, 6)
     shifts = poses[:, :3, 3].ravel()
-    left = shifts - about @ np.linalg.lstsq(about, shifts, rcond=None)[0]
-    if np.sqrt((left**2).sum() / len(poses)) < LEAST_MOVE * distance:
+    residuals = shifts - about @ np.linalg.lstsq(about, shifts, rcond=None)[0]
+    if np.sqrt((residuals**2).sum() / len(poses)) < LEAST_MOVE * distance:
         raise CalibrationError(
             "the rig turned about one point, as on a tripod, which tells nothing of how the sizes of what "
             "they see compare: walk with it as well, by a tenth of the distance of the scene or more"
@@ -144,9 +144,9 @@ def _start(a: Array, b: Array) -> tuple[Array, Array, float]:
 def _misses(parameters: Array, start: tuple[Array, Array, float], a: Array, b: Array, weight: float) -> Array:
     """Residuals of each frame: rotation, rad, and weighted shift of b against its place by a, [6 N]."""
     b_from_a, a_from_b, scale = _moved(parameters, start)
-    left = b_from_a @ a @ a_from_b @ np.linalg.inv(_scaled(b, scale))
-    turn = Rotation.from_matrix(left[:, :3, :3]).as_rotvec()
-    return np.asarray(np.concatenate([turn, weight * left[:, :3, 3]], axis=1).ravel())
+    apart = b_from_a @ a @ a_from_b @ np.linalg.inv(_scaled(b, scale))
+    turn = Rotation.from_matrix(apart[:, :3, :3]).as_rotvec()
+    return np.asarray(np.concatenate([turn, weight * apart[:, :3, 3]], axis=1).ravel())
 
 
 def _moved(parameters: Array, start: tuple[Array, Array, float]) -> tuple[Array, Array, float]:

@@ -60,12 +60,12 @@ def to_metres(reconstruction: Any, known: KnownRig, rig: Sequence[str]) -> float
             frames.setdefault(view.frame, {})[view.camera] = -motion[:, :3].T @ motion[:, 3]
     places = {name: np.array(known.places[name]) for name in rig if name in known.places}
     factors = []
-    for seen in frames.values():
-        names = sorted(seen)
+    for positions in frames.values():
+        names = sorted(positions)
         for number, one in enumerate(names):
             for other in names[number + 1 :]:
                 there = float(np.linalg.norm(places[one] - places[other]))
-                here = float(np.linalg.norm(seen[one] - seen[other]))
+                here = float(np.linalg.norm(positions[one] - positions[other]))
                 if there > 0 and here > 0:
                     factors.append(there / here)
     if not factors:

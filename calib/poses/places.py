@@ -36,22 +36,22 @@ def align_to_places(
         What counts, by COLMAP's number of the image: nothing where the places do not agree with the poses.
         The rung says why; None where nothing is stated.
     """
-    found = {}
+    located = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         view = ViewId.of_image(image.name)
         if view in stated and is_reference(reconstruction, image):
-            found[index] = stated[view]
-    if not found:
+            located[index] = stated[view]
+    if not located:
         return {}, None
-    there = np.array([place.centre for place in found.values()])
-    spread = np.array([place.spread for place in found.values()])
+    there = np.array([place.centre for place in located.values()])
+    spread = np.array([place.spread for place in located.values()])
     if len(np.unique(there.round(2), axis=0)) < FEWEST:
         return {}, _refused(f"fewer than {FEWEST} photographs tell different places")
     wide = np.linalg.svd(there - there.mean(0), compute_uv=False)[1] / np.sqrt(len(there))
     if wide < WIDE * float(np.median(spread[:, :2])):
         return {}, _refused("the places lie too near to each other, or to a line, for their accuracy")
-    here = np.array([reconstruction.image(index).projection_center() for index in found])
+    here = np.array([reconstruction.image(index).projection_center() for index in located])
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = AGREE * float(np.median(np.linalg.norm(spread, axis=1))), 0
     agreed = pycolmap.estimate_sim3d_robust(here, there, options)
@@ -63,9 +63,9 @@ def align_to_places(
     if near.sum() < max(FEWEST, (len(near) + 1) // 2):
         return {}, _refused(f"the places of {int((~near).sum())} photographs do not agree with their poses")
     reconstruction.transform(transform)
-    kept = {index: place for (index, place), good in zip(found.items(), near, strict=True) if good}
-    turned, words = _with_turns(reconstruction, kept)
-    reason = f"places of {len(kept)} photographs count in the adjustment by their accuracy{words}"
+    agreeing = {index: place for (index, place), good in zip(located.items(), near, strict=True) if good}
+    turned, words = _with_turns(reconstruction, agreeing)
+    reason = f"places of {len(agreeing)} photographs count in the adjustment by their accuracy{words}"
     return turned, Rung(name=NAME, taken=True, reason=reason)
 
 
@@ -79,8 +79,8 @@ def _with_turns(reconstruction: Any, places: Mapping[int, StatedPlace]) -> tuple
     for index, place in places.items():
         if place.turn is None:
             continue
-        own = reconstruction.image(index).cam_from_world().rotation.matrix()
-        apart = cv2.Rodrigues(place.turn.T @ own)[0].ravel()
+        turn = reconstruction.image(index).cam_from_world().rotation.matrix()
+        apart = cv2.Rodrigues(place.turn.T @ turn)[0].ravel()
         tilts.append(float(np.hypot(apart[0], apart[1])))
         headings.append(abs(float(apart[2])))
     if not tilts:

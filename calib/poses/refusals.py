@@ -32,8 +32,8 @@ def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId,
         raise OnePlace(
             "Only one view: poses need at least two, so take more views of the same scene from other places."
         )
-    lost = {view: blank.get(view, "without texture or blurred") for view, own in features.items()
-            if view in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
+    lost = {view: blank.get(view, "without texture or blurred") for view, of_view in features.items()
+            if view in blank or len(of_view.points) < FEWEST_FEATURES}  # fmt: skip
     if len(features) - len(lost) < 2:
         causes = list(lost.values())
         cause = max(sorted(set(causes)), key=causes.count)

@@ -44,11 +44,11 @@ def place_by_rig(
         points[view] = 0
         placed.append(view)
         if model.errors is not None:
-            own = [place for place in model.poses if place.camera == name]
+            of_camera = [place for place in model.poses if place.camera == name]
             one, two = centres([poses[view], poses[best]])
             swing = float(np.linalg.norm(one - two)) * radians(turns[best])
-            turn = median(model.errors.rotation[place] for place in own)
-            shift = median(model.errors.translation[place] for place in own)
+            turn = median(model.errors.rotation[place] for place in of_camera)
+            shift = median(model.errors.translation[place] for place in of_camera)
             turns[view] = hypot(turns[best], turn)
             shifts[view] = hypot(shifts[best], shift, swing)
     if not placed:

@@ -37,7 +37,7 @@ def twins(
         shares fewer matches with the frames that agree; no view where less than two thirds of the frames
         agree, as of cameras that are not rigidly mounted.
     """
-    found: set[ViewId] = set()
+    wrong: set[ViewId] = set()
     agreeing = 0
     for one, other in (pair for rig in rigs for pair in combinations(rig, 2)):
         relative = {
@@ -56,8 +56,8 @@ def twins(
             turn, shift = _apart(relative[frame], middle)
             if turn > FAR or shift > SHIFTED * baseline:
                 views = ViewId(frame, one), ViewId(frame, other)
-                found.add(min(views, key=lambda view: _support(view, right, pairs)))
-    return frozenset(found), agreeing
+                wrong.add(min(views, key=lambda view: _support(view, right, pairs)))
+    return frozenset(wrong), agreeing
 
 
 def _usual(relative: Mapping[int, Array]) -> set[int]:

@@ -66,7 +66,7 @@ class SceneModel:
     by_motion: frozenset[str] = frozenset()
 
     @property
-    def untold(self) -> frozenset[str]:
+    def focal_held(self) -> frozenset[str]:
         """Cameras whose focal length the scene does not determine, so that it was held."""
         held = set() if self.free is None else {key for key, one in self.free.focal.items() if one.held}
         images = self.reconstruction.images.values()
@@ -94,7 +94,7 @@ def solve(
     brightness: Mapping[ViewId, Array] | None = None,
     exact: Collection[str] = (),
     steady: Collection[str] = (),
-    kept: Unfinished | None = None,
+    unfinished: Unfinished | None = None,
     keep_doubtful: bool = False,
 ) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
@@ -106,14 +106,14 @@ def solve(
     stay; the model is in metres where that placed two cameras of a rig. blank: reasons why views show
     nothing. pictures: of views with little noise, as grey PNGs, for places more exact than those of features.
     exact: cameras whose brightness differs only where things do. steady: those whose exposure stays the same,
-    beside them. kept: matches of an earlier run. keep_doubtful: keep views that others contradict, with a
-    warning. stated: where views were taken, as their files say; the model comes to lie there, in metres,
+    beside them. unfinished: matches of an earlier run. keep_doubtful: keep views that others contradict, with
+    a warning. stated: where views were taken, as their files say; the model comes to lie there, in metres,
     where they agree with each other.
     """
     require_features(features, blank or {})
     scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
-        kept or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
+        unfinished or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
     )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
     rungs: tuple[Rung, ...] = ()

@@ -18,7 +18,7 @@ EVERY = 1.0
 """Seconds after which clocks are compared anew."""
 DRIFT = 2e-4
 """Seconds a second by which two clocks may run apart: quartz is within 1e-4, one that is being set more."""
-KEPT = 32
+COMPARISONS = 32
 """Comparisons of which the sharpest counts: beyond these drift has made any of them blunt."""
 
 
@@ -40,7 +40,7 @@ class ComparedClock:
 
     def __init__(self, ask: Callable[[], float], clock: Clock) -> None:
         self._ask, self._clock = ask, clock
-        self._readings: deque[ClockReading] = deque(maxlen=KEPT)
+        self._readings: deque[ClockReading] = deque(maxlen=COMPARISONS)
         self._lock = threading.Lock()
 
     def reading(self) -> ClockReading:

@@ -18,7 +18,7 @@ from imaging.errors import CaptureError, InputError
 LEAVE = 15.0
 """Seconds that Ray is given to end its processes."""
 _STARTED = "Ray runtime started"
-_TOLD = 20
+_LAST = 20
 """Lines of Ray's output among which the reason is looked for why it did not start."""
 
 
@@ -52,7 +52,7 @@ class JoinedNode:
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._process = process
-        self._lines: deque[str] = deque(maxlen=_TOLD)
+        self._lines: deque[str] = deque(maxlen=_LAST)
         self._started, self._ended = threading.Event(), threading.Event()
         self._listener = threading.Thread(target=self._listen, daemon=True, name="ray start")
         self._listener.start()

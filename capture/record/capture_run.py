@@ -224,7 +224,7 @@ class CaptureRun:
             kept=self.kept,
             missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
             problems=(*self._problems, *self._skews()),
-            unknown=(*self._untold(), *self._unknown),
+            unknown=(*self._without_times(), *self._unknown),
         )
 
     def _steps(self, frame: int, pending: Mapping[int, list[str]]) -> list[ExposureStep]:
@@ -306,7 +306,7 @@ class CaptureRun:
             self._apart.setdefault(shot_id.step, []).append((apart, shot_id))
         self._progress(shot.file, len(self.done), len(self.planned))
 
-    def _untold(self) -> Iterator[str]:
+    def _without_times(self) -> Iterator[str]:
         """A sentence on the cameras that do not say when their shutters opened."""
         if self._untimed:
             bounds = [bound for each in self._untimed.values() for bound in each]

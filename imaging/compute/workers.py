@@ -18,7 +18,7 @@ from imaging.errors import InputError, RigError
 
 ATTEMPTS = 2
 """Attempts at a task whose process was killed, as by a machine that went down or ran out of memory."""
-KEPT = 0.9
+SHARE = 0.9
 """Share of the free memory that tasks may take together."""
 
 P = ParamSpec("P")
@@ -147,7 +147,7 @@ class LocalWorkers:
     def __post_init__(self) -> None:
         if self.count > available_cores():
             raise InputError(f"--workers {self.count} is more than the {available_cores()} cores there are.")
-        self.room = int((KEPT if self.count > 1 else 1.0) * memory.available())
+        self.room = int((SHARE if self.count > 1 else 1.0) * memory.available())
         self.cores = available_cores() // self.count
         self.at_once = self.beside = self.count
         self._gpus = list(self.gpus)

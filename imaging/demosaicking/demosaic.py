@@ -31,7 +31,7 @@ DOUBT, COLOUR_DOUBT = 0.57, 2.1
 rows or along columns, whichever is less: along an edge of two colours it is even, in foliage nowhere. On
 path-traced light the squared error is 0.6 to 1.9 of the variance however much colour changes, on that of the
 demo and the gallery 0.6 to 1.4."""
-SEEN = 0.7
+NOISE_SHARE = 0.7
 """Share of the photosites' noise that remains in the unevenness of interpolated colour."""
 
 QUARTER = 0.3186
@@ -180,7 +180,7 @@ def _interpolated_variance(
         sum(cv2.blur(np.square(shade), line) - np.square(cv2.blur(shade, line)) for shade in shades)
         for line in ((_WINDOW[0], 1), (1, _WINDOW[0]))
     ]
-    colour = np.maximum(np.minimum(*uneven) - SEEN * np.sum(mean, axis=0), 0)
+    colour = np.maximum(np.minimum(*uneven) - NOISE_SHARE * np.sum(mean, axis=0), 0)
     doubt = DOUBT**2 * doubt + COLOUR_DOUBT**2 * colour
     case = np.where(horizontal, 0, 4) + _kinds(sites)
     shares = _shares().reshape(8, 3, 3).astype(np.float32)

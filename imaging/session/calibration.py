@@ -198,14 +198,21 @@ COLOUR = "camera_colour"
 """The rung that says where the colours of RAW cameras come from."""
 MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
-FOCAL_UNTOLD = "lens_focal_untold"
+FOCAL_UNDETERMINED = "lens_focal_undetermined"
 """Name of the rung that records whether the photographs determine a lens's focal length, and what is used
 where not.
 """
 RAW_CURVE = "raw_curve"
 """The rung that names cameras which bent their RAW before they sent it."""
 _DOUBTS = frozenset(
-    {"pose_lit_differently", "pose_moving", "pose_unconfirmed", "pose_undecided", FOCAL_UNTOLD, RAW_CURVE}
+    {
+        "pose_lit_differently",
+        "pose_moving",
+        "pose_unconfirmed",
+        "pose_undecided",
+        FOCAL_UNDETERMINED,
+        RAW_CURVE,
+    }
 )
 
 

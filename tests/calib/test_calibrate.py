@@ -12,7 +12,7 @@ import pytest
 from calib.adjustment.bundle_adjustment import Free
 from calib.calibrate import calibrate
 from calib.data.matching import match
-from calib.data.unfinished import KEPT
+from calib.data.unfinished import FOLDER
 from calib.data.views import scene_views
 from calib.light.radiometry import light_of
 from calib.poses import sfm
@@ -277,9 +277,9 @@ def test_stopped_half_way_the_old_calibration_stays(
 
     with pytest.raises(error):
         calibrate(small, on_progress=stop)
-    left = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(KEPT)}
+    left = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(FOLDER)}
     assert left == before
-    assert list(small.glob(".*")) == [small / KEPT]
+    assert list(small.glob(".*")) == [small / FOLDER]
 
 
 def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(

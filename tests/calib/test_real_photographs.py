@@ -58,4 +58,4 @@ def test_a_drone_above_flat_ground_has_the_lens_of_its_files(real: Path, tmp_pat
     assert camera.lens is not None
     assert camera.lens.fx == pytest.approx(1111 * 0.32, rel=0.05)
     assert not camera.lens.model.endswith("FISHEYE")
-    assert any(rung.name == "lens_focal_untold" and rung.taken for rung in record.rungs)
+    assert any(rung.name == "lens_focal_undetermined" and rung.taken for rung in record.rungs)

@@ -15,7 +15,7 @@ from drivers.gige.gvsp import Kind, Leader, PacketHeader
 from drivers.sim.genicam.frames import SentImage
 from drivers.sim.genicam.quirks import Quirk
 
-_KEPT = 32
+_BUFFERED = 32
 """Frames whose packets can be sent again."""
 
 
@@ -60,7 +60,7 @@ class Sender:
             for number, (which, data) in enumerate(carried)
         ]
         self._kept[block] = packets
-        while len(self._kept) > _KEPT:
+        while len(self._kept) > _BUFFERED:
             self._kept.popitem(last=False)
         for packet in self._sent_at_first(packets):
             for _ in range(2 if Quirk.DOUBLED in self.quirks else 1):

@@ -5,7 +5,7 @@ import pytest
 
 from bench.calibration import tracks
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers
-from calib.adjustment.focal_evidence import TOLD, effect
+from calib.adjustment.focal_evidence import DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
 from calib.adjustment.lens_ladder import climb
 from calib.adjustment.uncertainty import standard_errors
@@ -36,7 +36,7 @@ def adjusted(kind, free=None, seed=0):
 )
 def test_flat_ground_seen_straight_down_does_not_tell_the_focal_length(kind, told):
     shift = effect(adjusted(kind), Free(), SCALE)[1]
-    assert (shift >= TOLD * tracks.WIDTH) == told
+    assert (shift >= DETERMINED * tracks.WIDTH) == told
 
 
 def test_a_fixed_lens_is_not_asked_for():

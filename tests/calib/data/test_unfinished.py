@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.data import unfinished
-from calib.data.unfinished import KEPT, Unfinished
+from calib.data.unfinished import FOLDER, Unfinished
 
 VALUE = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
@@ -31,7 +31,7 @@ def test_what_was_found_is_there_again(tmp_path):
     again.flush()
     assert np.array_equal(Unfinished(tmp_path, "q").small("a c"), VALUE + 1)
     again.finish()
-    assert not (tmp_path / KEPT).exists()
+    assert not (tmp_path / FOLDER).exists()
 
 
 def test_another_question_finds_nothing(tmp_path):
@@ -44,7 +44,7 @@ def test_another_question_finds_nothing(tmp_path):
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no more", None])
 def test_damaged_files_count_for_nothing(tmp_path, damage):
     begun(tmp_path)
-    for file in (tmp_path / KEPT).glob("*.npz"):
+    for file in (tmp_path / FOLDER).glob("*.npz"):
         file.write_bytes(file.read_bytes()[:-40] if damage is None else damage)
     again = Unfinished(tmp_path, "q")
     assert again.small("a b") is None
@@ -53,7 +53,7 @@ def test_damaged_files_count_for_nothing(tmp_path, damage):
 
 def test_a_damaged_question_is_another_one(tmp_path):
     begun(tmp_path)
-    (tmp_path / KEPT / "question").write_bytes(b"\xff\xfe")
+    (tmp_path / FOLDER / "question").write_bytes(b"\xff\xfe")
     assert Unfinished(tmp_path, "q").small("a b") is None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from calib.data.unfinished import KEPT
+from calib.data.unfinished import FOLDER
 from calib.poses.sfm import SceneModel, centres
 from calib.survey.placing import Expected, place_by_survey
 from calib.survey.points import Survey, SurveyPosition
@@ -141,7 +141,7 @@ def matched(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     with pytest.raises(KeyboardInterrupt):
         calibrate(session, only="poses", on_progress=stop)
-    assert (session / KEPT).is_dir()
+    assert (session / FOLDER).is_dir()
     return session
 
 
