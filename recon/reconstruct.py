@@ -10,23 +10,22 @@ from typing import Any
 import torch
 
 from imaging.compute.threads import one_thread_a_product
-from imaging.errors import InputError, ReconstructionError
+from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
-from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown, TooShort
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
 from recon.decide.duration import how_long
 from recon.decide.forecast import fitting
 from recon.decide.memory_need import free
 from recon.decide.method_choice import method_for, rungs, uncoloured
-from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction
-from recon.decide.presets import QUALITIES, START_SHARE, MethodName, Quality, QualityName
+from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
@@ -44,85 +43,79 @@ from recon.train.trainer import train
 from recon.train.training import Steer, Training
 from recon.train.warm_up import warm_up
 
-__all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
-
-_AS_IT_IS = Overrides()
+_DEFAULTS = TrainingRequest()
 _CPU = torch.device("cpu")
 
 
 @one_thread_a_product()
 def reconstruct(
     session: str | PathLike[str],
+    request: TrainingRequest = _DEFAULTS,
     *,
-    method: MethodName = "auto",
-    quality: QualityName = "standard",
-    budget: Budget | float | str | None = None,
-    seed: int = 0,
-    overrides: Overrides = _AS_IT_IS,
-    name: str | None = None,
-    replace: bool = False,
     shelf: str = "reconstructions",
-    early_stop: bool = False,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,
 ) -> Path:
-    """Train a scene on a calibrated session; returns the folder SESSION/SHELF/NAME.
+    """Train a scene on a calibrated session.
 
-    budget: seconds, or a `Budget`, or what `Budget.parse` reads. A time is that from the call to the return,
-    or what `countdown` says, whose time began before or ends later. The whole schedule is made shorter if the
-    preset's iterations do not fit at the speed measured at the start, and again on the way if that was
-    misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
-    fit, the scene gets the width and the number of Gaussians of a smaller preset, unless both were set, and
-    where they do not fit at the smallest it ends with an InputError that says how long would do. overrides:
-    what is not to be as the preset and the method have it. early_stop: train no longer than was worth it for
-    other scenes, and end when held-out quality stands still. name: None names method, quality and budget
-    (`default_name`). on_message: is given lines on what is predicted of a training with a budget, and on what
-    is left out. With early_stop or a budget in dB some of the held-out views are for that alone
-    (`Dataset.with_validation`). on_log: is given each line of train.jsonl (iteration, loss, gaussians,
-    seconds, held_out_db where it was measured), those from before a training was stopped too.
+    A budget of time is that from the call to the return, or what `countdown` says, whose time began before or
+    ends later. The whole schedule is made shorter if the preset's iterations do not fit at the speed measured
+    at the start, and again on the way if that was misjudged. What else has no room is left out as
+    `recon.decide.countdown` says; where 50 iterations do not fit, the scene gets the width and the number of
+    Gaussians of a smaller preset, unless both were set. With early stop or a budget in dB some of the
+    held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
-    called again with the same settings (with a time to keep, as fast as the machine then is); a finished
-    one is returned as it is. A training of other settings, or of another calibration, is not overwritten
-    (InputError) unless `replace` says so; then the new one is trained in `SHELF/.NAME.new`, and takes the
+    called again with the same request (with a time to keep, as fast as the machine then is); a finished
+    one is returned as it is. A training of another request, or of another calibration, is not overwritten
+    unless it asks to replace that; then the new one is trained in `SHELF/.NAME.new`, and takes the
     place of what is there when it is finished. Runs on the GPU if there is one. Started several times over
     by torchrun, the processes train one scene together, each looking at a share of the views: a step then
     takes as many views as there are processes, and there are fewer steps. The session has to be on a disk
-    that all of them see; the first one writes. Errors: ReconstructionError, InputError,
-    StorageError.
+    that all of them see; the first one writes.
+
+    Args:
+        session: Its folder.
+        request: Method, preset, budget and overrides.
+        shelf: Folder of the session that the scene lies in.
+        on_progress: Callback for the current step, the steps done, and all of them.
+        on_message: Callback for lines on predictions and on what is left out.
+        on_log: Callback for each line of train.jsonl (iteration, loss, gaussians, seconds, held_out_db where
+            it was measured), those from before a training was stopped too.
+        clock: Seconds.
+        countdown: Of a budget of time that began before this call.
+
+    Returns:
+        The folder SESSION/SHELF/NAME.
+
+    Raises:
+        ReconstructionError: The session cannot be trained.
+        InputError: The scene exists with another request, or a time has no room for the smallest training;
+            the sentence says how long would do.
+        StorageError: The disk refuses.
     """
     session = Path(session)
-    if isinstance(budget, str):
-        budget = Budget.parse(budget)
-    elif budget is not None and not isinstance(budget, Budget):
-        budget = Budget(budget, "s")
-    if not 0 <= seed < 2**32:
-        raise InputError(f"The seed {seed} is out of range: give a number from 0 to 4294967295.")
+    quality, budget, overrides = request.quality, request.budget, request.overrides
     if budget is not None and budget.unit == "s" and countdown is None:
         countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
     with joined() as ranks:
         store.require_writable(session / shelf)
-        names = (name,) if name else (default_name(one, quality, budget) for one in METHODS)
+        names = (request.name,) if request.name else (default_name(one, quality, budget) for one in METHODS)
         there = any((session / shelf / one / MODEL).is_file() for one in names)
-        begins = [True] if replace or not there else []
+        begins = [True] if request.replace or not there else []
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
             room = free()
-            needed, stored = fitting(
-                firsts, counts, room, quality=quality, overrides=overrides, budget=budget
-            )
+            needed, stored = fitting(firsts, counts, room, request)
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
                 on_message(needed.in_words())
             if ranks.first and begins:
                 begins.clear()
-                line = how_long(
-                    session, firsts, counts, quality=quality, budget=budget, overrides=overrides,
-                    early_stop=early_stop,
-                )  # fmt: skip
+                line = how_long(session, firsts, counts, request)
                 if line is not None:
                     on_message(line)
             if ranks.first and stored:
@@ -143,19 +136,11 @@ def reconstruct(
                 f"nothing tells the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
-        chosen, reasons = method_for(dataset, method)
-        asked = asked_for(
-            dataset,
-            chosen,
-            quality,
-            budget,
-            overrides,
-            seed=seed,
-            early_stop=early_stop,
-            processes=ranks.count,
-        )
-        folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
-        place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, replace)
+        chosen, reasons = method_for(dataset, request.method)
+        asked = asked_for(dataset, chosen, request, processes=ranks.count)
+        name = request.name or default_name(chosen, quality, budget)
+        folder = store.inside(session, f"{shelf}/{name}")
+        place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         sizes = (asked,) if countdown is None else asked.downwards(len(dataset.train))
         if checkpoint is not None:  # it goes on at the size that it began with

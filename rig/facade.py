@@ -92,27 +92,25 @@ def reconstruct(
         InputError: A setting is invalid, or the scene exists with other settings.
         StorageError: The disk refuses.
     """
+    from recon.decide.budget import Budget
+    from recon.decide.request import TrainingRequest
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene
 
     for value, kinds in ((method, MethodName), (quality, QualityName)):
         if value not in get_args(kinds):
             raise InputError(f"{value!r} is not one of {', '.join(get_args(kinds))}: name one of these.")
-    folder = train(
-        session,
+    request = TrainingRequest(
         method=method,
         quality=quality,
-        budget=budget,
+        budget=Budget.of(budget),
         seed=seed,
         overrides=_overrides(settings or {}),
         early_stop=early_stop,
         name=name,
         replace=replace,
-        on_progress=on_progress,
-        on_message=on_message,
-        on_log=on_log,
     )
-    return open_scene(folder)
+    return open_scene(train(session, request, on_progress=on_progress, on_message=on_message, on_log=on_log))
 
 
 def _overrides(settings: Mapping[str, object]) -> "Overrides":

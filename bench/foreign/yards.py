@@ -27,6 +27,7 @@ from imaging.arrays import Array32
 from imaging.files.exr import read_exr
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
@@ -135,9 +136,16 @@ def trained(place: Path, name: str, seed: int, variant: Variant, iterations: int
     overrides = variant.overrides.model_copy(update=sized)
     with variant.within():
         folder = reconstruct(
-            place, method=variant.method, quality="draft", seed=seed, overrides=overrides, name="scene",
-            replace=True,
-        )  # fmt: skip
+            place,
+            TrainingRequest(
+                method=variant.method,
+                quality="draft",
+                seed=seed,
+                overrides=overrides,
+                name="scene",
+                replace=True,
+            ),
+        )
     figures = evaluate(folder).known()
     return {
         **{key: figures[key] for key in (*BANDS.values(), "stops_median", "hdr_psnr_mu_p999")},

@@ -37,7 +37,10 @@ from imaging.session.session import SESSION
 from recon.data.dataset import Dataset, View
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.reconstruct import QualityName, reconstruct
+from recon.decide.budget import Budget
+from recon.decide.presets import QualityName
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model
 from recon.start.initialisation import start_points
@@ -79,12 +82,14 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
     before = _used()
     folder = reconstruct(
         session,
-        quality=QUALITY,
-        budget=budget,
-        seed=seed,
-        overrides=_width(width),
-        name=f"real-{width}-{budget:g}-{seed}",
-        replace=True,
+        TrainingRequest(
+            quality=QUALITY,
+            budget=Budget.of(budget),
+            seed=seed,
+            overrides=_width(width),
+            name=f"real-{width}-{budget:g}-{seed}",
+            replace=True,
+        ),
         clock=time.process_time,
     )
     seconds = _used() - before

@@ -26,6 +26,7 @@ from bench.real.peer_folder import picture_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
 from recon.train.warm_up import warm_up
@@ -57,7 +58,9 @@ def trained(
         environment=False,
     )
     folder = reconstruct(
-        session, quality="best", seed=seed, overrides=overrides, name="curve", shelf="curves", replace=True
+        session,
+        TrainingRequest(quality="best", seed=seed, overrides=overrides, name="curve", replace=True),
+        shelf="curves",
     )
     seconds = time.process_time() - began
     opened = open_model(folder)

@@ -40,6 +40,7 @@ from imaging.files import store
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
+from recon.decide.request import TrainingRequest
 from recon.observe.recorded import as_recorded
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
@@ -148,7 +149,7 @@ def trained(options: argparse.Namespace, name: str, rule: str, seed: int) -> dic
     record = record_by(session, rule)
     try:
         store.write_json(file, record.model_dump(mode="json"))
-        made = reconstruct(session, quality="draft", seed=seed, name=rule, replace=True)
+        made = reconstruct(session, TrainingRequest(quality="draft", seed=seed, name=rule, replace=True))
         return figures(made)
     finally:
         store.write_bytes(file, before)

@@ -37,6 +37,7 @@ import json, sys, time
 from pathlib import Path
 import recon.decide.forecast as deciding
 import recon.reconstruct as stage
+from recon.decide.request import TrainingRequest
 from imaging.compute import memory
 from recon.decide.memory_need import need
 from recon.decide.overrides import Overrides
@@ -48,9 +49,10 @@ deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs
 overrides = Overrides(
     width=width, gaussians={GAUSSIANS}, iterations={ITERATIONS}, refine="none", environment=False
 )
-stage.reconstruct(
-    session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
+request = TrainingRequest(
+    quality="best", overrides=overrides, seed=seed, name="memory", replace=True
 )
+stage.reconstruct(session, request, shelf="memory")
 stored = sum(file.stat().st_size for file in Path(session, "decoded").rglob("*.npz"))
 print(json.dumps(dict(
     forecast=needs[-1].total, gaussians=needs[-1].gaussians, peak=status("VmHWM"), stored=stored,

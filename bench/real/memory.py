@@ -40,6 +40,7 @@ import json, sys
 from recon.decide.overrides import Overrides
 import recon.decide.forecast as deciding
 import recon.reconstruct as stage
+from recon.decide.request import TrainingRequest
 from recon.decide.memory_need import need
 {PEAK}
 needs = []
@@ -48,9 +49,10 @@ session, width, gaussians, seed = sys.argv[1], *map(int, sys.argv[2:])
 overrides = Overrides(
     width=width, gaussians=gaussians, iterations={ITERATIONS}, refine="none", environment=False
 )
-stage.reconstruct(
-    session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
+request = TrainingRequest(
+    quality="best", overrides=overrides, seed=seed, name="memory", replace=True
 )
+stage.reconstruct(session, request, shelf="memory")
 print(json.dumps({{"forecast": needs[-1].total, "peak": status("VmHWM")}}))
 """
 
@@ -64,6 +66,7 @@ _TRAINING = f"""
 import json, sys, time
 import recon.decide.forecast as deciding
 import recon.reconstruct as stage
+from recon.decide.request import TrainingRequest
 from recon.decide.memory_need import Need, need
 from recon.decide.overrides import Overrides
 {PEAK}
@@ -72,9 +75,10 @@ Need.too_large = lambda self, free: stored
 needs = []
 deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 overrides = Overrides(width=4096, gaussians=20000, iterations=12, refine="none", environment=False)
-stage.reconstruct(
-    session, quality="draft", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
+request = TrainingRequest(
+    quality="draft", overrides=overrides, seed=seed, name="memory", replace=True
 )
+stage.reconstruct(session, request, shelf="memory")
 print(json.dumps(dict(forecast=needs[-1].total, peak=status("VmHWM"), seconds=time.process_time())))
 """
 _STEPS = f"""

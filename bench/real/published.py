@@ -17,8 +17,10 @@ from bench.real.compare import session_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
+from recon.decide.presets import QualityName
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
-from recon.reconstruct import QualityName, reconstruct
+from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
 from recon.train.warm_up import warm_up
 
@@ -34,7 +36,7 @@ def trained(name: str, quality: QualityName, work: Path) -> dict[str, Any]:
     warm_up(lambda message, done, total: None)
     session = session_of(name, work)
     before, began = processor_seconds(), time.monotonic()
-    folder = reconstruct(session, quality=quality, name=f"published-{quality}", replace=True)
+    folder = reconstruct(session, TrainingRequest(quality=quality, name=f"published-{quality}", replace=True))
     seconds, waited = processor_seconds() - before, time.monotonic() - began
     metrics = evaluate(folder)
     scene = open_scene(folder)

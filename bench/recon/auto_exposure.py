@@ -30,7 +30,9 @@ from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
-from recon.reconstruct import MethodName, reconstruct
+from recon.decide.presets import MethodName
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
 
 
@@ -100,7 +102,8 @@ def trained(options: argparse.Namespace, name: str, method: MethodName | None, s
         record = record.model_copy(update={"views": tuple(alike), "exposure_scale": scale})
         store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
     made = reconstruct(
-        session, method=method or "auto", quality="draft", seed=seed, name="scene", replace=True
+        session,
+        TrainingRequest(method=method or "auto", quality="draft", seed=seed, name="scene", replace=True),
     )
     used = open_scene(made).record.settings.method
     return row | {"method": used} | light_errors(made, base / "light", number)

@@ -23,6 +23,7 @@ from bench.support.trial import Cache, session
 from recon.decide import decisions, size
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.decide.size import COLOUR, COUNT
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -54,7 +55,7 @@ def train(folder: Path, quality: Quality, seed: int, overrides: Overrides) -> di
     warm_up(lambda message, done, total: None)
     with mock.patch.dict(QUALITIES, standard=quality), mock.patch.object(decisions, "gaussians_for", timed):
         began = time.process_time()
-        made = reconstruct(folder, seed=seed, overrides=overrides, name="count")
+        made = reconstruct(folder, TrainingRequest(seed=seed, overrides=overrides, name="count"))
         used = time.process_time() - began
     metrics, model = evaluate(made).known(), read_model(made)
     shutil.rmtree(made)  # a finished training would be taken for the next one of the same settings

@@ -21,9 +21,10 @@ import numpy as np
 from bench.recon.presets import SCENES, TINY, TOYS, Scene, folder_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from recon.decide.presets import QUALITIES
+from recon.decide.presets import QUALITIES, MethodName
+from recon.decide.request import TrainingRequest
 from recon.evaluate import measured
-from recon.reconstruct import MethodName, reconstruct
+from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
 from recon.trade.point import MEASURES, measuring, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
@@ -49,9 +50,12 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     own = [p for p in trade.points if p.choice.quality == quality and not p.choice.overrides.words()]
     full = own[0] if own else train_point(session, choice, trade)
     made = reconstruct(
-        session, method=METHODS[trade.method], quality=quality, seed=trade.seed, name="early", shelf=FOLDER,
-        early_stop=True,
-    )  # fmt: skip
+        session,
+        TrainingRequest(
+            method=METHODS[trade.method], quality=quality, seed=trade.seed, name="early", early_stop=True
+        ),
+        shelf=FOLDER,
+    )
     opened = open_model(made)
     # On the views that the training was not ended by, both.
     dataset = replace(measuring(session, trade.width), watched=opened.dataset.watched)

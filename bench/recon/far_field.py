@@ -27,6 +27,7 @@ from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
 from tests.foreign.photographs import GAIN, READ, probe, session
@@ -128,7 +129,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for there in (False, True):
             overrides = Overrides(environment=there, iterations=iterations)
             out = reconstruct(
-                folder, quality="draft", seed=seed, overrides=overrides, name="far-field", replace=True
+                folder,
+                TrainingRequest(
+                    quality="draft", seed=seed, overrides=overrides, name="far-field", replace=True
+                ),
             )
             model = open_scene(out).record
             rows.append(

@@ -34,8 +34,10 @@ from imaging.files import store
 from imaging.session.calibration import read_calibration
 from imaging.session.records import SplitRecord
 from imaging.session.session import SPLIT, Session
+from recon.decide.presets import MethodName
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
-from recon.reconstruct import MethodName, reconstruct
+from recon.reconstruct import reconstruct
 
 METHODS = ("vanilla", "hdr-gs", "nh-3dgs")
 TITLES = {"vanilla": "vanilla 3DGS", "hdr-gs": "HDR-GS", "nh-3dgs": "NH-3DGS on the true light"}
@@ -161,7 +163,9 @@ def row(options: argparse.Namespace, protocol: str, method: MethodName, seed: in
         session = with_measured_response(session, base / f"{protocol}-measured")
     name = f"{method}-{options.quality}"
     folder = reconstruct(
-        session, method=method, quality=options.quality, seed=seed, name=name, on_progress=_report
+        session,
+        TrainingRequest(method=method, quality=options.quality, seed=seed, name=name),
+        on_progress=_report,
     )
     found = evaluate(folder).known()
     if method == "vanilla":

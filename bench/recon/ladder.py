@@ -28,9 +28,10 @@ from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, Quality
+from recon.decide.presets import QUALITIES, MethodName, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
-from recon.reconstruct import MethodName, reconstruct
+from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.train.warm_up import warm_up
 
@@ -82,12 +83,14 @@ def row(scene: Scene, work: Path) -> dict[str, Any]:
     )
     for name, method, overrides in ways:
         began = time.perf_counter()
-        made = reconstruct(folder, method=method, overrides=overrides, name=name)
+        made = reconstruct(folder, TrainingRequest(method=method, overrides=overrides, name=name))
         seconds = time.perf_counter() - began
         metrics = evaluate(made).known()
         all_metrics = [metrics]
         for seed in range(1, scene.kind.trainings):
-            again = reconstruct(folder, method=method, overrides=overrides, seed=seed, name=f"{name}-{seed}")
+            again = reconstruct(
+                folder, TrainingRequest(method=method, overrides=overrides, seed=seed, name=f"{name}-{seed}")
+            )
             all_metrics.append(evaluate(again).known())
         fares[name] = {
             "seconds": seconds,

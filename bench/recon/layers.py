@@ -23,6 +23,7 @@ from drivers.sim.scene.scene import Scene as Subject
 from imaging.arrays import Array, Floats
 from imaging.session.session import Session
 from recon.data.geometry import inside, project, rays
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.rendering.data_layers import DataLayers
 from recon.result.model import SceneView
@@ -127,7 +128,7 @@ def measured(name: str, seed: int, options: argparse.Namespace) -> list[dict[str
 def trained(folder: Path) -> Path:
     """The scene of a session, trained unless it is there."""
     there = sorted((folder / "reconstructions").glob("*/model.json"))
-    return there[0].parent if there else Path(reconstruct(folder, quality="draft"))
+    return there[0].parent if there else Path(reconstruct(folder, TrainingRequest(quality="draft")))
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from bench.support.trial import Cache
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.prediction import lacking, predicted
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.train.warm_up import warm_up
@@ -75,7 +76,7 @@ def curve(folder: Path, overrides: Overrides, options: argparse.Namespace) -> li
     warm_up(lambda message, done, total: None)
     for length in options.lengths:
         changed = overrides.model_copy(update={"iterations": length})
-        made = reconstruct(folder, quality="best", overrides=changed, name="length")
+        made = reconstruct(folder, TrainingRequest(quality="best", overrides=changed, name="length"))
         record = read_model(made)
         shutil.rmtree(made)
         assert record.held_out_db is not None

@@ -37,11 +37,11 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_image
+from recon.decide.presets import START_SHARE
 from recon.methods import nh_3dgs, vanilla
 from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.protocols.rawnerf import score
-from recon.reconstruct import START_SHARE
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.learning_rates import rate_factor

@@ -28,6 +28,7 @@ from recon.data.dataset import Dataset
 from recon.data.load import load
 from recon.decide.corrections import KNOWN_PX, tried
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -81,9 +82,11 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
             degree=DEGREE,
         )  # fmt: skip
         made = reconstruct(
-            folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed,
-            replace=True,  # whatever the poses are off by, the folder is the same
-        )  # fmt: skip
+            folder,
+            TrainingRequest(
+                method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed, replace=True
+            ),
+        )
         found[name] = evaluate(made).known()["raw_psnr"]
     return found
 

@@ -4,7 +4,7 @@ A rung is one decision in a record: its subject, whether it was taken, why, and 
 The order, which `decisions.py` has as code:
 
 1. method: by the kind of the images and whether a tone curve can be separated from the light
-   (`method_choice`); with preset, budget and overrides it makes the `settings` that were asked for.
+   (`method_choice`); with what the `request` has beside it makes the `settings` that were asked for.
 2. iterations at most: as asked for, with early stop as many as were worth it in other scenes
    (`prediction`).
 3. report: whether a budget of time has room for it, and for any training at all (`countdown`).

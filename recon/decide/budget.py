@@ -60,6 +60,13 @@ class Budget:
         factor, unit = _FACTORS[match[2]]
         return cls(float(match[1]) * factor, unit)
 
+    @classmethod
+    def of(cls, amount: "Budget | float | str | None") -> "Budget | None":
+        """Return the budget that text states, as in `parse`, or that so long a time is, in seconds."""
+        if amount is None or isinstance(amount, Budget):
+            return amount
+        return cls.parse(amount) if isinstance(amount, str) else cls(amount, "s")
+
     @property
     def gaussians(self) -> int | None:
         """The most Gaussians that fit, of whichever degree, for those kinds that limit them."""

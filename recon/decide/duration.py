@@ -14,9 +14,9 @@ from imaging.session.session import Session
 from recon.data.dataset import View
 from recon.data.resident import pixels_of
 from recon.decide import corrections, size
-from recon.decide.budget import Budget
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, QualityName
+from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
 from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
 from recon.train.device import training_device
 
@@ -142,31 +142,28 @@ def how_long(
     session: Path,
     firsts: Sequence[View],
     counts: Mapping[str, tuple[int, int]],
-    *,
-    quality: QualityName,
-    budget: Budget | None,
-    overrides: Overrides,
-    early_stop: bool,
+    request: TrainingRequest,
 ) -> str | None:
     """Return the duration, in words, of a reconstruction that begins now; None: it is short, or a time was
     given.
 
-    None also on GPUs and for bands, where nothing was measured. Arguments as
-    `recon.data.load.load` and `recon.reconstruct.reconstruct` have them.
+    None also on GPUs and for bands, where nothing was measured. firsts, counts: as `recon.data.load.load` has
+    them.
     """
-    opened = Session.open(session)
+    opened, budget, overrides = Session.open(session), request.budget, request.overrides
     if (budget is not None and budget.unit == "s") or opened.record.bands or training_device().type != "cpu":
         return None
-    preset, train = QUALITIES[quality], sum(count for _, count in counts.values())
+    preset, train = QUALITIES[request.quality], sum(count for _, count in counts.values())
     work = Work.of(
         firsts,
         counts,
         sum(shot.width * shot.height for shot in opened.shots("scene")) / 1e6,
         overrides.iterations or preset.iterations_of(train),
         (budget and budget.gaussians) or overrides.gaussians or preset.gaussians_of(train),
-        tried=quality != "draft" and overrides == Overrides(),
+        tried=request.quality != "draft" and overrides == Overrides(),
     )
-    return work.in_words(thread_count(), at_most=early_stop or (budget is not None and budget.unit == "dB"))
+    at_most = request.early_stop or (budget is not None and budget.unit == "dB")
+    return work.in_words(thread_count(), at_most=at_most)
 
 
 def words(seconds: float) -> str:

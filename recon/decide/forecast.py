@@ -10,10 +10,9 @@ from typing import NoReturn
 from imaging.compute import memory
 from recon.data.dataset import View
 from recon.data.load import load
-from recon.decide.budget import Budget
 from recon.decide.memory_need import ARENA, Need, need
-from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, QualityName
+from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
 from recon.scene.harmonics import DEGREE
 
 Counts = Mapping[str, tuple[int, int]]
@@ -24,19 +23,17 @@ def fitting(
     firsts: Sequence[View],
     counts: Counts,
     free: int,
-    *,
-    quality: QualityName,
-    overrides: Overrides,
-    budget: Budget | None,
+    request: TrainingRequest,
 ) -> tuple[Need, bool]:
     """Return the demand of a training where `free` bytes are left, and whether its images stay on the disk
     for that.
 
-    firsts: a view of each camera. overrides, budget: as `reconstruct` has them.
+    firsts: a view of each camera.
     """
-    asked = None if budget is None else budget.gaussians
+    overrides = request.overrides
+    asked = None if request.budget is None else request.budget.gaussians
     trained = sum(train for _, train in counts.values())
-    most = asked or overrides.gaussians or QUALITIES[quality].gaussians_of(trained)
+    most = asked or overrides.gaussians or QUALITIES[request.quality].gaussians_of(trained)
     degree = DEGREE if overrides.degree is None else overrides.degree
     needed = need(firsts, counts, most, degree)
     if stored := needed.too_large(free):
@@ -52,10 +49,7 @@ def forecast(
     session: Path,
     room: int,
     threads: int,
-    *,
-    quality: QualityName,
-    overrides: Overrides,
-    budget: Budget | None,
+    request: TrainingRequest,
 ) -> int:
     """Forecast the peak bytes of a training, where a process of that many threads may take `room` in all.
 
@@ -68,9 +62,10 @@ def forecast(
         raise _Read
 
     with suppress(_Read):
-        load(session, max_width=overrides.width or QUALITIES[quality].width, examine=look)
+        width = request.overrides.width or QUALITIES[request.quality].width
+        load(session, max_width=width, examine=look)
     firsts, counts = seen[0]
     free = max(room - memory.resident() - ARENA * threads, 0)
-    needed, _ = fitting(firsts, counts, free, quality=quality, overrides=overrides, budget=budget)
+    needed, _ = fitting(firsts, counts, free, request)
     needed.require(session, free)
     return needed.total

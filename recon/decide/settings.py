@@ -9,7 +9,8 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.budget import Budget, Unit
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, START_SHARE, QualityName, downwards
+from recon.decide.presets import QUALITIES, START_SHARE, downwards
+from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
@@ -113,22 +114,13 @@ class Settings(Record):
         )
 
 
-def asked_for(
-    dataset: Dataset,
-    method: str,
-    quality: QualityName,
-    budget: Budget | None,
-    overrides: Overrides,
-    *,
-    seed: int,
-    early_stop: bool,
-    processes: int,
-) -> Settings:
+def asked_for(dataset: Dataset, method: str, request: TrainingRequest, *, processes: int) -> Settings:
     """Settings as requested: a size in the budget, else an override, else the preset.
 
-    With several processes a step takes a view of each, and their number is divided by that of the processes.
+    method: as chosen. With several processes a step takes a view of each, and their number is divided by that
+    of the processes.
     """
-    preset = QUALITIES[quality]
+    preset, budget, overrides = QUALITIES[request.quality], request.budget, request.overrides
     iterations = overrides.iterations or preset.iterations_of(len(dataset.train))
     gaussians = overrides.gaussians or preset.gaussians_of(len(dataset.train))
     if budget is not None and budget.gaussians is not None:
@@ -138,15 +130,15 @@ def asked_for(
     return Settings.model_validate(
         {
             "method": method,
-            "quality": quality,
-            "seed": seed,
+            "quality": request.quality,
+            "seed": request.seed,
             "iterations": math.ceil(iterations / processes),
             "batch": processes,
             "max_gaussians": gaussians,
             "max_width": overrides.width or preset.width,
             "budget": None if budget is None else budget.amount,
             "budget_unit": "s" if budget is None else budget.unit,
-            "early_stop": early_stop,
+            "early_stop": request.early_stop,
             "overrides": overrides,
         }
     )

@@ -15,6 +15,7 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.load import load
+from recon.decide.request import TrainingRequest
 from recon.evaluate import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
@@ -73,11 +74,13 @@ def train_point(
         used = time.process_time()
         reconstruct(
             session,
-            method=trade.method,  # type: ignore[arg-type]
-            quality=choice.quality,
-            seed=trade.seed,
-            overrides=choice.overrides,
-            name=name,
+            TrainingRequest(
+                method=trade.method,  # type: ignore[arg-type]
+                quality=choice.quality,
+                seed=trade.seed,
+                overrides=choice.overrides,
+                name=name,
+            ),
             shelf=FOLDER,
             on_progress=watched,
         )

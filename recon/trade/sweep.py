@@ -20,6 +20,7 @@ from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.decide.forecast import forecast
 from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import OutOfTime, measuring, train_apart, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
@@ -140,9 +141,7 @@ class _Run:
                 self.session,
                 workers.room,
                 workers.cores,
-                quality=choice.quality,
-                overrides=choice.overrides,
-                budget=None,
+                TrainingRequest(quality=choice.quality, overrides=choice.overrides),
             )
         except RigError as error:
             refused: Future[Point] = Future()

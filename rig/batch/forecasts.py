@@ -4,9 +4,7 @@ from pathlib import Path
 
 from imaging.compute.workers import Task, Workers
 from imaging.session.session import Session
-from recon.decide.budget import Budget
 from recon.decide.forecast import forecast
-from recon.decide.overrides import Overrides
 from recon.result.model import SPLATS
 from rig.batch.plan import PlannedScene
 
@@ -34,12 +32,7 @@ def calibration(session: Path) -> Task:
 
 def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
     """Forecast `rig reconstruct`. InputError: more than any machine has, with the setting that would fit."""
-    budget = None if scene.budget is None else Budget.parse(scene.budget)
-    overrides = Overrides.of(scene.sets())
-    needed = forecast(
-        session, workers.room, workers.cores, quality=scene.quality, overrides=overrides, budget=budget
-    )
-    return Task(needed, gpu=True)
+    return Task(forecast(session, workers.room, workers.cores, scene.request()), gpu=True)
 
 
 def export(reconstruction: Path) -> Task:

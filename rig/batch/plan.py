@@ -15,6 +15,7 @@ from imaging.session.session import SESSION
 from recon.decide.budget import Budget
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName, QualityName
+from recon.decide.request import TrainingRequest
 
 EXAMPLE = 'sessions = ["scans/*"]'
 
@@ -37,6 +38,18 @@ class PlannedScene(_Table):
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
     set: dict[str, str | int | float | bool] = {}
     export: tuple[Annotated[str, Field(pattern=r"^[^/\\]+\.[^/\\]+$")], ...] = ()
+
+    def request(self) -> TrainingRequest:
+        """The training that it asks for; InputError where a setting or the budget is not possible."""
+        return TrainingRequest(
+            method=self.method,
+            quality=self.quality,
+            budget=None if self.budget is None else Budget.parse(self.budget),
+            seed=self.seed,
+            overrides=Overrides.of(self.sets()),
+            early_stop=self.early_stop,
+            name=self.name,
+        )
 
     def words(self) -> list[str]:
         """Return what `rig reconstruct` is given beside the session."""
@@ -105,9 +118,7 @@ def read_plan(path: str | Path) -> BatchPlan:
         raise InputError(f"{where}: {what}: {first['msg'].lower()}; correct it.") from None
     for number, scene in enumerate(tables.scene):
         try:
-            Overrides.of(scene.sets())
-            if scene.budget is not None:
-                Budget.parse(scene.budget)
+            scene.request()
         except InputError as error:
             raise InputError(f"{path}, line {line_of(lines, ('scene', number))}: {error}") from None
     called, count = Counter(scene.called for scene in tables.scene).most_common(1)[0]

@@ -11,6 +11,7 @@ from imaging.errors import InputError, RigError
 from imaging.files import store
 from imaging.progress import Progress
 from recon.decide.presets import MethodName, QualityName
+from recon.decide.request import TrainingRequest
 
 if TYPE_CHECKING:
     from capture.imports.layouts.given import LayoutName
@@ -133,11 +134,13 @@ def trained(session: Path, method: MethodName, choices: Choices, progress: Progr
 
     return reconstruct(
         session,
-        method=method,
-        quality=choices.quality,
-        seed=choices.seed,
-        overrides=Overrides(views=choices.views),
-        name=choices.name,
+        TrainingRequest(
+            method=method,
+            quality=choices.quality,
+            seed=choices.seed,
+            overrides=Overrides(views=choices.views),
+            name=choices.name,
+        ),
         on_progress=progress,
     )
 

@@ -107,12 +107,15 @@ def _capture(out: Path, status: StatusLine) -> CommandResult:
 
 def _train(out: Path, status: StatusLine) -> CommandResult:
     """The scene; kernels are compiled before its time begins, which on a busy machine takes most of it."""
+    from recon.decide.budget import Budget
+    from recon.decide.request import TrainingRequest
     from recon.train.device import training_device
     from recon.train.warm_up import warm_up
 
     if not (out / "reconstructions" / NAME).exists():
         warm_up(status, training_device())
-    return run_training(out, status, method=METHOD, budget=TRAINING_SECONDS, seed=SEED, name=NAME)
+    request = TrainingRequest(METHOD, budget=Budget(TRAINING_SECONDS, "s"), seed=SEED, name=NAME)
+    return run_training(out, status, request)
 
 
 def _calibrate(out: Path, status: StatusLine) -> CommandResult:

@@ -1,7 +1,6 @@
 """`rig reconstruct`: train a scene."""
 
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace as changed
 from datetime import UTC, datetime
@@ -22,6 +21,7 @@ from rig.terminal.text import command_line, duration
 
 if TYPE_CHECKING:
     from recon.decide.countdown import Countdown
+    from recon.decide.request import TrainingRequest
     from recon.result.model import ModelRecord
     from rig.report.tensorboard import TensorBoardLog
 
@@ -106,64 +106,39 @@ def reconstruct(
     """
     with running("reconstruct") as status, ExitStack() as stack:
         from recon.data.pixels import decoded_once
+        from recon.decide.budget import Budget
+        from recon.decide.overrides import Overrides
+        from recon.decide.request import TrainingRequest
 
+        request = TrainingRequest(
+            method=method,
+            quality=quality,
+            budget=None if budget is None else Budget.parse(budget),
+            seed=seed,
+            overrides=Overrides.of(sets or ()),
+            early_stop=early_stop,
+            name=name,
+            replace=replace,
+        )
         events = None
         if tensorboard is not None and is_main_process():
             from rig.report.tensorboard import TensorBoardLog
 
             events = stack.enter_context(closing(TensorBoardLog(tensorboard)))
         with decoded_once():
-            return run_reconstruct(
-                session,
-                status,
-                method=method,
-                quality=quality,
-                budget=budget,
-                early_stop=early_stop,
-                seed=seed,
-                name=name,
-                replace=replace,
-                sets=sets,
-                events=events,
-            )
+            return run_reconstruct(session, status, request, events)
 
 
 def run_reconstruct(
-    session: Path,
-    status: StatusLine,
-    *,
-    method: MethodName,
-    quality: QualityName,
-    budget: float | str | None,
-    seed: int,
-    name: str | None,
-    replace: bool = False,
-    sets: Sequence[str] | None = None,
-    early_stop: bool = False,
-    events: "TensorBoardLog | None" = None,
+    session: Path, status: StatusLine, request: "TrainingRequest", events: "TensorBoardLog | None" = None
 ) -> CommandResult:
     """Train, evaluate, write the report and say what came of it."""
-    from recon.decide.budget import Budget
     from recon.decide.countdown import Countdown
 
-    asked = Budget.parse(str(budget)) if budget is not None else None
-    countdown = None
-    if asked is not None and asked.unit == "s":
-        countdown = Countdown(asked.amount, started_at(), page=True, say=status.say)
-    trained = run_training(
-        session,
-        status,
-        method=method,
-        quality=quality,
-        budget=budget,
-        early_stop=early_stop,
-        seed=seed,
-        name=name,
-        replace=replace,
-        sets=sets,
-        countdown=countdown,
-        events=events,
-    )
+    budget, countdown = request.budget, None
+    if budget is not None and budget.unit == "s":
+        countdown = Countdown(budget.amount, started_at(), page=True, say=status.say)
+    trained = run_training(session, status, request, countdown=countdown, events=events)
     if countdown is not None and not countdown.page:
         return trained
     if not is_main_process():
@@ -192,22 +167,12 @@ def run_reconstruct(
 def run_training(
     session: Path,
     status: StatusLine,
+    request: "TrainingRequest",
     *,
-    method: MethodName,
-    quality: QualityName = "standard",
-    budget: float | str | None = None,
-    seed: int = 0,
-    name: str | None = None,
-    replace: bool = False,
-    sets: Sequence[str] | None = None,
-    early_stop: bool = False,
     countdown: "Countdown | None" = None,
     events: "TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train a scene, or go on with it; a finished one is left as it is."""
-    from recon.decide.overrides import Overrides
-
-    overrides = Overrides.of(sets or ())
     from recon.reconstruct import reconstruct as reconstruct_session
     from recon.result.model import read_model
     from recon.train.interrupt import Interrupted
@@ -216,14 +181,7 @@ def run_training(
     try:
         folder = reconstruct_session(
             session,
-            method=method,
-            quality=quality,
-            budget=budget,
-            early_stop=early_stop,
-            seed=seed,
-            overrides=overrides,
-            name=name,
-            replace=replace,
+            request,
             on_progress=status,
             on_message=status.say,
             countdown=countdown,

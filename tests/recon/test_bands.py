@@ -20,6 +20,7 @@ from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
@@ -54,7 +55,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     write_truth(rig, session)
     calibration = calibrate(session)
     overrides = Overrides(iterations=150, gaussians=3000, degree=0, refine="none")
-    folder = reconstruct(session, quality="draft", overrides=overrides)
+    folder = reconstruct(session, TrainingRequest(quality="draft", overrides=overrides))
     return Outcome(session, calibration, open_scene(folder), evaluate(folder))
 
 

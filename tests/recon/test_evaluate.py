@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-import recon.reconstruct as stage
 from imaging import metrics
 from imaging.colour import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.files.exr import read_exr
 from recon.data.truth import true_radiance
+from recon.decide.budget import Budget
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate, measured, render
-from recon.reconstruct import Quality, reconstruct
+from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.scene import Opened, open_model
 from tests.recon.ply_files import read_ply
@@ -24,7 +26,7 @@ from tests.recon.ply_files import read_ply
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(60, 800, 64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(60, 800, 64))
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +34,8 @@ def trained(toy, tmp_path_factory):
     """A session with a finished reconstruction; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("trained") / "session")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", Quality(60, 800, 64))
-        return reconstruct(session, quality="draft")
+        patch.setitem(QUALITIES, "draft", Quality(60, 800, 64))
+        return reconstruct(session, TrainingRequest(quality="draft"))
 
 
 def copied(trained, tmp_path):
@@ -63,7 +65,7 @@ def test_everything_is_there_and_says_what_it_is(trained):
 def test_a_finished_training_is_not_done_again(trained):
     before = (trained / "checkpoint.safetensors").read_bytes()
     stamp = (trained / "model.json").stat().st_mtime_ns
-    assert reconstruct(trained.parent.parent, quality="draft") == trained
+    assert reconstruct(trained.parent.parent, TrainingRequest(quality="draft")) == trained
     assert (trained / "model.json").stat().st_mtime_ns == stamp
     assert (trained / "checkpoint.safetensors").read_bytes() == before
 
@@ -76,10 +78,10 @@ def test_a_stopped_training_ends_like_one_that_was_not(trained, session_copy):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session_copy, quality="draft", on_progress=impatient)
+        reconstruct(session_copy, TrainingRequest(quality="draft"), on_progress=impatient)
     folder = session_copy / "reconstructions" / "nh-3dgs-draft"
     assert not (folder / "model.json").exists()
-    reconstruct(session_copy, quality="draft")
+    reconstruct(session_copy, TrainingRequest(quality="draft"))
     one, two = (
         {name: values.tobytes() for name, values in read_ply(path / "splats.ply").items()}
         for path in (trained, folder)
@@ -197,9 +199,11 @@ def test_renders_of_named_views_at_several_exposures(trained, tmp_path):
 
 
 def test_a_budget_makes_the_schedule_as_short_as_it_must_be(session_copy, monkeypatch):
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(1_000_000, 800, 64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(1_000_000, 800, 64))
     ticks = itertools.count(step=0.005)  # a look at the clock takes that long
-    folder = reconstruct(session_copy, quality="draft", budget=4.0, clock=lambda: next(ticks))
+    folder = reconstruct(
+        session_copy, TrainingRequest(quality="draft", budget=Budget(4.0, "s")), clock=lambda: next(ticks)
+    )
     record = read_model(folder)
     assert record.settings.budget == 4.0
     assert 50 <= record.settings.iterations < 1_000_000
@@ -207,19 +211,19 @@ def test_a_budget_makes_the_schedule_as_short_as_it_must_be(session_copy, monkey
 
 
 def test_a_budget_with_room_to_spare_changes_nothing(session_copy):
-    folder = reconstruct(session_copy, quality="draft", budget=600.0)
+    folder = reconstruct(session_copy, TrainingRequest(quality="draft", budget=Budget(600.0, "s")))
     assert read_model(folder).settings.iterations == 60
 
 
 def test_photographs_choose_hdr_gs_and_linear_ones_do_not(toy_ldr, tmp_path):
     session = shutil.copytree(toy_ldr, tmp_path / "session")
-    folder = reconstruct(session, quality="draft")
+    folder = reconstruct(session, TrainingRequest(quality="draft"))
     assert folder.name == "hdr-gs-draft"
     result = evaluate(folder)
     assert {"ldr_psnr_oe", "ssim", "response_rmse", "hdr_psnr_mu_aligned"} <= set(result.known())
     assert result.response_rmse < 0.1
     with pytest.raises(ReconstructionError, match="developed photographs"):
-        reconstruct(session, quality="draft", method="nh-3dgs")
+        reconstruct(session, TrainingRequest(quality="draft", method="nh-3dgs"))
 
 
 def only_first_step(session):
@@ -230,7 +234,7 @@ def only_first_step(session):
 def test_photographs_of_one_exposure_are_plain_3dgs_in_display_values(toy_ldr, tmp_path):
     session = shutil.copytree(toy_ldr, tmp_path / "session")
     only_first_step(session)
-    folder = reconstruct(session, quality="draft")
+    folder = reconstruct(session, TrainingRequest(quality="draft"))
     assert folder.name == "vanilla-draft"
     result = evaluate(folder)
     assert result.ldr_psnr_oe > 15
@@ -247,12 +251,16 @@ def keep_views(session, count):
 @pytest.mark.parametrize("count", [1, 3])
 def test_too_few_views_hold_nothing_out_and_say_so(session_copy, count):
     keep_views(session_copy, count)
-    folder = reconstruct(session_copy, quality="draft")
+    folder = reconstruct(session_copy, TrainingRequest(quality="draft"))
     result = evaluate(folder)
     assert result.held_out == ()
     assert "too few" in result.held_out_note
     assert result.hdr_psnr_mu_aligned is None
     assert all(file.stat().st_size for file in render(folder, session_copy / "out"))
+
+
+def request(budget=None, **options):
+    return TrainingRequest(quality="draft", budget=Budget.of(budget), **options)
 
 
 @pytest.mark.parametrize(
@@ -267,7 +275,7 @@ def test_too_few_views_hold_nothing_out_and_say_so(session_copy, count):
 )
 def test_bad_usage_is_one_sentence(toy, options, words):
     with pytest.raises(RigError, match=words):
-        reconstruct(toy, quality="draft", **options)
+        reconstruct(toy, request(**options))
     assert not (toy / "reconstructions").exists()
 
 
@@ -283,9 +291,9 @@ def test_what_is_no_reconstruction_is_refused(toy, trained, tmp_path):
 @pytest.mark.parametrize("views", [6, 16])
 def test_figures_of_a_training_that_views_may_end_are_of_others(toy, toy_long, tmp_path, monkeypatch, views):
     """Six views have one to hold out, which is looked at; sixteen another, by which nothing is ended."""
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 400, 64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(20, 400, 64))
     session = shutil.copytree(toy if views == 6 else toy_long.session, tmp_path / "session")
-    folder = reconstruct(session, quality="draft", early_stop=True)
+    folder = reconstruct(session, TrainingRequest(quality="draft", early_stop=True))
     record, result = read_model(folder), evaluate(folder)
     assert set(record.validation) <= set(record.held_out)
     assert result.validation == record.validation

@@ -18,6 +18,7 @@ from imaging.files.raw import read_raw
 from imaging.session.session import Session
 from recon.data.truth import calibration_errors
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
@@ -41,7 +42,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         assert capture_simulated("toy-wheel", session, bracket=(-4.0, 0.0)).missing == ()
     calibration = calibrate(session)
     overrides = Overrides(iterations=100, gaussians=2000, degree=0, refine="none", environment=False)
-    metrics = evaluate(reconstruct(session, quality="draft", overrides=overrides))
+    metrics = evaluate(reconstruct(session, TrainingRequest(quality="draft", overrides=overrides)))
     return Outcome(session, calibration_errors(session, calibration), metrics)
 
 

@@ -12,6 +12,7 @@ from bench.support.oracle import oracle_session
 from drivers.sim import rigs
 from imaging.files import store
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
@@ -29,6 +30,7 @@ import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from recon.evaluate import evaluate
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.train.warm_up import warm_up
 warm_up(lambda *told: None)
 first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -36,8 +38,8 @@ resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
 needs = []
 deciding.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
 overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
-folder = stage.reconstruct(sys.argv[1], quality="draft", overrides=overrides, name="limited",
-                           on_message=print)
+request = TrainingRequest(quality="draft", overrides=overrides, name="limited")
+folder = stage.reconstruct(sys.argv[1], request, on_message=print)
 evaluate(folder)
 peak = 1024 * int(next(
     line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")
@@ -71,7 +73,7 @@ def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> No
     assert any("images stay on the disk" in line and str(large / "decoded") in line for line in told)
     assert peak < forecast
     overrides = Overrides(iterations=ITERATIONS, gaussians=1000, width=640, refine="none", environment=False)
-    whole = reconstruct(large, quality="draft", overrides=overrides, name="whole")
+    whole = reconstruct(large, TrainingRequest(quality="draft", overrides=overrides, name="whole"))
     limited = whole.with_name("limited")
     assert (whole / SPLATS).read_bytes() == (limited / SPLATS).read_bytes()
     evaluate(whole)

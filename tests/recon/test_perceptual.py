@@ -7,13 +7,14 @@ import flip_evaluator
 import numpy as np
 import pytest
 
-import recon.reconstruct as stage
 from imaging.files.exr import read_exr
 from imaging.files.photo import read_photo
 from recon import perceptual
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.perceptual import hdr_flip
-from recon.reconstruct import Quality, reconstruct
+from recon.reconstruct import reconstruct
 
 
 @pytest.fixture(scope="module", params=["toy", "toy_ldr"])
@@ -21,8 +22,8 @@ def scene(request, tmp_path_factory):
     """A scene and its metrics: one against the true light, one against photographs."""
     session = shutil.copytree(request.getfixturevalue(request.param), tmp_path_factory.mktemp("look") / "S")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", Quality(40, 600, 64))
-        folder = reconstruct(session, quality="draft")
+        patch.setitem(QUALITIES, "draft", Quality(40, 600, 64))
+        folder = reconstruct(session, TrainingRequest(quality="draft"))
     return folder, evaluate(folder)
 
 

@@ -24,6 +24,7 @@ from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
@@ -56,7 +57,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     metrics = []
     for folder in (home / "shifted", home / "alone"):
         overrides = Overrides(iterations=120, gaussians=2500, degree=0, refine="none", environment=False)
-        metrics.append(evaluate(reconstruct(folder, quality="draft", overrides=overrides)))
+        metrics.append(evaluate(reconstruct(folder, TrainingRequest(quality="draft", overrides=overrides))))
     errors = calibration_errors(home / "shifted", calibration)
     return Outcome(home / "shifted", home / "alone", errors, *metrics)
 

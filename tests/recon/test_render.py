@@ -14,6 +14,8 @@ from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png, read_photo
 from recon.data.geometry import rays
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.render import render, render_probe
 from recon.rendering.camera_paths import named_path
@@ -39,8 +41,8 @@ def cut_out(toy_ldr, tmp_path_factory) -> Path:
     record = store.read_json(path) | {"shots_sha256": store.sha256(session / "shots.jsonl")}
     store.write_json(path, record)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", stage.Quality(40, 400, 32))
-        return stage.reconstruct(session, quality="draft", method="vanilla")
+        patch.setitem(QUALITIES, "draft", Quality(40, 400, 32))
+        return stage.reconstruct(session, TrainingRequest(quality="draft", method="vanilla"))
 
 
 def test_pictures_of_a_cut_out_object_are_layers(cut_out: Path, tmp_path: Path) -> None:
@@ -81,8 +83,8 @@ def test_photographs_of_a_cut_out_object_are_compared_before_white_too(cut_out: 
 def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path) -> None:
     session = shutil.copytree(toy_ldr, tmp_path / "session")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", stage.Quality(2, 100, 32))
-        folder = stage.reconstruct(session, quality="draft", method="vanilla")
+        patch.setitem(QUALITIES, "draft", Quality(2, 100, 32))
+        folder = stage.reconstruct(session, TrainingRequest(quality="draft", method="vanilla"))
     assert evaluate(folder).ldr_psnr_white is None
     scene = open_scene(folder)
     assert scene.layer(scene.views[0].splat_camera)[1] is None

@@ -160,7 +160,7 @@ def toy_template(made_once: MadeOnce) -> Path:
 @contextmanager
 def small_scenes() -> Iterator[None]:
     """A draft of a few Gaussians and iterations: these tests look at commands and pages, not at quality."""
-    from recon.reconstruct import QUALITIES, Quality
+    from recon.decide.presets import QUALITIES, Quality
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(QUALITIES, "draft", Quality(iterations=20, gaussians=400, width=320))
@@ -176,12 +176,13 @@ def _small_scenes() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def scene_template(toy_template: Path, made_once: MadeOnce) -> Path:
     """The same with a scene, trained for a moment, evaluated and reported; copy it before changing it."""
+    from recon.decide.request import TrainingRequest
     from rig.commands.reconstruct import run_reconstruct
 
     def make(folder: Path) -> None:
         shutil.copytree(toy_template, folder, dirs_exist_ok=True)
         with small_scenes():
-            run_reconstruct(folder, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
+            run_reconstruct(folder, Silence(), TrainingRequest(quality="draft"))
 
     return made_once("rig-scene", make)
 

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-import recon.reconstruct as stage
 from imaging.files.colmap import pycolmap, read_points
 from recon.data.geometry import project
 from recon.data.load import load
 from recon.data.world import WorldTransform
 from recon.decide.corrections import pose_error_px
 from recon.decide.overrides import Overrides
-from recon.reconstruct import Quality, reconstruct
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
 from recon.splat import SplatCamera
 from tests.recon.ply_files import read_ply
@@ -30,9 +31,11 @@ WORLDS = {
 
 def trained(session):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", Quality(60, 600, 64))
+        patch.setitem(QUALITIES, "draft", Quality(60, 600, 64))
         # Growth is by rank: where rounding makes two Gaussians change places, all new ones are others.
-        return reconstruct(session, quality="draft", overrides=Overrides(refine="none", growth=0))
+        return reconstruct(
+            session, TrainingRequest(quality="draft", overrides=Overrides(refine="none", growth=0))
+        )
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,10 @@
 import pytest
 
 from imaging.errors import InputError
+from recon.decide.budget import Budget
 from recon.decide.countdown import MOST_OF_START, PAGE, SAVING, Countdown
 from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 
 
@@ -73,7 +75,7 @@ def test_no_scene_of_three_iterations_is_made_in_silence(session_copy, monkeypat
         return clock.now
 
     with pytest.raises(InputError, match="fewest iterations, 50"):
-        reconstruct(session_copy, quality="draft", budget=20.0, clock=slow)
+        reconstruct(session_copy, TrainingRequest(quality="draft", budget=Budget(20.0, "s")), clock=slow)
     assert not list(session_copy.glob("reconstructions/*/*"))
 
 
@@ -81,5 +83,7 @@ def test_depths_of_some_views_are_left_out_and_said(session_copy, monkeypatch) -
     monkeypatch.setitem(QUALITIES, "draft", Quality(5, 1200, 64))
     monkeypatch.setattr(Countdown, "start_over", lambda self: lambda: True)
     said: list[str] = []
-    reconstruct(session_copy, quality="draft", budget=600.0, on_message=said.append)
+    reconstruct(
+        session_copy, TrainingRequest(quality="draft", budget=Budget(600.0, "s")), on_message=said.append
+    )
     assert "600 s leave no room for the depths of 5 of 5 views." in said

@@ -7,6 +7,7 @@ import pytest
 from recon.data import pixels
 from recon.decide.duration import SURE, Work, words
 from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.train import trainer
 
@@ -34,13 +35,13 @@ def counted(monkeypatch):
 
 def test_a_draft_does_what_was_counted(session_copy, monkeypatch, counted):
     monkeypatch.setitem(QUALITIES, "draft", Quality(20, 200, 64))
-    reconstruct(session_copy, quality="draft")
+    reconstruct(session_copy, TrainingRequest(quality="draft"))
     (work,) = counted["work"]
     assert (work.train, work.held_out, work.trials, work.small_trials) == (5, 1, 0, 0)
     assert work.iterations == len(counted["iterations"]) == 20
     assert work.files == pytest.approx(sum(counted["files"]))
     assert (work.view, work.planes) == (pytest.approx(64 * 48 / 1e6), 3)
-    reconstruct(session_copy, quality="draft")  # it is there
+    reconstruct(session_copy, TrainingRequest(quality="draft"))  # it is there
     assert len(counted["work"]) == 1
 
 

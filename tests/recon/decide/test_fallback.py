@@ -6,10 +6,12 @@ import pytest
 
 from imaging.errors import InputError
 from recon.decide import decisions
+from recon.decide.budget import Budget
 from recon.decide.countdown import TooShort
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality, downwards
 from recon.decide.probe import Probe
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 
@@ -44,7 +46,9 @@ def test_presets_fall_back_on_those_that_are_smaller():
 def test_a_preset_that_does_not_fit_gets_the_size_of_the_next(session_copy, short, paces):
     paces({64: 100.0, 32: 1e-3})
     said: list[str] = []
-    record = read_model(reconstruct(session_copy, budget=600.0, on_message=said.append))
+    record = read_model(
+        reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s")), on_message=said.append)
+    )
     assert (record.width, record.settings.max_width) == (32, 32)
     assert record.settings.max_gaussians <= 200
     assert record.iterations == 60
@@ -55,7 +59,7 @@ def test_a_preset_that_does_not_fit_gets_the_size_of_the_next(session_copy, shor
 def test_one_that_fits_only_without_a_start_falls_back_as_well(session_copy, short, paces):
     """Fifty iterations of 8 s fit into 600 s, and do not after a start, which may take four tenths of it."""
     paces({64: 8.0, 32: 1e-3})
-    assert read_model(reconstruct(session_copy, budget=600.0)).width == 32
+    assert read_model(reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s")))).width == 32
 
 
 def test_a_pace_that_was_misjudged_at_first_falls_back_later(session_copy, short, paces, monkeypatch):
@@ -65,15 +69,15 @@ def test_a_pace_that_was_misjudged_at_first_falls_back_later(session_copy, short
         return Probe(3, 100.0 if dataset.views[0].lens.width == 64 else 1e-3, None)
 
     monkeypatch.setattr(decisions, "probe", probe)
-    assert read_model(reconstruct(session_copy, budget=600.0)).width == 32
+    assert read_model(reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s")))).width == 32
 
 
 def test_it_is_found_again_when_it_is_asked_for_again(session_copy, short, paces):
     paces({64: 100.0, 32: 1e-3})
-    first = reconstruct(session_copy, budget=600.0)
+    first = reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s")))
     made = read_model(first).created
     paces({64: 1e-3, 32: 1e-3})
-    assert reconstruct(session_copy, budget=600.0) == first
+    assert reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s"))) == first
     assert (read_model(first).created, read_model(first).width) == (made, 32)
 
 
@@ -86,7 +90,7 @@ def test_what_does_not_fit_at_the_smallest_is_refused_with_the_least_time(
     """Fifty iterations of 20 s, at once and in a time that is not all planned with; what is set stays."""
     paces({64: 100.0, 32: 20.0} | ({64: 20.0} if smallest == 64 else {}))
     with pytest.raises(TooShort, match="600 s are too short") as refused:
-        reconstruct(session_copy, budget=600.0, overrides=overrides)
+        reconstruct(session_copy, TrainingRequest(budget=Budget(600.0, "s"), overrides=overrides))
     assert isinstance(refused.value, InputError)
     least = int(re.findall(r"give --budget (\d+)s or more", str(refused.value))[0])
     assert least == pytest.approx(50 * 20.0 * 1.25 / 0.92, abs=60)
@@ -95,5 +99,7 @@ def test_what_does_not_fit_at_the_smallest_is_refused_with_the_least_time(
 
 def test_what_is_set_by_hand_is_not_reduced(session_copy, short, paces):
     paces({64: 100.0, 32: 1e-3})
-    folder = reconstruct(session_copy, budget=600.0, overrides=Overrides(gaussians=300))
+    folder = reconstruct(
+        session_copy, TrainingRequest(budget=Budget(600.0, "s"), overrides=Overrides(gaussians=300))
+    )
     assert (read_model(folder).width, read_model(folder).settings.max_gaussians) == (32, 300)

@@ -14,6 +14,7 @@ from recon.decide.forecast import fitting, forecast
 from recon.decide.memory_need import ARENA, KERNELS, LOOKS, Need, need
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 
 ROOM = 64 << 30
@@ -35,20 +36,14 @@ def needs(monkeypatch: pytest.MonkeyPatch) -> list[Need]:
 
 
 def of(session: Path, room: int = ROOM, budget: str | None = None, **overrides: float) -> int:
-    return forecast(
-        session,
-        room,
-        thread_count(),
-        quality="draft",
-        overrides=Overrides(**overrides),
-        budget=None if budget is None else Budget.parse(budget),
-    )
+    request = TrainingRequest(quality="draft", overrides=Overrides(**overrides), budget=Budget.of(budget))
+    return forecast(session, room, thread_count(), request)
 
 
 def test_it_is_what_the_training_itself_will_say(session_copy: Path, needs: list[Need]) -> None:
     total = of(session_copy, width=32, gaussians=5000)
     asked = Overrides(width=32, gaussians=5000, iterations=1, refine="none", environment=False)
-    reconstruct(session_copy, quality="draft", overrides=asked, name="one")
+    reconstruct(session_copy, TrainingRequest(quality="draft", overrides=asked, name="one"))
     said, told = needs
     assert (said.images, said.gaussians, said.width) == (told.images, told.gaussians, told.width)
     assert total == said.total
@@ -66,12 +61,12 @@ def test_images_that_leave_no_room_are_counted_as_on_the_disk(toy_dataset: Datas
     views, kind = (*toy_dataset.train, *toy_dataset.held_out), QUALITIES["draft"]
     firsts = [next(view for view in views if view.camera == name) for name in {one.camera for one in views}]
     counts = {one.camera: (3, 2) for one in firsts}
-    asked = {"quality": "draft", "overrides": Overrides(gaussians=kind.gaussians), "budget": None}
-    held, stored = fitting(firsts, counts, ROOM, **asked)
+    asked = TrainingRequest(quality="draft", overrides=Overrides(gaussians=kind.gaussians))
+    held, stored = fitting(firsts, counts, ROOM, asked)
     assert not stored
     more = held.images - held.held + held.gaussians + KERNELS + LOOKS
-    assert fitting(firsts, counts, more, **asked) == (held, False)
-    less, stored = fitting(firsts, counts, more - 1, **asked)
+    assert fitting(firsts, counts, more, asked) == (held, False)
+    less, stored = fitting(firsts, counts, more - 1, asked)
     assert stored
     assert less.images < held.images
 

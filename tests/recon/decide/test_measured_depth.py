@@ -19,6 +19,7 @@ from recon.data.measured_depth import DepthFit
 from recon.decide.decisions import Case, decide
 from recon.decide.measured_depth import START, TERM, USUAL, depth_fit, depth_for, tried
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
 from recon.train.ranks import Ranks
@@ -114,15 +115,19 @@ def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):
 def test_a_training_that_was_stopped_goes_on_with_its_depth(session_copy):
     add_depths(session_copy, noise=0.01, holes=0.2, seed=0, unit=0.5e-3)
     chosen = Overrides(iterations=80, gaussians=200, degree=0, refine="none", environment=False, depth=0.5)
-    whole = reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="whole")
+    whole = reconstruct(session_copy, TrainingRequest(method="nh-3dgs", overrides=chosen, name="whole"))
 
     def interrupt(message: str, done: int, total: int) -> None:
         if "loss" in message and done < total:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice", on_progress=interrupt)
-    again = reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice")
+        reconstruct(
+            session_copy,
+            TrainingRequest(method="nh-3dgs", overrides=chosen, name="twice"),
+            on_progress=interrupt,
+        )
+    again = reconstruct(session_copy, TrainingRequest(method="nh-3dgs", overrides=chosen, name="twice"))
     assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
     model = store.read_json(again / MODEL)
     assert model["settings"]["depth_scale"] == pytest.approx(0.5, rel=0.02)

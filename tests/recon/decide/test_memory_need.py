@@ -22,10 +22,11 @@ from pathlib import Path
 import recon.reconstruct as stage
 from imaging.errors import InputError
 from imaging.files import store
+from recon.decide.request import TrainingRequest
 size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + (64 << 20),) * 2)
 try:
-    stage.reconstruct(sys.argv[1], quality="draft")
+    stage.reconstruct(sys.argv[1], TrainingRequest(quality="draft"))
 except InputError as error:
     print(error)
 """

@@ -8,9 +8,9 @@ import pytest
 from imaging.errors import InputError
 from recon import reconstruct as stage
 from recon.decide.overrides import Overrides
-from recon.decide.presets import OVERRIDES, MethodName
+from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, Quality
+from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
-from recon.reconstruct import Quality
 from recon.result.scene import open_model
 
 
@@ -78,11 +78,13 @@ def test_views_are_taken_evenly(toy_dataset) -> None:
 
 def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPatch) -> None:
     """And is found again, with all of it, when the scene is opened; other settings train anew."""
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 400, 320))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(20, 400, 320))
     overrides = Overrides(
         iterations=12, gaussians=200, width=32, degree=1, ssim=0.5, growth=0, views=3, exposures=1
     )
-    folder = stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="by-hand")
+    folder = stage.reconstruct(
+        session_copy, TrainingRequest(quality="draft", overrides=overrides, name="by-hand")
+    )
     opened = open_model(folder)
     assert opened.record.settings.overrides == overrides
     assert opened.training.iteration == 12
@@ -94,9 +96,13 @@ def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPa
     assert {len(view.shots) for view in opened.dataset.train} == {1}
     assert min(len(view.shots) for view in opened.dataset.held_out) > 1
     stamp = (folder / "splats.ply").stat().st_mtime_ns
-    assert stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="by-hand") == folder
+    assert (
+        stage.reconstruct(session_copy, TrainingRequest(quality="draft", overrides=overrides, name="by-hand"))
+        == folder
+    )
     assert (folder / "splats.ply").stat().st_mtime_ns == stamp
     stage.reconstruct(
-        session_copy, quality="draft", overrides=Overrides(iterations=13), name="by-hand", replace=True
+        session_copy,
+        TrainingRequest(quality="draft", overrides=Overrides(iterations=13), name="by-hand", replace=True),
     )
     assert open_model(folder).training.iteration == 13

@@ -8,8 +8,10 @@ import pytest
 
 from imaging.files import store
 from recon.data.light import light_of, radiance_image
+from recon.decide.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.probe import has_time_for_trials
+from recon.decide.request import TrainingRequest
 from recon.methods import nh_3dgs
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
@@ -61,7 +63,8 @@ def test_there_is_time_for_trials_where_the_whole_schedule_fits_after_them(toy_d
 
 def test_a_time_with_room_for_trials_trains_what_no_budget_does(sixteen):
     free, timed = (
-        reconstruct(sixteen, budget=budget, name=name) for budget, name in ((None, "free"), (900.0, "timed"))
+        reconstruct(sixteen, TrainingRequest(budget=Budget.of(budget), name=name))
+        for budget, name in ((None, "free"), (900.0, "timed"))
     )
     assert store.sha256(timed / "splats.ply") == store.sha256(free / "splats.ply")
     assert read_model(timed).rungs == read_model(free).rungs
@@ -71,7 +74,9 @@ def test_a_time_with_room_for_trials_trains_what_no_budget_does(sixteen):
 def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
     monkeypatch.setattr("recon.decide.decisions.has_time_for_trials", lambda *_, **__: False)
     said = []
-    record = read_model(reconstruct(sixteen, budget=600.0, on_message=said.append))
+    record = read_model(
+        reconstruct(sixteen, TrainingRequest(budget=Budget(600.0, "s")), on_message=said.append)
+    )
     assert not any("held out of both" in rung.reason for rung in record.rungs)
     assert any("take its time from the budget" in rung.reason for rung in record.rungs)
     assert "600 s leave no room for trials of what the scene needs." in said

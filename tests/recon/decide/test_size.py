@@ -18,6 +18,7 @@ from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
 from recon.decide.size import (
     COLOUR,
@@ -188,7 +189,7 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
     monkeypatch.setitem(QUALITIES, "standard", QUICK)
     monkeypatch.setattr(module, "TRIAL_SHARE", 0.2)
     overrides = Overrides(refine="none")
-    whole = reconstruct(long, overrides=overrides, name="whole")
+    whole = reconstruct(long, TrainingRequest(overrides=overrides, name="whole"))
     model = read_model(whole)
     rungs = {rung.name: rung for rung in model.rungs}
     assert model.settings.max_gaussians < QUICK.gaussians
@@ -203,12 +204,12 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(long, overrides=overrides, name="twice", on_progress=interrupt)
+        reconstruct(long, TrainingRequest(overrides=overrides, name="twice"), on_progress=interrupt)
     monkeypatch.setattr("recon.reconstruct.decide", lambda *_: pytest.fail("tried again"))
-    again = reconstruct(long, overrides=overrides, name="twice")
+    again = reconstruct(long, TrainingRequest(overrides=overrides, name="twice"))
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
     assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]
-    assert reconstruct(long, overrides=overrides, name="twice") == again
+    assert reconstruct(long, TrainingRequest(overrides=overrides, name="twice")) == again
 
 
 class Second(Ranks):

@@ -28,12 +28,14 @@ from imaging.session.session import Session
 from recon import reconstruct as stage
 from recon.data.dataset import View
 from recon.data.truth import true_radiance
+from recon.decide.presets import QUALITIES, MethodName, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model
 from tests.recon.ply_files import read_ply
 
-SHORT = stage.Quality(iterations=100, gaussians=1000, width=320)
+SHORT = Quality(iterations=100, gaussians=1000, width=320)
 """Enough at 32x24 for light to be told to about a third of a stop."""
 
 
@@ -130,14 +132,14 @@ class Outcome:
 @pytest.fixture
 def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
     """A function that reconstructs a session, briefly; of the same session, method and seed only once."""
-    monkeypatch.setitem(stage.QUALITIES, "draft", SHORT)
+    monkeypatch.setitem(QUALITIES, "draft", SHORT)
     return trained
 
 
-def trained(session: Path, method: stage.MethodName = "auto", seed: int = 0) -> Outcome:
+def trained(session: Path, method: MethodName = "auto", seed: int = 0) -> Outcome:
     """Reconstruct and evaluate; every number that comes out is finite."""
     name = f"{method}-{seed}"
-    folder = stage.reconstruct(session, method=method, quality="draft", name=name, seed=seed)
+    folder = stage.reconstruct(session, TrainingRequest(method=method, quality="draft", name=name, seed=seed))
     for name, column in read_ply(folder / SPLATS).items():
         assert np.isfinite(column).all(), name
     known = folder / "metrics.json"
@@ -154,7 +156,7 @@ seed to seed.
 """
 
 
-def mean_stops(session: Path, method: stage.MethodName = "auto", seeds: int = SEEDS) -> float:
+def mean_stops(session: Path, method: MethodName = "auto", seeds: int = SEEDS) -> float:
     """`Outcome.stops` in the mean over trainings of so many seeds: what may be held to a few percent."""
     return float(np.mean([trained(session, method, seed).stops() for seed in range(seeds)]))
 

@@ -7,6 +7,7 @@ from imaging.errors import ReconstructionError
 from imaging.files.exr import read_exr
 from recon.data.light import light_of, radiance_image
 from recon.data.truth import true_radiance
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 
 from .conftest import as_exr, in_other_units, mean_stops
@@ -110,4 +111,4 @@ def test_exr_without_numbers(studio, tmp_path):
     """Nothing but NaN: refused, since nothing says what is where."""
     session = as_exr(studio.session("toy"), tmp_path / "exr", lambda light: light * np.nan)
     with pytest.raises(ReconstructionError, match=r"shows 0 of its .* look at the images and the masks"):
-        reconstruct(session, quality="draft")
+        reconstruct(session, TrainingRequest(quality="draft"))

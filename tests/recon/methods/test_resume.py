@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from imaging.files import store
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import CHECKPOINT, MODEL, SPLATS
@@ -24,14 +25,16 @@ def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
         joined(studio.session("toy"), studio.session("toy-ldr"), session)
     else:
         shutil.copytree(studio.session(name), session, ignore=shutil.ignore_patterns("reconstructions"))
-    whole = reconstruct(session, method=method, quality="draft", name="whole")
+    whole = reconstruct(session, TrainingRequest(method=method, quality="draft", name="whole"))
 
     def interrupt(message: str, done: int, total: int) -> None:
         if "loss" in message and done < total:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session, method=method, quality="draft", name="twice", on_progress=interrupt)
+        reconstruct(
+            session, TrainingRequest(method=method, quality="draft", name="twice"), on_progress=interrupt
+        )
     stopped = whole.with_name("twice")
     assert (stopped / CHECKPOINT).is_file()
     so_far = store.read_json(stopped / MODEL)
@@ -39,7 +42,7 @@ def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
     assert 0 < so_far["iterations"] < so_far["settings"]["iterations"]
     assert len(read_ply(stopped / SPLATS)["x"]) == so_far["gaussians"]
     assert evaluate(stopped).iterations == so_far["iterations"]
-    again = reconstruct(session, method=method, quality="draft", name="twice")
+    again = reconstruct(session, TrainingRequest(method=method, quality="draft", name="twice"))
     assert again == stopped
     assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
     models = [store.read_json(folder / MODEL) for folder in (whole, again)]

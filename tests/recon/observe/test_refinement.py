@@ -13,6 +13,7 @@ from recon.data.load import load
 from recon.decide.corrections import ALL
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement, camera_delta
 from recon.reconstruct import reconstruct
@@ -294,7 +295,7 @@ def test_nothing_moves_before_the_scene_has_taken_shape(wrong):
 
 def test_what_was_corrected_is_told_and_rendered(session_copy):
     overrides = Overrides.of(["refine=poses+exposures+vignetting+glare", "iterations=20", "gaussians=200"])
-    folder = reconstruct(session_copy, quality="draft", overrides=overrides)
+    folder = reconstruct(session_copy, TrainingRequest(quality="draft", overrides=overrides))
     record, facts = read_model(folder), store.read_json(folder / "refinement.json")
     rungs = {rung.name: rung for rung in record.rungs}
     assert all(
@@ -312,5 +313,5 @@ def test_what_was_corrected_is_told_and_rendered(session_copy):
         assert np.array_equal(one.lens.cam_from_world, other.lens.cam_from_world)
         assert one.shots[0].k == other.shots[0].k
         assert not np.array_equal(one.sensor.falloff, other.sensor.falloff)
-    again = reconstruct(session_copy, quality="draft", overrides=overrides)
+    again = reconstruct(session_copy, TrainingRequest(quality="draft", overrides=overrides))
     assert read_model(again).created == record.created

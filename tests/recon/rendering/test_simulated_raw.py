@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import rawpy
 
-import recon.reconstruct as stage
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from imaging.session.falloff import falloff
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.render import render
 from recon.rendering.simulated_raw import RawCamera
@@ -23,8 +24,8 @@ def trained(toy: Path, tmp_path_factory) -> Path:
     """A scene of RAW brackets, as good as not trained; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("raw") / "session")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", stage.Quality(2, 300, 64))
-        return Path(reconstruct(session, quality="draft"))
+        patch.setitem(QUALITIES, "draft", Quality(2, 300, 64))
+        return Path(reconstruct(session, TrainingRequest(quality="draft")))
 
 
 def test_a_view_as_its_own_camera_would_record_it(trained: Path, tmp_path: Path) -> None:

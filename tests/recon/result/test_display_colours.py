@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-import recon.reconstruct as stage
 from recon.decide.overrides import Overrides
-from recon.reconstruct import Quality, reconstruct
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result import display_colours as module
 from recon.result.display import displayed
 from recon.result.display_colours import display_colours
@@ -98,7 +99,7 @@ def test_light_of_display_values_stays_what_it_is():
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(60, 500, 64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(60, 500, 64))
 
 
 def drawn(table, view) -> np.ndarray:
@@ -119,7 +120,7 @@ def drawn(table, view) -> np.ndarray:
 
 
 def test_a_scene_of_light_has_a_file_for_viewers_and_one_of_its_light(session_copy, small):
-    folder = reconstruct(session_copy, quality="draft", overrides=Overrides(refine="none"))
+    folder = reconstruct(session_copy, TrainingRequest(quality="draft", overrides=Overrides(refine="none")))
     scene, record = open_scene(folder), read_model(folder)
     shown, linear = (read_ply(folder / name) for name in ("splats.ply", "radiance.ply"))
     for name in ("x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_3"):
@@ -143,7 +144,9 @@ def test_a_scene_of_light_has_a_file_for_viewers_and_one_of_its_light(session_co
 
 def test_a_scene_of_display_values_has_one_file(toy_ldr, tmp_path, small):
     session = shutil.copytree(toy_ldr, tmp_path / "session")
-    folder = reconstruct(session, quality="draft", method="vanilla", overrides=Overrides(refine="none"))
+    folder = reconstruct(
+        session, TrainingRequest(quality="draft", method="vanilla", overrides=Overrides(refine="none"))
+    )
     record = read_model(folder)
     assert record.display_db is None
     assert not (folder / "radiance.ply").exists()

@@ -1,15 +1,17 @@
 """Snapshots of a training, for whoever asks; none of them changes it."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-import recon.reconstruct as stage
 from imaging.errors import StorageError
 from imaging.session.lock import is_held
-from recon.reconstruct import Quality, reconstruct
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result.live import SNAPSHOT, WANTED, Snapshots, ask, read_snapshot
 from recon.result.model import CHECKPOINT, read_model
 from recon.scene.checkpoint import read_checkpoint
@@ -17,7 +19,7 @@ from recon.scene.checkpoint import read_checkpoint
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 200, 32))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(20, 200, 32))
 
 
 class Watcher:
@@ -44,8 +46,8 @@ class Watcher:
 def test_a_snapshot_is_the_training_and_does_not_change_it(session_copy, monkeypatch):
     folder = session_copy / "reconstructions" / "seen"
     watcher = Watcher(monkeypatch, folder)
-    options = {"quality": "draft", "clock": watcher.clock}
-    assert reconstruct(session_copy, name="seen", on_log=watcher.log, **options) == folder
+    request = TrainingRequest(quality="draft", name="seen")
+    assert reconstruct(session_copy, request, on_log=watcher.log, clock=watcher.clock) == folder
     ((snapshot, checkpoint),) = watcher.snapshots
     first = watcher.lines[0]["iteration"]
     assert snapshot.scene.record.iterations == checkpoint.facts["iteration"] == first
@@ -56,7 +58,7 @@ def test_a_snapshot_is_the_training_and_does_not_change_it(session_copy, monkeyp
     assert snapshot.scene.render(view).shape == (view.lens.height, view.lens.width, 3)
     assert not is_held(folder)
     assert not [name for name in (WANTED, SNAPSHOT) if (folder / name).exists()]
-    plain = reconstruct(session_copy, name="plain", **options)
+    plain = reconstruct(session_copy, replace(request, name="plain"), clock=watcher.clock)
     assert len(watcher.snapshots) == 1
     assert (plain / "splats.ply").read_bytes() == (folder / "splats.ply").read_bytes()
 

@@ -9,7 +9,9 @@ import recon.reconstruct as stage
 from imaging.errors import InputError, StorageError
 from recon.decide.budget import Budget
 from recon.decide.overrides import Overrides
-from recon.reconstruct import Quality, reconstruct
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
+from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.place import default_name
 from recon.train.interrupt import Interrupted
@@ -17,13 +19,13 @@ from recon.train.interrupt import Interrupted
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 200, 32))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(20, 200, 32))
 
 
 @pytest.fixture
 def scene(session_copy) -> Path:
     """A finished one."""
-    return reconstruct(session_copy, quality="draft", name="c1")
+    return reconstruct(session_copy, TrainingRequest(quality="draft", name="c1"))
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -41,7 +43,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
     ("options", "words"),
     [
         ({"seed": 7}, "trained with seed 0:"),
-        ({"budget": "0.2k"}, "trained with budget none:"),
+        ({"budget": Budget.parse("0.2k")}, "trained with budget none:"),
         (
             {"overrides": Overrides(degree=0), "early_stop": True},
             "trained with early stop off, settings none set:",
@@ -51,7 +53,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
 def test_other_settings_do_not_overwrite_a_scene(scene, options, words):
     session, before = scene.parent.parent, files(scene.parent)
     with pytest.raises(InputError, match=rf"c1 is there already, {words}.* --name, or --replace"):
-        reconstruct(session, quality="draft", name="c1", **options)
+        reconstruct(session, TrainingRequest(quality="draft", name="c1", **options))
     assert files(scene.parent) == before
 
 
@@ -60,7 +62,7 @@ def test_nor_does_another_calibration(scene):
     path.write_text(json.dumps(json.loads(path.read_text()) | {"reprojection_px": 0.9}))
     before = files(scene)
     with pytest.raises(InputError, match="an earlier calibration"):
-        reconstruct(scene.parent.parent, quality="draft", name="c1")
+        reconstruct(scene.parent.parent, TrainingRequest(quality="draft", name="c1"))
     assert files(scene) == before
 
 
@@ -73,12 +75,14 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session, quality="draft", name="c1", seed=7, replace=True, on_progress=interrupt)
+        reconstruct(
+            session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True), on_progress=interrupt
+        )
     assert files(scene) == before
-    assert reconstruct(session, quality="draft", name="c1", seed=7, replace=True) == scene
+    assert reconstruct(session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True)) == scene
     assert read_model(scene).settings.seed == 7
     assert [path.name for path in scene.parent.iterdir()] == ["c1"]
-    plain = reconstruct(session, quality="draft", name="plain", seed=7)
+    plain = reconstruct(session, TrainingRequest(quality="draft", name="plain", seed=7))
     assert (plain / "splats.ply").read_bytes() == (scene / "splats.ply").read_bytes()
 
 
@@ -99,11 +103,13 @@ def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     train = stage.train
     monkeypatch.setattr(stage, "train", stopping)
     with pytest.raises(Interrupted, match=r"\.c1\.new has the scene after 10 iterations"):
-        reconstruct(session, quality="draft", name="c1", seed=7, replace=True)
+        reconstruct(session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True))
     assert files(scene) == before
     assert read_model(scene.with_name(".c1.new")).ending == "interrupted"
     monkeypatch.setattr(stage, "train", train)
-    reconstruct(session, quality="draft", name="c1", seed=7, replace=True, on_progress=progress)
+    reconstruct(
+        session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True), on_progress=progress
+    )
     assert min(seen) > 10
     assert (read_model(scene).settings.seed, read_model(scene).ending) == (7, "schedule")
 
@@ -115,5 +121,5 @@ def test_the_disk_is_tried_before_any_picture_is_read(session_copy):
         pytest.fail(f"{message} began")
 
     with pytest.raises(StorageError, match="a file is in the place of a folder"):
-        reconstruct(session_copy, quality="draft", on_progress=progress)
+        reconstruct(session_copy, TrainingRequest(quality="draft"), on_progress=progress)
     assert (session_copy / "reconstructions").read_text() == "in the way"

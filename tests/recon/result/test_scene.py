@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import recon.reconstruct as stage
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.session.luminance import LuminanceReading, LuminanceScale, ReadingEvidence
 from imaging.session.view_id import ViewId
+from recon.decide.overrides import Overrides
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
-from recon.reconstruct import Quality, reconstruct
+from recon.reconstruct import reconstruct
 from recon.render import render
 from recon.result.scene import open_model, open_scene
 
@@ -25,7 +27,7 @@ SMALL = Quality(20, 300, 32)
 @pytest.fixture(scope="module")
 def draft():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(stage.QUALITIES, "draft", SMALL)
+        patch.setitem(QUALITIES, "draft", SMALL)
         yield
 
 
@@ -48,8 +50,8 @@ def trained(toy, tmp_path_factory, draft) -> Path:
     """Scene from RAW, with its poses corrected, and a scale of light; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("scene") / "session")
     with_scale(session)
-    overrides = stage.Overrides(refine="poses+exposures+vignetting")
-    return reconstruct(session, quality="draft", overrides=overrides)
+    overrides = Overrides(refine="poses+exposures+vignetting")
+    return reconstruct(session, TrainingRequest(quality="draft", overrides=overrides))
 
 
 @pytest.fixture
@@ -93,7 +95,7 @@ def test_a_copied_folder_renders_the_same_bytes_without_its_session(
 ):
     if method == "vanilla":  # display values have a response instead of a factor
         session = shutil.copytree(toy_ldr, tmp_path / "ldr")
-        scene = reconstruct(session, quality="draft", method="vanilla")
+        scene = reconstruct(session, TrainingRequest(quality="draft", method="vanilla"))
     before = pictures(scene, tmp_path / "before")
     assert len(before) == 12
     moved = shutil.copytree(scene, tmp_path / "elsewhere" / "sent")

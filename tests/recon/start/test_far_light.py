@@ -13,6 +13,8 @@ from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
 from recon.decide.far_field import SUGGESTED, SURE, environment_for, far_share
 from recon.decide.overrides import Overrides
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.start.far_light import far_light, without_far
@@ -116,9 +118,11 @@ def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: 
 
 def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, monkeypatch) -> None:
     """A camera that looks away from all Gaussians sees what environment.exr has in its directions."""
-    monkeypatch.setitem(stage.QUALITIES, "draft", stage.Quality(iterations=6, gaussians=200, width=64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=6, gaussians=200, width=64))
     overrides = Overrides(environment=True)
-    folder = stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="far")
+    folder = stage.reconstruct(
+        session_copy, TrainingRequest(quality="draft", overrides=overrides, name="far")
+    )
     scene = open_scene(folder)
     (rung,) = (one for one in scene.record.rungs if one.name == "environment")
     assert rung.taken

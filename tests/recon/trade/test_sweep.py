@@ -12,6 +12,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
@@ -44,7 +45,7 @@ def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path)
     assert [path.name for path in (session_copy / "trade").iterdir()] == ["trade.json"]
     point = second.points[0]
     assert point.command == f"rig reconstruct {session_copy} --method nh-3dgs --quality standard --seed 0"
-    folder = reconstruct(session_copy, method="nh-3dgs", quality="standard", seed=0)
+    folder = reconstruct(session_copy, TrainingRequest(method="nh-3dgs", quality="standard", seed=0))
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
     assert point.refine is None
     metrics = evaluate(folder)
@@ -64,7 +65,9 @@ def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
     assert point.width == 32
     assert point.refine == "poses"
     name = "by-hand"
-    folder = reconstruct(session_copy, method="nh-3dgs", overrides=small.overrides, name=name)
+    folder = reconstruct(
+        session_copy, TrainingRequest(method="nh-3dgs", overrides=small.overrides, name=name)
+    )
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
     assert point.command.endswith("--set width=32 --set views=3 --set exposures=1 --set refine=poses")
     # The held-out view keeps its size and its bracket, so that its figure is not the small scene's own.

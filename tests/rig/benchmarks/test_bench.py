@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from imaging.session.session import Session
-from recon.reconstruct import QUALITIES, Quality
+from recon.decide.presets import QUALITIES, Quality
 from tests.rig.benchmarks.painted_wall import plenoxels_scene, rawnerf_scene
 
 

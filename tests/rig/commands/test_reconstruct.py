@@ -13,7 +13,7 @@ from imaging.files import store
 from imaging.session.session import Session
 from recon.data import pixels
 from recon.decide.prediction import enough
-from recon.reconstruct import QUALITIES, Quality
+from recon.decide.presets import QUALITIES, Quality
 from tests.recon.ply_files import read_ply
 from tests.recon.worlds import UTM, put
 

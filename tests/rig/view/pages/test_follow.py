@@ -14,6 +14,7 @@ import pytest
 from imaging.files.store import replace_folder
 from imaging.session.lock import held
 from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 from recon.result.live import SNAPSHOT, WANTED, read_snapshot
 from recon.result.scene import Scene, open_scene
 from rig.commands.view import _followed
@@ -39,9 +40,7 @@ def train(pipe: Connection, session: Path, name: str) -> None:
     options = Overrides(iterations=ITERATIONS, gaussians=400, refine="none", degree=0, environment=False)
     reconstruct(
         session,
-        quality="draft",
-        name=name,
-        overrides=options,
+        TrainingRequest(quality="draft", name=name, overrides=options),
         on_log=log,
         clock=lambda: next(ticks),
     )
