@@ -1,4 +1,4 @@
-"""What a user asks of a training."""
+"""Options that a user gives a training."""
 
 from dataclasses import dataclass
 
