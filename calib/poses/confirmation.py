@@ -5,12 +5,20 @@ does a pair contradict poses that put all views on a line, before rows of window
 row fits any two of them, but no third view finds the point where the two see it.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from calib.poses.brightness_steps import Pairs
+from imaging.session.calibration import POSE_LOOSE
+from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
+LOOSE = 1.0
+"""Degrees of a standard error of a view's turn, above which its pose is doubtful. Of a castle's views it is
+0.02 at most, of a flight over flat ground 0.27; of a ball in pieces of one pattern 1.0 in the median, and one
+of its views is turned by 3."""
+NAMED = 8
+"""Views that a warning names one by one."""
 FEWEST_CONFIRMED = 3
 """Views that have to fit together before one confirms the others."""
 MOST_LOST = 0.5
@@ -50,3 +58,22 @@ def seen_by_three(reconstruction: Any) -> float:
     tracks = [point.track.elements for point in reconstruction.points3D.values()]
     threefold = sum(len({element.image_id for element in track}) >= 3 for track in tracks)
     return threefold / max(len(tracks), 1)
+
+
+def loose(turn_errors: Mapping[ViewId, float]) -> Rung | None:
+    """Return a rung that names the views whose turns are hardly determined, or None.
+
+    Args:
+        turn_errors: Standard error of each registered view's turn, degrees.
+    """
+    views = sorted(view for view, error in turn_errors.items() if error > LOOSE)
+    if not views:
+        return None
+    worst = max(views, key=lambda view: turn_errors[view])
+    more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
+    reason = (
+        f"few points hold {', '.join(map(str, views[:NAMED]))}{more}: standard errors of their turns are up "
+        f"to {turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that; take more views "
+        "beside them, or put texture into the scene"
+    )
+    return Rung(name=POSE_LOOSE, taken=True, reason=reason)

@@ -14,6 +14,7 @@ from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import Joined, join, unjoined
+from calib.poses.confirmation import loose
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
@@ -129,7 +130,8 @@ def solve(
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)
-    rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
+    doubt = loose({} if errors is None else errors.rotation)
+    rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs, *([doubt] if doubt else []))
     model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
     return replace(
         model,

@@ -202,6 +202,8 @@ FOCAL_UNDETERMINED = "lens_focal_undetermined"
 """Name of the rung that records whether the photographs determine a lens's focal length, and what is used
 where not.
 """
+POSE_LOOSE = "pose_loose"
+"""Name of the rung that names views whose turns few points determine."""
 RAW_CURVE = "raw_curve"
 """The rung that names cameras which bent their RAW before they sent it."""
 _DOUBTS = frozenset(
@@ -209,6 +211,7 @@ _DOUBTS = frozenset(
         "pose_lit_differently",
         "pose_moving",
         "pose_unconfirmed",
+        POSE_LOOSE,
         "pose_undecided",
         FOCAL_UNDETERMINED,
         RAW_CURVE,

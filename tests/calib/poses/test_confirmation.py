@@ -4,7 +4,7 @@ from itertools import combinations
 
 import pytest
 
-from calib.poses.confirmation import unconfirmed
+from calib.poses.confirmation import LOOSE, NAMED, loose, unconfirmed
 from imaging.session.view_id import ViewId
 
 VIEWS = [ViewId(number, "cam") for number in range(10)]
@@ -32,3 +32,14 @@ def test_enough_of_the_views_that_match_have_to_fit_together(placed, matching, t
 def test_third_views_have_to_see_most_points_where_there_are_more_than_three(placed, threefold, told):
     found = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:placed], 2)), threefold)
     assert found is None if told is None else found.startswith(told)
+
+
+def test_views_whose_turns_few_points_hold_are_named():
+    errors = dict.fromkeys(VIEWS, 0.5 * LOOSE)
+    assert loose({}) is None
+    assert loose(errors) is None
+    rung = loose(errors | {VIEWS[3]: 1.5 * LOOSE, VIEWS[7]: 2.5 * LOOSE})
+    assert rung.taken
+    assert f"few points hold {VIEWS[3]}, {VIEWS[7]}: " in rung.reason
+    assert "up to 2.5 degrees" in rung.reason
+    assert f"and {len(VIEWS) - NAMED} more" in loose(dict.fromkeys(VIEWS, 2.0 * LOOSE)).reason
