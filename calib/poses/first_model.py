@@ -21,7 +21,7 @@ from calib.poses.resolution import (
     resolve_contradictions,
 )
 from calib.poses.rig_twins import twins
-from calib.poses.rival import agreement
+from calib.poses.rival import agreement, joined_twice
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
@@ -173,6 +173,8 @@ class _Placing:
             scene.progress("placing views at once", 0, 1)
             rival = map_at_once(database, camera_numbers(models, {*scene.known.lenses, *held}), images)
             share = agreement(reconstruction, rival)
+            if share is not None and share >= AGREED:
+                rival = self._joined_twice(rival, reconstruction)
             if share is not None and share >= AGREED and placed(rival) > placed(reconstruction):
                 reason = _AT_ONCE.format(placed(reconstruction), len(matched), placed(rival))
                 rungs = (*rungs, Rung(name="at_once", taken=True, reason=reason))
@@ -188,6 +190,16 @@ class _Placing:
             settled = self._without_twins(settled, pairs)
             self._require_confirmed(settled, rival)
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
+
+    def _joined_twice(self, rival: Any, first: Any) -> Any:
+        """The rival without views that only one pair joins to those of the first model."""
+        confirmed = views_of(first)
+        views = views_of(rival)
+        group = max(joined_twice(self.pairs, views), key=lambda group: len(group & confirmed))
+        rival = type(rival)(rival)
+        for view in views - group:
+            rival.deregister_frame(rival.find_image_with_name(view.image_name).frame_id)
+        return rival
 
     def _require_confirmed(self, settled: ResolvedModel, rival: Any | None) -> None:
         """Refuse poses that nothing confirms and another mapper contradicts.

@@ -1,9 +1,12 @@
-"""Agreement of two models of the same views about how these are turned."""
+"""Agreement of two models of the same views, and views of one that the other does not confirm."""
 
+from collections.abc import Collection
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from calib.poses.contradictions import placed_views
 
@@ -33,6 +36,37 @@ def agreement(one: Any | None, other: Any | None) -> float | None:
         for first, second in combinations(common, 2)
     ]
     return float(np.mean(same))
+
+
+def joined_twice(pairs: Collection[tuple[Any, Any]], views: Collection[Any]) -> list[set[Any]]:
+    """Group views that stay joined whichever one pair of them is taken away, the largest group first.
+
+    A group that hangs on the rest by one pair is as wrong as that pair, and no other pair shows it: of four
+    sides of a varnished crate each was placed right in itself, and three of them wrongly to each other.
+
+    Args:
+        pairs: Views that match.
+        views: Those that are grouped.
+    """
+    number = {view: place for place, view in enumerate(sorted(views))}
+    ends = np.array(
+        [(number[one], number[other]) for one, other in pairs if one in number and other in number]
+    ).reshape(-1, 2)
+    joined = np.ones(len(ends), bool)
+    # A pair whose loss parts views lies on every tree that joins them.
+    tree = set(zip(*minimum_spanning_tree(_graph(ends, len(number))).nonzero(), strict=True))
+    whole = connected_components(_graph(ends, len(number)), directed=False)[0]
+    for place, (one, other) in enumerate(ends.tolist()):
+        if (one, other) in tree or (other, one) in tree:
+            rest = np.delete(ends, place, axis=0)
+            joined[place] = connected_components(_graph(rest, len(number)), directed=False)[0] == whole
+    labels = connected_components(_graph(ends[joined], len(number)), directed=False)[1]
+    groups = [{view for view, place in number.items() if labels[place] == one} for one in set(labels)]
+    return sorted(groups, key=len, reverse=True)
+
+
+def _graph(ends: Any, count: int) -> Any:
+    return sparse.coo_matrix((np.ones(len(ends)), ends.T), (count, count)).tocsr()
 
 
 def _turn(placed: dict[Any, Any], first: Any, second: Any) -> Any:

@@ -11,7 +11,7 @@ from calib.poses import first_model
 from calib.poses.contradictions import placed_views
 from calib.poses.mapping import map_at_once
 from calib.poses.resolution import Contradicted
-from calib.poses.rival import agreement
+from calib.poses.rival import agreement, joined_twice
 from calib.poses.sfm import solve
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -136,3 +136,26 @@ def test_two_views_are_not_placed_at_once(
     assert fill_database(database, cameras, two, 2.0, [], Unfinished(), unreported)
     assert map_at_once(database, frozenset()) is None
     assert capfd.readouterr().err == ""
+
+
+def test_views_behind_one_pair_are_a_group_of_their_own() -> None:
+    """Two rings of four that one pair joins; a second pair anywhere between them makes them one."""
+    ring = [(0, 1), (1, 2), (2, 3), (0, 3)]
+    pairs = [*ring, *((one + 4, other + 4) for one, other in ring), (3, 4)]
+    assert joined_twice(pairs, range(8)) in ([{0, 1, 2, 3}, {4, 5, 6, 7}], [{4, 5, 6, 7}, {0, 1, 2, 3}])
+    assert joined_twice([*pairs, (1, 6)], range(8)) == [set(range(8))]
+    assert [len(group) for group in joined_twice([(0, 1), (1, 2)], range(4))] == [1, 1, 1, 1]
+    assert joined_twice(pairs, range(4)) == [{0, 1, 2, 3}]
+
+
+def test_what_only_one_pair_joins_is_not_placed_at_once(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one_by_one = first_model.map_views
+    monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
+    monkeypatch.setattr(
+        first_model, "joined_twice", lambda pairs, views: [set(sorted(views)[FEW:]), set(sorted(views)[:FEW])]
+    )
+    model = solve(ring, {"cam": FILE}, [], 1, unreported)
+    assert not [rung for rung in model.rungs if rung.name == "at_once"]
+    assert sorted(view.frame for view in model.poses) == list(range(FEW))
