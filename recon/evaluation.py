@@ -85,6 +85,8 @@ class Evaluation(Figures):
     """Kind of the views: test views, or views that ended the training; None without views."""
     held_out_note: str | None = None
     """Caveat about the held-out views, if any."""
+    left_out: str | None = None
+    """Sentence on the views and figures that there was not time for; None: all are here."""
     stops_against: Literal["truth", "photographs"] | None = None
     """Reference of the errors in stops."""
     stops_bound: float | None = None

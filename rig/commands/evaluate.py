@@ -1,6 +1,7 @@
 """`rig evaluate`: how good a scene is."""
 
 import math
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,9 @@ from rig.report.metrics import METRICS, at_width, qualified
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
+
+MEASURING = 0.75
+"""Share of the time until the report in which a scene is measured, before the page is drawn."""
 
 
 def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> CommandResult:
@@ -54,13 +58,17 @@ def run_evaluate(
 ) -> CommandResult:
     """Evaluate, write the report and return the result.
 
-    width: px, at most; None: that of the training. until: as in `reconstruction_report`.
+    width: px, at most; None: that of the training. until: reading of `time.monotonic` by which it should be
+    done, as in `recon.evaluate.evaluate` and `reconstruction_report`.
     """
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
 
+    now = time.monotonic()
     with decoded_once():
-        metrics = evaluate_scene(folder, width=width, on_progress=status).known()
+        metrics = evaluate_scene(
+            folder, width=width, until=now + MEASURING * (until - now), on_progress=status
+        ).known()
         from rig.report.pages.reconstruction import reconstruction_report
 
         return _evaluation_result(
@@ -78,7 +86,8 @@ def evaluated_before(folder: Path) -> CommandResult | None:
 
 def _evaluation_result(folder: Path, metrics: dict[str, Any], report: Path) -> CommandResult:
     """Result of an evaluation."""
-    lines = [f"{folder}: {headline(metrics)}", f"Report: {report}"]
+    left_out = [metrics["left_out"]] if "left_out" in metrics else []
+    lines = [f"{folder}: {headline(metrics)}", *left_out, f"Report: {report}"]
     return CommandResult({"reconstruction": str(folder), "metrics": metrics, "report": str(report)}, lines)
 
 

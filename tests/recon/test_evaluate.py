@@ -17,7 +17,8 @@ from recon.data.truth import true_radiance
 from recon.decide.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate, measured, render
+from recon.evaluate import evaluate, render
+from recon.measure_views import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.scene import Opened, open_model

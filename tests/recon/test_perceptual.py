@@ -9,11 +9,11 @@ import pytest
 
 from imaging.files.exr import read_exr
 from imaging.files.photo import read_photo
-from recon import perceptual
+from recon import flip
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.evaluate import evaluate
-from recon.perceptual import hdr_flip
+from recon.flip import hdr_flip
 from recon.reconstruct import reconstruct
 
 
@@ -77,7 +77,7 @@ def test_what_is_masked_has_no_part(monkeypatch):
 
 def test_without_flip_the_rest_is_told(scene, monkeypatch):
     folder, before = scene
-    monkeypatch.setattr(perceptual, "find_spec", lambda name: None)
+    monkeypatch.setattr(flip, "find_spec", lambda name: None)
     result = evaluate(folder)
     assert not [key for key in result.known() if "flip" in key]
     assert result.ciede2000_mean == before.ciede2000_mean

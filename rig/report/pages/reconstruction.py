@@ -11,6 +11,7 @@ from imaging.progress import Progress, unreported
 from imaging.session.calibration import is_stale
 from imaging.session.session import Session
 from recon.result.scene import open_model
+from recon.splat.torch_threads import torch_on_one_thread
 from rig.report.page import Page, now, write_page
 from rig.report.sections.calibrated import calibrated
 from rig.report.sections.captured import captured
@@ -27,7 +28,8 @@ def reconstruction_report(
 
     Args:
         folder: Reconstruction, or a session for its newest.
-        until: Reading of `time.monotonic` after which no more photographs are read for the contact sheet.
+        until: Reading of `time.monotonic` after which no more views are drawn, and photographs read for the
+            contact sheet; one of each there is always.
         on_progress: Callback for the current step, the steps done, and all of them.
 
     Returns:
@@ -42,6 +44,9 @@ def reconstruction_report(
     opened = open_model(folder)
     session, record = Session.open(opened.dataset.session), opened.dataset.calibration
     section = quality(folder, opened.record, metrics)
+    scale = float(metrics.get("alignment_scale", 1.0))
+    with torch_on_one_thread():
+        drawn = pictures(opened, scale, on_progress, until)
     page = Page(
         kind="Reconstruction report",
         title=session.record.name,
@@ -50,7 +55,7 @@ def reconstruction_report(
         made=now(),
         tiles=tiles(opened.record, metrics),
         sections={
-            "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), on_progress),
+            "pictures": drawn,
             "quality": section,
             "captured": captured(session, record, on_progress, until),
             "calibrated": calibrated(session, record, is_stale(session.folder, record)),

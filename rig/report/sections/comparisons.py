@@ -1,5 +1,7 @@
 """The section of pictures: held-out views at several exposures, beside the truth or the photograph."""
 
+import math
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -60,13 +62,17 @@ class PicturesSection:
     reference: str
 
 
-def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSection | None:
+def pictures(
+    opened: Opened, scale: float, progress: Progress, until: float = math.inf
+) -> PicturesSection | None:
     """Draw held-out views (training views if none is held out, and says so); None without any view.
 
-    scale: the one factor that the evaluation aligned all renders with.
+    scale: the one factor that the evaluation aligned all renders with. until: reading of `time.monotonic`
+    after which no view is begun but the first.
     """
     held_out = opened.dataset.reported
-    views = (held_out or opened.dataset.train)[:MOST_VIEWS]
+    there = held_out or opened.dataset.train
+    views = there[:MOST_VIEWS]
     if not views:
         return None
     with_truth = has_truth(opened.dataset.session)
@@ -77,6 +83,8 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
     stops = three_exposures(np.stack(truths)) if with_truth else (0.0, 0.0, 0.0)
     compared = []
     for done, view in enumerate(views):
+        if done and time.monotonic() >= until:
+            break
         progress("drawing held-out views", done, len(views))
         if with_truth:
             light = in_colour(opened.radiance(view), bands) * np.float32(scale)
@@ -84,8 +92,9 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
         else:
             columns = _against_shots(opened, view)
         compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))
+    shown = f" {len(compared)} of {len(there)} are shown." if len(compared) < len(there) else ""
     return PicturesSection(
-        lead=f"{kind}, beside {against}. Both are developed alike.",
+        lead=f"{kind}, beside {against}. Both are developed alike.{shown}",
         views=tuple(compared),
         bar=colour_bar(),
         bar_stops=f"{MAP_STOPS:g}",

@@ -82,7 +82,7 @@ def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Qua
         f"{counted(len(model.training_views), 'view')} to train on, "
         f"{counted(len(model.held_out), 'view')} held out to measure with{at_width(metrics)}"
         f"{_ended_by(model)}",
-        note=str(metrics.get("held_out_note", "")),
+        note=" ".join(str(metrics[key]) for key in ("held_out_note", "left_out") if key in metrics),
         metrics=tuple(_metric_rows(metrics)),
         columns=tuple(_column(key) for key in keys),
         views=tuple((str(row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys)) for row in rows),

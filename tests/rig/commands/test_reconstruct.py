@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imaging.files import store
-from imaging.session.session import Session
+from imaging.session.session import SPLIT, Session, brackets
 from recon.data import pixels
 from recon.decide.prediction import enough
 from recon.decide.presets import QUALITIES, Quality
@@ -82,6 +82,25 @@ def test_a_scene_is_announced_when_it_is_there_and_its_report_is_short(
     assert allowed[0] <= store.read_json(toy / RECON / "model.json")["train_seconds"] / 4
     assert f"Next: rig render {toy / RECON}; the scene is there, its report follows" in err.splitlines()
     assert out.splitlines()[-1] == f"Next: rig render {toy / RECON}"
+
+
+def test_views_that_the_report_has_no_time_for_are_said(rig, toy: Path, quick: None, monkeypatch) -> None:
+    """By the command, in the record and on the page; `rig evaluate` measures all."""
+    groups = list(brackets(Session.open(toy).shots("scene")).values())
+    train, test = ([shot.file for group in part for shot in group] for part in (groups[::2], groups[1::2]))
+    store.write_json(toy / SPLIT, {"schema_version": 1, "reason": "", "train": train, "test": test})
+    monkeypatch.setattr("rig.commands.reconstruct.REPORT_SHARE", 0.0)
+    code, out, _ = rig("reconstruct", str(toy), "--quality", "draft")
+    said = "1 of 3 held-out views are measured, HDR-FLIP of none, so that the report is there in time"
+    assert code == 0
+    assert said in out
+    assert len(store.read_json(toy / RECON / "metrics.json")["views"]) == 1
+    page = (toy / RECON / "report.html").read_text()
+    assert said in page
+    assert "1 of 3 are shown" in page
+    code, out, _ = rig("evaluate", str(toy / RECON))
+    assert "held-out views are measured" not in out
+    assert len(store.read_json(toy / RECON / "metrics.json")["views"]) == 3
 
 
 def test_more_gaussians_than_pixels_are_not_made(rig, toy: Path, monkeypatch) -> None:
