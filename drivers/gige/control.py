@@ -201,7 +201,11 @@ class ControlChannel:
         while (remaining := deadline - self._clock.now()) > 0:
             self._socket.settimeout(remaining)
             try:
-                answer = Answer.parse(self._socket.recv(_LARGEST_DATAGRAM))
+                data = self._socket.recv(_LARGEST_DATAGRAM)
+                if gvcp.is_command(data):
+                    self._heed(data)
+                    continue
+                answer = Answer.parse(data)
             except CameraProtocol as error:
                 raise CameraProtocol(f"{self.where}: {error}: reset the camera.") from error
             if answer.request_id != request_id:
@@ -217,6 +221,12 @@ class ControlChannel:
                 )
             return answer.payload
         raise TimeoutError
+
+    def _heed(self, data: bytes) -> None:
+        """Acknowledge an event, of which nothing is wanted; another command of the device is left alone."""
+        with suppress(CameraProtocol):
+            if (answer := gvcp.event_answer(data)) is not None:
+                self._socket.send(answer)
 
     def _judge(self, status: int) -> None:
         """Raise what a status means."""

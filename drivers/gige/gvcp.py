@@ -38,6 +38,10 @@ class Code(IntEnum):
     WRITE_MEMORY = 0x0086
     WRITE_MEMORY_ACK = 0x0087
     PENDING_ACK = 0x0089
+    EVENT = 0x00C0
+    EVENT_ACK = 0x00C1
+    EVENT_DATA = 0x00C2
+    EVENT_DATA_ACK = 0x00C3
     ACTION = 0x0100
     ACTION_ACK = 0x0101
 
@@ -110,6 +114,22 @@ class Answer:
         if len(data) - HEADER_SIZE < size:
             raise CameraProtocol(f"a GVCP answer announces {size} bytes and has {len(data) - HEADER_SIZE}")
         return cls(status, code, request_id, bytes(data[HEADER_SIZE : HEADER_SIZE + size]))
+
+
+def event_answer(data: bytes) -> bytes | None:
+    """Answer to a datagram in which a device tells an event; None where it is another command, or wants none.
+
+    CameraProtocol if it is no command. A device asks again for an answer that does not come.
+    """
+    command = Command.parse(data)
+    if command.code not in (Code.EVENT, Code.EVENT_DATA) or not command.flags & ACKNOWLEDGE:
+        return None
+    return Answer(Status.SUCCESS, command.code + 1, command.request_id).pack()
+
+
+def is_command(data: bytes) -> bool:
+    """Return whether a datagram is a command of the other side, whose numbers are not those of requests."""
+    return data[:1] == bytes([_KEY])
 
 
 def memory_payload(address: int, size: int) -> bytes:

@@ -20,6 +20,7 @@ from drivers.sim.genicam.memory import Denied
 from drivers.sim.genicam.power_on import checks_of, description_of, power_on
 from drivers.sim.genicam.quirks import Quirk
 from drivers.sim.gige.clock import SETTLING, NetworkTime
+from drivers.sim.gige.events import Events
 from drivers.sim.gige.memory import GIGE, PACKET_SIZES, STATUSES, GigeMemory
 from drivers.sim.gige.stream import Sender
 from drivers.sim.seeds import generator
@@ -38,7 +39,7 @@ class GigeDevice:
 
     loss: the share of commands and of answers that get lost; `sender.loss`: of the packets of frames.
     skew: seconds by which its shutter opens after an action command. opened: when each exposure began, on the
-    timeline: what measured times are held against.
+    timeline: what measured times are held against. events: those that it told.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class GigeDevice:
         which it is discovered and not controlled.
         """
         self._quirks, self._ptp, self._half = quirks, "Disabled", b""
+        self.events = Events()
         self.address, self.skew, self.loss = address, skew, 0.0
         self.opened: list[float] = []
         self._camera, self._timeline = camera, timeline
@@ -123,6 +125,9 @@ class GigeDevice:
                 for link in ready:
                     with suppress(OSError, CameraProtocol):  # anything but a command is dropped
                         data, host = link.recvfrom(2048)
+                        if not gvcp.is_command(data):
+                            self.events.heard(data)
+                            continue
                         command = Command.parse(data)
                         if link is self._beside:
                             link.sendto(self._elsewhere(command), host)
@@ -146,6 +151,9 @@ class GigeDevice:
             return
         if host == self._host:
             self._heard = self._timeline.now()
+            if Quirk.EVENTS in self._quirks:
+                stamp = self.nanoseconds(self._heard)
+                self._send(self.events.next(command.request_id, self._block, stamp), host)
         if command.code == Code.RESEND:
             if self._memory.streams:
                 self.sender.again(Resend.parse(command), self._memory.destination)

@@ -48,6 +48,17 @@ def test_its_frames_are_those_of_any_other(make_row: MakeRow, quirk: Quirk) -> N
         assert (frame.metadata.opened is None) == (quirk is Quirk.NO_STAMP)
 
 
+def test_events_are_acknowledged_and_taken_for_no_answers(make_row: MakeRow) -> None:
+    """Each comes before an answer and has its number: read as one, it would be a status of 0x4201."""
+    row = quirky(make_row, Quirk.EVENTS)
+    (camera,), (device,) = row.cameras, row.devices
+    for _ in range(3):
+        assert np.array_equal(shoot(camera).pixels, shoot(row.twins[0]).pixels)
+    assert device.events.told > 50
+    assert device.events.unheard <= 1  # that of a heartbeat may be on its way
+    camera.close()
+
+
 def test_gain_and_black_without_a_unit_are_called_unknown(make_row: MakeRow) -> None:
     row = quirky(make_row, Quirk.NO_UNITS)
     (camera,) = row.cameras

@@ -74,7 +74,14 @@ def judged(packets: list[Packet], file: Path) -> tuple[list[str], list[str]]:
 
 @pytest.mark.parametrize(
     "quirks",
-    [(), (Quirk.CHUNK_PAYLOAD,), (Quirk.EXTENDED_CHUNK_PAYLOAD,), (Quirk.PENDING,), (Quirk.NO_WRITE_MEMORY,)],
+    [
+        (),
+        (Quirk.CHUNK_PAYLOAD,),
+        (Quirk.EXTENDED_CHUNK_PAYLOAD,),
+        (Quirk.PENDING,),
+        (Quirk.NO_WRITE_MEMORY,),
+        (Quirk.EVENTS,),
+    ],
     ids=lambda quirks: "+".join(one.name for one in quirks) or "plain",
 )
 @pytest.mark.parametrize("extended", [False, True])
