@@ -31,6 +31,7 @@ from recon.exports.loss import floor_of
 from recon.exports.place import pinhole
 from recon.exports.splats import Splats
 from recon.result.display import in_colour
+from recon.result.first_look import Beginning, beginning, shot_at
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.result.splat_files import what_is_shown
@@ -200,8 +201,19 @@ def _facts(job: Job, packed: Packed) -> dict[str, Any]:
         "luminance": scene.luminance_scale,
         "up": scene.up.tolist(),
         "home": 0,
+        "begins": _begins(job)._asdict(),
         "views": [_view(scene, view) for view in scene.views],
     }
+
+
+def _begins(job: Job) -> Beginning:
+    """Return the look that the page begins with: that of `rig view`, unless the exposure was chosen."""
+    record = job.scene.record
+    if record.display is not None:
+        return Beginning(0.0, "linear")
+    shots = [[(shot.file, shot.k) for shot in view.shots] for view in record.views]
+    look = beginning(record.exposure, shot_at(shots))
+    return look if job.stops is None else look._replace(stops=0.0)
 
 
 def _view(scene: Scene, view: SceneView) -> dict[str, Any]:

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from recon.result.first_look import shot_at
 from recon.result.scene import Scene, open_scene
 from rig.view.pages.cameras import start_of
 from rig.view.pages.page import ScenePage
-from rig.view.pictures.look import Look, first_look, shot_at
+from rig.view.pictures.look import Look, first_look
 from rig.view.pictures.painter import Painter
 from rig.view.serving.server import Viewer
 from rig.view.serving.start import Start

@@ -9,10 +9,11 @@ import viser
 
 from imaging.errors import InputError
 from imaging.session.view_id import ViewId
+from recon.result.first_look import shot_at
 from rig.view.pages.controls import assign
 from rig.view.pages.note import Note
 from rig.view.pages.rig_model import RigModel
-from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look, first_look, shot_at
+from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look, first_look
 from rig.view.pictures.photographs import Photograph, Photographs, in_words, labelled, sheet
 from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer

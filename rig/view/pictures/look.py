@@ -1,25 +1,21 @@
 """Display of linear light on a screen of 8 bits: an exposure, and a tone map."""
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Literal, get_args
 
 import cv2
 import numpy as np
 
 from imaging.arrays import Array32, Bytes, Mask
-from imaging.files.photo import is_photo
+from recon.result.first_look import beginning
 from rig.view.pictures import tones
 
 ToneMap = Literal["linear", "ACES 2.0", "AgX", "filmic", "false colour", "clipping"]
 TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
 
 MIDDLE_GREY = 0.18
-MOST_STOPS = 16.0
-"""Range in which a page makes light brighter or darker, stops."""
 STOPS = 8.0
 """Range of false colour on either side of middle grey, stops."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -54,24 +50,8 @@ class Look:
 
 
 def first_look(exposure: float, shot_at: float | None) -> Look:
-    """Return the initial look of a scene: that of its photographs where these are developed, else AgX.
-
-    exposure: factor that shows its median as middle grey; shot_at: result of `shot_at`.
-    """
-    if shot_at is None:
-        return Look(tones="AgX")
-    return Look(round(min(max(math.log2(shot_at / exposure), -MOST_STOPS), MOST_STOPS), 1), "linear")
-
-
-def shot_at(shots: Sequence[Sequence[tuple[str, float]]]) -> float | None:
-    """Return the median factor from light to the signal of the photographs, whose white is 1.
-
-    shots: file and factor of the shots of each view. None where a view has several photographs, or RAW or
-    EXR: no single one shows all its light, and no tones were chosen for it.
-    """
-    if not shots or any(len(one) != 1 or not is_photo(Path(one[0][0])) for one in shots):
-        return None
-    return float(np.median([factor for ((_, factor),) in shots]))
+    """Return the look that a scene begins with; arguments as of `recon.result.first_look.beginning`."""
+    return Look(*beginning(exposure, shot_at))
 
 
 def stops(light: Array32, factor: float) -> Array32:

@@ -15,7 +15,8 @@ from imaging.errors import RigError
 from imaging.files.exr import read_exr
 from imaging.lens import Lens
 from imaging.pose import Pose
-from rig.view.pictures.look import Look, first_look, shot_at
+from recon.result.first_look import shot_at
+from rig.view.pictures.look import Look, first_look
 from rig.view.serving.start import Start, start_at, up_of
 
 

@@ -11,7 +11,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, urlencode
 
-from rig.view.pictures.look import MOST_STOPS, TONE_MAPS, Look
+from recon.result.first_look import MOST_STOPS
+from rig.view.pictures.look import TONE_MAPS, Look
 from rig.view.serving.start import Start
 
 ELEMENT = "rig-state"

@@ -152,7 +152,8 @@ async function start() {
   listen(camera, moved, measured);
   if (!whole) element("spot").textContent = "This machine blends in 16 bits: light above 65504 is cut off.";
   stand(facts.home);
-  expose(0);
+  element("tones").value = facts.begins.tones;
+  expose(facts.begins.stops);
 }
 
 start().catch((error) => {

@@ -17,7 +17,9 @@ from recon.exports.export import export
 from recon.exports.loss import drawn, stops_between
 from recon.exports.place import pinhole
 from recon.exports.splats import linear_splats
+from recon.result.model import SceneShot
 from recon.result.scene import Scene, open_scene
+from rig.view.pages.opening import look_of
 from rig.view.pictures.look import Look
 from tests.recon.exports.made_scene import write_made
 
@@ -119,6 +121,7 @@ def test_nearer_and_farther_than_trained_gaussians_keep_their_look(
 
 def test_the_slider_and_the_keys_expose_by_stops(scene: Scene, opened: Callable[..., Any]) -> None:
     tab = opened(scene, 240, 180)
+    tab.evaluate("element('tones').selectedIndex = 0; again()")
     light = light_of(tab, scene)
 
     def shows(stops: float, tones: str = "linear") -> bool:
@@ -139,6 +142,49 @@ def test_the_slider_and_the_keys_expose_by_stops(scene: Scene, opened: Callable[
         tab.evaluate(f"element('tones').selectedIndex = {number}; again()")
         assert shows(6.5, tones)
     assert np.allclose(light_of(tab, scene), light)  # it is not exposed itself
+
+
+def shot(scene: Scene, file: str, k: float) -> Scene:
+    """The scene with one photograph of that name and exposure in each of its views."""
+    views = tuple(
+        view.model_copy(update={"shots": (SceneShot(file=file, k=k),)}) for view in scene.record.views
+    )
+    return replace(scene, record=scene.record.model_copy(update={"views": views}))
+
+
+@pytest.mark.parametrize("file", ["raw/0000/a_0.dng", "raw/0000/a_0.jpg"])
+def test_it_begins_as_rig_view_does(file: str, scene: Scene, opened: Callable[..., Any]) -> None:
+    """RAW in AgX; what a camera developed as it was shot, here two stops and a bit brighter."""
+    made = shot(scene, file, 4.6 * scene.exposure)
+    tab = opened(made, 240, 180)
+    look = look_of(made)
+    assert look == (Look(2.2, "linear") if file.endswith("jpg") else Look(0.0, "AgX"))
+    assert (tab.locator("#tones").input_value(), tab.locator("#stops").input_value()) == (
+        look.tones,
+        f"{look.exposure:g}",
+    )
+    expected = look.shown(np.float32(light_of(tab, made)), made.exposure)
+    assert np.abs(expected.astype(float) - seen(tab)).max() <= 2
+    other = Look(look.exposure, "filmic").shown(np.float32(light_of(tab, made)), made.exposure)
+    assert np.abs(other.astype(float) - seen(tab)).max() > 10
+
+
+def test_an_exposure_that_was_chosen_is_where_it_begins(
+    scene: Scene, opened: Callable[..., Any], tmp_path: Path
+) -> None:
+    developed = shot(scene, "a.jpg", 4.6 * scene.exposure)
+    tab = opened(developed, 48, 36)
+    export(developed, tmp_path / "other.html", exposure=3.0)
+    tab.goto((tmp_path / "other.html").as_uri())
+    tab.locator(STILL).wait_for()
+    assert (tab.locator("#tones").input_value(), tab.locator("#stops").input_value()) == ("linear", "0")
+
+
+def test_display_values_begin_as_they_are(made: Path, opened: Callable[..., Any], tmp_path: Path) -> None:
+    export(made, tmp_path / "shown.ply")
+    shown = open_scene(tmp_path / "shown.ply")
+    tab = opened(shown, 48, 36)
+    assert (tab.locator("#tones").input_value(), tab.locator("#stops").input_value()) == ("linear", "0")
 
 
 def test_it_is_turned_shifted_and_taken_home(scene: Scene, opened: Callable[..., Any]) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from imaging.colour import srgb_decode, srgb_encode
 from recon.result import display
+from recon.result.first_look import shot_at
 from rig.view.pictures import look, tones
 from rig.view.pictures.look import (
     STOPS,
@@ -15,7 +16,6 @@ from rig.view.pictures.look import (
     coloured,
     first_look,
     legend,
-    shot_at,
     stops,
 )
 
