@@ -117,7 +117,7 @@ class Answer:
 
 
 def event_answer(data: bytes) -> bytes | None:
-    """Answer to a datagram in which a device tells an event; None where it is another command, or wants none.
+    """Answer to a datagram that states an event; None for other commands and where none is wanted.
 
     CameraProtocol if it is no command. A device asks again for an answer that does not come.
     """

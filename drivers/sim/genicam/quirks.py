@@ -35,7 +35,7 @@ class Quirk(Enum):
     NO_STAMP = "frames without a time stamp"
     MISNUMBERED = "packets sent again that bring others under numbers that have come (issue 311 of Aravis)"
     NO_TRAILER_AGAIN = "a trailer that is lost and, asked for again, refused (issue 813 of Aravis)"
-    EVENTS = "events that are told where it is controlled from, with the numbers of its host's requests"
+    EVENTS = "events sent to where it is controlled from, with the numbers of its host's requests"
     FEWER_ROWS = "frames of variable height, which end after half of the rows that their leader announces"
 
 

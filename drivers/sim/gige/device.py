@@ -39,7 +39,7 @@ class GigeDevice:
 
     loss: the share of commands and of answers that get lost; `sender.loss`: of the packets of frames.
     skew: seconds by which its shutter opens after an action command. opened: when each exposure began, on the
-    timeline: what measured times are held against. events: those that it told.
+    timeline: what measured times are held against. events: those that it sent.
     """
 
     def __init__(
