@@ -18,8 +18,9 @@ from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
 from recon.decide.countdown import Countdown, TooShort
-from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
+from recon.decide.decisions import TrainingPlan, decide, iterations_at_most
 from recon.decide.duration import how_long
+from recon.decide.evidence import Evidence, Run
 from recon.decide.forecast import fitting
 from recon.decide.memory_need import free
 from recon.decide.method_choice import method_for, rungs, uncoloured
@@ -182,8 +183,8 @@ def _reconstruct(
 
     asked: the key of this training in the checkpoint, whatever size the time had room for.
     """
-    training, decided = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
-    run = dataclasses.replace(run, dataset=run.dataset.with_depths(decided.settings.depth_scale))
+    training, plan = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
+    run = dataclasses.replace(run, dataset=run.dataset.with_depths(plan.settings.depth_scale))
     schedule = training.schedule
     if schedule and training.iteration >= schedule.total and (folder / MODEL).is_file():
         return
@@ -194,10 +195,10 @@ def _reconstruct(
         run.dataset,
         training,
         asked,
-        decided.settings,
+        plan.settings,
         method_rungs,
-        decided.rungs,
-        decided.prediction,
+        plan.rungs,
+        plan.prediction,
         reserve=0.0 if run.countdown is None else run.countdown.reserve,
         progress=run.progress,
         on_log=on_log,
@@ -235,7 +236,7 @@ def _trained(scene: SceneFolder, run: Run, shown: Shown, *, resumed: bool) -> No
         raise Interrupted(f"{scene.folder} has the scene after {training.iteration} iterations") from error
 
 
-def _begun(folder: Path, run: Run) -> tuple[Training, Decisions]:
+def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
     """Gaussians at their start; what an earlier training left in the folder is removed.
 
     Trials count as training.
@@ -245,32 +246,32 @@ def _begun(folder: Path, run: Run) -> tuple[Training, Decisions]:
     deep = any(view.depth is not None for view in views)
     warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
     started = run.clock()
-    case = Case.of(run)
-    decided = decide(case)
+    evidence = Evidence.of(run)
+    plan = decide(run, evidence)
     if run.ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):
             store.discard(folder / name)
-    training = decided.training(case)
+    training = plan.training(evidence, run)
     training.seconds = run.clock() - started
-    return training, decided
+    return training, plan
 
 
-def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, Decisions]:
+def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, TrainingPlan]:
     """The training that was stopped, with what was decided of it."""
     facts = checkpoint.facts
     settings = Settings.model_validate(facts["settings"])
-    decided = Decisions(
+    plan = TrainingPlan(
         settings,
         Refinement.stored(run.dataset, checkpoint),
         rungs=tuple(Rung.model_validate(rung) for rung in facts["size"]),
         prediction=Prediction.model_validate(facts["predicted"]) if facts["predicted"] else None,
     )
     method = settings.composed(run.dataset, light_in(checkpoint))
-    training = restored(method, checkpoint, run.dataset.extent, run.device, decided.refinement)
+    training = restored(method, checkpoint, run.dataset.extent, run.device, plan.refinement)
     if not run.ranks.first:  # the first one holds what all had counted
         training.count_anew()
-    return training, decided
+    return training, plan
 
 
 def _steers(run: Run, training: Training, settings: Settings, *, resumed: bool) -> list[Steer]:

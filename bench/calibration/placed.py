@@ -64,7 +64,7 @@ def place(session: Path, without: ExitStack | None = None) -> PlacedViews:
     """
     result = PlacedViews()
     with without or ExitStack() as stack:
-        resolve = resolution.resolve_contradictions
+        resolve = first_model.resolve_contradictions  # or what stands in its place
 
         def resolved(reconstruction: Any, *rest: Any, **more: Any) -> Any:
             if result.before is None:

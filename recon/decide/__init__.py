@@ -1,7 +1,7 @@
 """Choice of a training's configuration, with its evidence as rungs. Nothing below trains a scene.
 
 A rung is one decision in a record: its subject, whether it was taken, why, and its gain.
-The order, which `decisions.py` has as code:
+The order, which `decide` has as code (`decisions.py`):
 
 1. method: by the kind of the images and whether a tone curve can be separated from the light
    (`method_choice`); with what the `request` has beside it makes the `settings` that were asked for.

@@ -1,5 +1,6 @@
-"""The order of the decisions is the one that the package tells, and each leaves what the next looks at."""
+"""The order of the decisions is the one that the package states, and each leaves what the next looks at."""
 
+import inspect
 import re
 import time
 
@@ -11,7 +12,8 @@ import recon.decide as package
 from imaging.progress import unreported
 from recon.decide import decisions
 from recon.decide.countdown import Countdown
-from recon.decide.decisions import NO_TIME, ORDER, Case, Decisions, Run, decide
+from recon.decide.decisions import NO_TIME, TrainingPlan, decide
+from recon.decide.evidence import Evidence, Run
 from recon.decide.prediction import enough
 from recon.observe.refinement import Refinement
 from recon.train.ranks import Ranks
@@ -25,24 +27,24 @@ def run_of(dataset, wanted, countdown=None, said=None) -> Run:
     return Run(dataset, wanted, cpu, Ranks(), countdown, unreported, say, time.monotonic)
 
 
-def test_the_package_tells_the_order_of_the_decisions():
-    told = re.findall(r"^(\d+)\. (.+?)[:,]", package.__doc__, re.M)
-    assert [int(number) for number, _ in told] == list(range(1, len(ORDER) + 2))
-    assert [name for _, name in told[1:]] == [
-        "iterations at most", "report", "degree of the harmonics", "most Gaussians", "room",
-        "starting points", "trials", "environment", "measured depth", "corrections of the calibration",
-        "number of Gaussians", "iterations",
+def test_the_package_states_the_order_of_the_decisions():
+    stated = re.findall(r"^(\d+)\. (.+?)[:,]", package.__doc__, re.M)
+    assert [int(number) for number, _ in stated] == list(range(1, 14))
+    page = inspect.getsource(decide)
+    made = [
+        "iterations_at_most(", "countdown.plan(", "degree_for(", "most_for(", "_require_room(", "_start(",
+        "_reason_against_trials(", "environment_for(", "depth_for(", "refinement_for(", "gaussians_for(",
+        "_within_budget(",
     ]  # fmt: skip
-    assert [decision.__name__ for decision in ORDER] == [
-        "longest", "report", "degree", "most_gaussians", "room", "start", "trials", "environment", "depth",
-        "corrections", "gaussians", "iterations",
-    ]  # fmt: skip
+    assert len(made) == len(stated) - 1  # the method is chosen before the views are looked at
+    places = [page.index(name) for name in made]
+    assert places == sorted(places)
 
 
 def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
     wanted = settings()
-    decided = decide(Case.of(run_of(toy_dataset, wanted)))
-    assert decided.against_trials is not None
+    run = run_of(toy_dataset, wanted)
+    decided = decide(run, Evidence.of(run))
     assert (decided.settings.degree, decided.settings.max_gaussians) == (0, 400)
     assert [rung.name for rung in decided.rungs] == [
         "number of Gaussians",
@@ -55,26 +57,27 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
     assert decided.settings.iterations == wanted.iterations
 
 
-def test_early_stop_asks_for_no_more_than_was_worth_it(toy_dataset):
-    case = Case.of(run_of(toy_dataset, settings(iterations=2000, early_stop=True, batch=2)))
-    decided = decisions.longest(case, Decisions(case.asked, Refinement.of(toy_dataset, ())))
-    assert decided.settings.iterations == -(-enough(4000) // 2)
+def test_early_stop_asks_for_no_more_than_was_worth_it():
+    asked = settings(iterations=2000, early_stop=True, batch=2)
+    assert decisions.iterations_at_most(asked) == -(-enough(4000) // 2)
 
 
 @pytest.mark.parametrize("fits", [True, False])
 def test_a_budget_of_time_decides_whether_trials_may(toy_long, monkeypatch, fits):
     monkeypatch.setattr(decisions, "has_time_for_trials", lambda *_, **__: fits)
     said = []
-    case = Case.of(run_of(toy_long, settings(budget=60.0), Countdown(60.0, time.monotonic()), said))
-    decided = decisions.trials(case, Decisions(case.asked, Refinement.of(toy_long, ())))
-    assert decided.against_trials == (None if fits else NO_TIME)
+    run = run_of(toy_long, settings(budget=60.0), Countdown(60.0, time.monotonic()), said)
+    plan = TrainingPlan(run.asked, Refinement.of(toy_long, ()))
+    reason = decisions._reason_against_trials(run, Evidence.of(run), plan)
+    assert reason == (None if fits else NO_TIME)
     assert bool(said) != fits
 
 
 def test_a_training_of_the_decisions_begins_anew_each_time(toy_dataset):
-    case = Case.of(run_of(toy_dataset, settings()))
-    decided = decide(case)
-    first, second = decided.training(case), decided.training(case)
+    run = run_of(toy_dataset, settings())
+    evidence = Evidence.of(run)
+    plan = decide(run, evidence)
+    first, second = plan.training(evidence, run), plan.training(evidence, run)
     assert first is not second
     for name, values in first.gaussians.parameters.items():
         assert np.array_equal(values.detach(), second.gaussians.parameters[name].detach())

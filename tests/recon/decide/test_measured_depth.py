@@ -16,7 +16,8 @@ from imaging.progress import unreported
 from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.data.measured_depth import DepthFit
-from recon.decide.decisions import Case, decide
+from recon.decide.decisions import decide
+from recon.decide.evidence import Evidence
 from recon.decide.measured_depth import START, TERM, USUAL, depth_fit, depth_for, tried
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
@@ -34,15 +35,16 @@ def deep(toy_deep):
 
 
 def decided_of(dataset, **overrides):
-    case = Case.of(run_of(dataset, settings(overrides=Overrides(**overrides))))
-    decided = decide(case)
-    return case, decided, {rung.name: rung for rung in decided.rungs if rung.name in (START, TERM)}
+    run = run_of(dataset, settings(overrides=Overrides(**overrides)))
+    evidence = Evidence.of(run)
+    decided = decide(run, evidence)
+    return evidence, decided, {rung.name: rung for rung in decided.rungs if rung.name in (START, TERM)}
 
 
 def test_sessions_without_maps_have_no_rungs_of_them(toy_dataset):
-    case, decided, rungs = decided_of(toy_dataset)
+    evidence, decided, rungs = decided_of(toy_dataset)
     assert rungs == {}
-    assert case.depths is None
+    assert evidence.depths is None
     assert (decided.settings.depth, decided.settings.depth_scale) == (0.0, None)
 
 
@@ -71,10 +73,10 @@ def test_without_a_trial_many_views_and_scattered_maps_go_without_the_term(deep)
 
 
 def test_it_is_left_out_or_weighed_as_asked_for(deep):
-    case, decided, rungs = decided_of(deep, depth=0)
+    evidence, decided, rungs = decided_of(deep, depth=0)
     assert [rung.reason for rung in rungs.values()] == ["left out, as asked for"]
     assert (decided.settings.depth, decided.settings.depth_scale) == (0.0, None)
-    assert all(view.depth is None for view in case.dataset.train)
+    assert all(view.depth is None for view in evidence.dataset.train)
     _, decided, rungs = decided_of(deep, depth=0.2)
     assert decided.settings.depth == 0.2
     assert rungs[TERM].reason == "asked for with a weight of 0.2"
@@ -84,12 +86,12 @@ def test_it_is_left_out_or_weighed_as_asked_for(deep):
 
 def test_maps_of_another_scene_are_left_out_and_told(deep, session_copy):
     add_depths(session_copy, noise=0.5, holes=0.2, seed=0)
-    case, decided, rungs = decided_of(load(session_copy))
+    evidence, decided, rungs = decided_of(load(session_copy))
     assert list(rungs) == [START]
     assert not rungs[START].taken
     assert "they tell another scene, or units of their own" in rungs[START].reason
     assert decided.settings.depth == 0
-    assert all(view.depth is None for view in case.dataset.views)
+    assert all(view.depth is None for view in evidence.dataset.views)
 
 
 @pytest.mark.parametrize(("unit", "scale"), [(1e-3, 1.0), (0.4e-3, 0.4)])
@@ -141,4 +143,4 @@ def test_a_map_that_went_missing_is_named(session_copy):
     broken = dataset.train[0].depth.path
     broken.write_bytes(encode_png(np.ones((48, 64), np.uint16))[:-20])
     with pytest.raises(InputError, match=r"The depth map .* is damaged or cut off: export it again\."):
-        Case.of(run_of(dataset, settings()))
+        Evidence.of(run_of(dataset, settings()))

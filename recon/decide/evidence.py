@@ -1,0 +1,66 @@
+"""Evidence of a session that a training is decided by, and the run that asks for it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Self
+
+import torch
+
+from imaging.progress import Progress
+from recon.data.dataset import Dataset
+from recon.data.light import Images, Light, light_of, radiance_images
+from recon.data.measured_depth import DepthFit
+from recon.decide.countdown import Countdown
+from recon.decide.measured_depth import depth_fit
+from recon.decide.settings import Settings
+from recon.train.ranks import Ranks
+
+
+@dataclass(frozen=True)
+class Run:
+    """Running reconstruction: its subject and its environment.
+
+    asked: the requested settings, the method among them. countdown: of a budget of time. say: callback for
+    messages on skipped steps and predictions. smaller: the smaller training if the time is too short for this
+    one, or None.
+    """
+
+    dataset: Dataset
+    asked: Settings
+    device: torch.device
+    ranks: Ranks
+    countdown: Countdown | None
+    progress: Progress
+    say: Callable[[str], None]
+    clock: Callable[[], float]
+    smaller: Settings | None = field(default=None, kw_only=True)
+
+    def seconds_left(self) -> float | None:
+        """Seconds until training has to be over, the same on all ranks; None without a time limit."""
+        return None if self.countdown is None else self.ranks.broadcast(self.countdown.left())
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Views of a session as they are looked at before a training.
+
+    dataset: with its depth maps, if they fit, in scene coordinates. images: the radiance images of the
+    training views; look: seconds that they took. depths: the fit of the maps, or None without maps.
+    """
+
+    dataset: Dataset
+    images: Images
+    light: Light
+    look: float
+    depths: DepthFit | None = None
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Read the training views for the first time."""
+        began = run.clock()
+        images = radiance_images(run.dataset, run.progress)
+        light, depths = light_of(run.dataset, images), depth_fit(run.dataset, images, run.progress)
+        used = depths is not None and depths.fits and run.asked.overrides.depth != 0
+        dataset = run.dataset.with_depths(depths.scale if depths is not None and used else None)
+        look = run.ranks.broadcast(run.clock() - began)
+        return cls(dataset, images, light, look, depths)
