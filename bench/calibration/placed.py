@@ -64,7 +64,8 @@ def place(session: Path, without: ExitStack | None = None) -> PlacedViews:
     """
     result = PlacedViews()
     with without or ExitStack() as stack:
-        resolve = first_model.resolve_contradictions  # or what stands in its place
+        # Of that module, where a patch may stand in its place.
+        resolve = getattr(first_model, "resolve_contradictions")  # noqa: B009
 
         def resolved(reconstruction: Any, *rest: Any, **more: Any) -> Any:
             if result.before is None:
