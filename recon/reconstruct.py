@@ -147,7 +147,7 @@ def reconstruct(
         if checkpoint is not None:  # it goes on at the size that it began with
             began = Settings.model_validate(checkpoint.facts["settings"]).max_width
             sizes = (asked if began == asked.max_width else asked.no_larger(began),)
-        found = (*reasons, *rungs(dataset, chosen))
+        evidence = (*reasons, *rungs(dataset, chosen))
         for size, smaller in zip(sizes, (*sizes[1:], None), strict=True):
             # A mosaic that is not twice as wide stays as it is.
             if any(view.lens.width > size.max_width for view in dataset.views) and size is not asked:
@@ -155,7 +155,7 @@ def reconstruct(
             used = dataset.with_validation() if asked.watches else dataset
             run = Run(used, size, device, ranks, countdown, on_progress, on_message, clock, smaller=smaller)
             try:
-                _reconstruct(place, run, asked, checkpoint, found, on_log)
+                _reconstruct(place, run, asked, checkpoint, evidence, on_log)
                 break
             except TooShort:
                 if smaller is None:
@@ -165,7 +165,7 @@ def reconstruct(
                 line = f"{countdown.seconds:g} s leave no room for {size.size}: {instead}"
                 if ranks.first:
                     on_message(f"{line}.")
-                found = (*found, Rung(name="size of the preset", taken=False, reason=line))
+                evidence = (*evidence, Rung(name="size of the preset", taken=False, reason=line))
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder

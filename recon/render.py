@@ -131,11 +131,11 @@ def render(
                 mosaics.append(file)
             for index, step in enumerate(stops):
                 file = out / (f"{frame.stem}.png" if len(stops) == 1 else f"{frame.stem}_{step:+g}ev.png")
-                seen = picture(in_colour(image, bands), alpha, 2.0 ** (factor + step), shown)
-                store.write_bytes(file, encode_png(seen))
+                shot = picture(in_colour(image, bands), alpha, 2.0 ** (factor + step), shown)
+                store.write_bytes(file, encode_png(shot))
                 pictures.append(file)
                 if film is not None and index == 0:
-                    film.add(seen)
+                    film.add(shot)
     on_progress("rendering", len(frames), len(frames))
     _tell_empty(scene, empty, len(frames), path is not None, on_message)
     return files + pictures + mosaics + ([] if film is None else [film.path])
@@ -182,21 +182,21 @@ def render_probe(
     _check_space(scene, space)
     centre = _place(scene, place)
     probe = light_probe(scene, centre, max(1, width // 2))
-    left, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
+    side, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
     header: dict[str, str | float] = {
         "rig:known": probe.known,
         "rig:place": " ".join(f"{part:.9g}" for part in centre),
         "rig:layout": LAYOUT,
         "rig:up": up,
         "rig:middle": middle,
-        "rig:longitude90": left,
+        "rig:longitude90": side,
     }
     factor = scene.exposure if exposure is None else 2.0**exposure
     store.make_folder(out)
     files = [out / "probe.exr", out / "probe.png"]
     write_light(files[0], probe.light, scene.record, "probe", space, probe.alpha, attributes=header)
-    seen = picture(in_colour(probe.light, scene.record.bands), probe.alpha, factor, shown)
-    store.write_bytes(files[1], encode_png(seen))
+    shot = picture(in_colour(probe.light, scene.record.bands), probe.alpha, factor, shown)
+    store.write_bytes(files[1], encode_png(shot))
     return files
 
 
@@ -248,14 +248,14 @@ def camera_path(
     within: the file of `rig export` that defines the coordinates of a file without its own; None: those of
     the calibration. camera: of a stage of USD, by name. InputError for an invalid path.
     """
-    found = named_path(scene, str(path))
-    if found is None:
+    frames = named_path(scene, str(path))
+    if frames is None:
         return read_camera_path(
             Path(path), scene, within=None if within is None else Path(within), camera=camera
         )
     if within is not None or camera is not None:
         raise InputError(f"{path} is no file of cameras: leave --path-in and --path-camera out.")
-    return found
+    return frames
 
 
 def _resized(camera: SplatCamera, width: int | None) -> SplatCamera:

@@ -52,14 +52,16 @@ def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
     """Rows of a set by the count of alike views."""
     session, truth = walk_of(work) if name == "walk" else session_of(name, work)
     given, more = question(session)
-    kept, features = Unfinished(work / f"alike-{name}-matches", name), given[0]
+    unfinished, features = Unfinished(work / f"alike-{name}-matches", name), given[0]
     descriptors = {view: one.descriptors for view, one in features.items()}
     rows = {}
     for count in COUNTS:
         with mock.patch.object(chosen, "ALIKE", count):
             pairs = chosen.pairs_to_match(descriptors, given[2])
-            found = cache.get(f"alike {name} {count}", partial(row, given, more, "incremental", kept, truth))
-        rows[count] = found | {"pairs": len(pairs)}
+            cached = cache.get(
+                f"alike {name} {count}", partial(row, given, more, "incremental", unfinished, truth)
+            )
+        rows[count] = cached | {"pairs": len(pairs)}
     return {"rows": rows, "a_pair": seconds_of_a_pair(list(descriptors.values()))}
 
 
@@ -85,11 +87,11 @@ def table(result: dict[str, Any]) -> str:
         "|" + "---|" * 8,
     ]
     for name, one in result["sets"].items():
-        for count, own in one["rows"].items():
+        for count, figures in one["rows"].items():
             lines.append(
-                f"| {name} | {count} | {own['pairs']:,} | {own['placed']} of {own['views']} "
-                f"| {own['auc_1']:.3f} | {own['rotation']:.4f} | {own['direction']:.4f} "
-                f"| {own['pairs'] * one['a_pair']:.0f} |"
+                f"| {name} | {count} | {figures['pairs']:,} | {figures['placed']} of {figures['views']} "
+                f"| {figures['auc_1']:.3f} | {figures['rotation']:.4f} | {figures['direction']:.4f} "
+                f"| {figures['pairs'] * one['a_pair']:.0f} |"
             )
     return "\n".join(lines) + "\n"
 

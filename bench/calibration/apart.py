@@ -83,9 +83,9 @@ def trial(seed: int, motion: str) -> dict[str, Any]:
     back_from_front[:3, 3] = rng.normal([0.0, 0.0, -0.2], 0.05)
     truth, features = {}, {}
     for frame, pose in enumerate(walk(rng, motion)):
-        for name, own in (("front", pose), ("back", back_from_front @ pose)):
-            truth[ViewId(frame, name)] = own
-            features[ViewId(frame, name)] = seen(scene, own, rng)
+        for name, cam_from_world in (("front", pose), ("back", back_from_front @ pose)):
+            truth[ViewId(frame, name)] = cam_from_world
+            features[ViewId(frame, name)] = seen(scene, cam_from_world, rng)
     model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
     (rung,) = (rung for rung in model.rungs if rung.name == MOTION)
     row = {"motion": motion, "tied": rung.taken, "reason": rung.reason}
@@ -97,12 +97,12 @@ def errors(model: SceneModel, truth: dict[ViewId, Array]) -> dict[str, Any]:
     ones.
     """
     poses = {view: pose.matrix() for view, pose in model.poses.items()}
-    found, true = (
+    ours, true = (
         every[ViewId(0, "back")] @ np.linalg.inv(every[ViewId(0, "front")]) for every in (poses, truth)
     )
     metres = walked(truth) / walked(poses)
-    turn = degrees_of(found[:3, :3] @ true[:3, :3].T)
-    shift = 1000 * float(np.linalg.norm(metres * found[:3, 3] - true[:3, 3]))
+    turn = degrees_of(ours[:3, :3] @ true[:3, :3].T)
+    shift = 1000 * float(np.linalg.norm(metres * ours[:3, 3] - true[:3, 3]))
     assert model.errors is not None
     ((stated_turn, stated_shift),) = model.errors.mounted.values()
     return {
@@ -130,8 +130,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         "|---|---|---|---|---|",
     ]
     for motion in (*MOTIONS, *DEGENERATE):
-        own = [row for row in rows if row["motion"] == motion]
-        tied = [row for row in own if row["tied"]]
+        of_motion = [row for row in rows if row["motion"] == motion]
+        tied = [row for row in of_motion if row["tied"]]
         cells = ["-"] * 3
         if tied:
             values = {name: [row[name] for row in tied] for name in ("turn", "shift")}
@@ -141,7 +141,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             ]
             inside = [covered([row[f"{name} over stated"] for row in tied]) for name in ("turn", "shift")]
             cells.append(", ".join(f"{100 * share:.0f} %" for share in inside if share is not None))
-        lines.append(f"| {motion} | {len(tied)} of {len(own)} | {' | '.join(cells)} |")
+        lines.append(f"| {motion} | {len(tied)} of {len(of_motion)} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

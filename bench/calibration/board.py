@@ -116,10 +116,10 @@ def peer(seed: int) -> dict[str, Any]:
     images, mask = [], np.zeros((len(names), FRAMES), np.uint8)
     matrices, distortions = [], []
     for camera, name in enumerate(names):
-        seen = {view.frame: board for view, board in boards.items() if view.camera == name}
-        points = {frame: (board.points - 0.5).astype(np.float32) for frame, board in seen.items()}
+        detected = {view.frame: board for view, board in boards.items() if view.camera == name}
+        points = {frame: (board.points - 0.5).astype(np.float32) for frame, board in detected.items()}
         _, matrix, distortion, _, _ = cv2.calibrateCamera(
-            [flat[board.ids] for board in seen.values()],
+            [flat[board.ids] for board in detected.values()],
             list(points.values()),
             (WIDTH, HEIGHT),
             None,
@@ -128,7 +128,7 @@ def peer(seed: int) -> dict[str, Any]:
         )
         matrices.append(matrix)
         distortions.append(distortion)
-        whole = {frame for frame, board in seen.items() if len(board.ids) == len(flat)}
+        whole = {frame for frame, board in detected.items() if len(board.ids) == len(flat)}
         mask[camera, sorted(whole)] = 1
         nowhere = np.full((len(flat), 2), -1.0, np.float32)
         images.append([points[frame] if frame in whole else nowhere for frame in range(FRAMES)])

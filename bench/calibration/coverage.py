@@ -55,15 +55,15 @@ def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[fl
     stated = standard_errors(model, free, scale, unreported)
     assert stated is not None
     focal = model.cameras[1].mean_focal_length() - tracks.FOCAL
-    found: dict[str, list[float]] = {name: [] for name in WHAT}
-    found["focal length"] = [abs(focal) / stated.lenses["made"]["fx"]]
+    ratios: dict[str, list[float]] = {name: [] for name in WHAT}
+    ratios["focal length"] = [abs(focal) / stated.lenses["made"]["fx"]]
     poses, true = _poses(model), _poses(truth)
     turns, shifts = drawn_poses(model, free, scale)
     for view, pose in _aligned(true, poses).items():
         turn = cv2.Rodrigues(pose[:3, :3] @ poses[view][:3, :3].T)[0].ravel()
-        found["turn"].append(float(np.degrees(abs(turn @ _worst(turns[view])))) / stated.rotation[view])
+        ratios["turn"].append(float(np.degrees(abs(turn @ _worst(turns[view])))) / stated.rotation[view])
         shift = _centre(pose) - _centre(poses[view])
-        found["place"].append(abs(float(shift @ _worst(shifts[view]))) / stated.translation[view])
+        ratios["place"].append(abs(float(shift @ _worst(shifts[view]))) / stated.translation[view])
     here = np.array([_centre(pose) for pose in poses.values()])
     there = np.array([_centre(true[view]) for view in poses]) + rng.normal(0, RECEIVER, (len(here), 3))
     noise = np.full(len(here), 1e-3)
@@ -73,8 +73,8 @@ def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[fl
     )
     # What the model's unit is in truth: that of its own similarity to the true places.
     unit = similarity.fit(here, np.array([_centre(true[view]) for view in poses])).scale
-    found["scale"] = [abs(fitted.scale / unit - 1) / errors[0]]
-    return found
+    ratios["scale"] = [abs(fitted.scale / unit - 1) / errors[0]]
+    return ratios
 
 
 def _worst(vectors: list[Array]) -> Array:
@@ -120,7 +120,7 @@ def measure(seeds: int) -> dict[str, dict[str, float]]:
         for lens, radial in tracks.LENSES.items():
             every = [inside(kind, radial, seed) for seed in range(seeds)]
             result[f"{kind}, {lens} lens"] = {
-                name: float(np.mean([one <= WITHIN for found in every for one in found[name]]))
+                name: float(np.mean([one <= WITHIN for ratios in every for one in ratios[name]]))
                 for name in WHAT
             }
     result["all"] = {name: float(np.mean([row[name] for row in result.values()])) for name in WHAT}

@@ -48,8 +48,8 @@ def farthest(model: LensModel, alpha: float, beta: float, reach: float) -> float
     radii = unified(angles, alpha, beta)
     radii *= RADIUS / radii[-1]
     points = np.stack([np.sin(angles), np.zeros(ANGLES), np.cos(angles)], axis=1)
-    found = project(nearest(model, angles, radii), points)[:, 0] - RADIUS
-    return float(np.abs(found - radii).max())
+    projected = project(nearest(model, angles, radii), points)[:, 0] - RADIUS
+    return float(np.abs(projected - radii).max())
 
 
 def measure() -> dict[str, Any]:
@@ -71,8 +71,10 @@ def table(result: dict[str, Any]) -> str:
         "|---|" + "---|" * len(FITTED),
     ]
     for reach in REACHES:
-        own = [f"{np.median(result[model][reach]):.4f} ({max(result[model][reach]):.4f})" for model in FITTED]
-        lines.append(f"| {reach} | {' | '.join(own)} |")
+        cells = [
+            f"{np.median(result[model][reach]):.4f} ({max(result[model][reach]):.4f})" for model in FITTED
+        ]
+        lines.append(f"| {reach} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

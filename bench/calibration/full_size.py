@@ -82,10 +82,10 @@ def by_rig(work: Path, count: int) -> dict[str, Any]:
 
 def by_peer(work: Path, count: int) -> dict[str, Any]:
     """Features, sequential matching and incremental mapping of pycolmap."""
-    folder, own = walk.photographs(work, count), work / f"walk-{count}-peer"
-    shutil.rmtree(own, ignore_errors=True)
-    own.mkdir()
-    database = own / "plain.db"
+    folder, output = walk.photographs(work, count), work / f"walk-{count}-peer"
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir()
+    database = output / "plain.db"
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = WIDTH
     clock = Clock()
@@ -94,7 +94,7 @@ def by_peer(work: Path, count: int) -> dict[str, Any]:
             database, folder, camera_mode=pycolmap.CameraMode.SINGLE, extraction_options=options
         ),
         "matching": lambda: pycolmap.match_sequential(database),
-        "placing views": lambda: pycolmap.incremental_mapping(database, folder, own),
+        "placing views": lambda: pycolmap.incremental_mapping(database, folder, output),
     }
     models: Any = {}
     for name, step in steps.items():
@@ -102,7 +102,7 @@ def by_peer(work: Path, count: int) -> dict[str, Any]:
         models = step()
         print(name, file=sys.stderr)
     best = max(models.values(), key=lambda model: model.num_reg_images())
-    best.write(own)
+    best.write(output)
     return _peer_row(best, folder, clock)
 
 

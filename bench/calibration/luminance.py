@@ -95,10 +95,10 @@ def interval(seed: int) -> dict[str, Any]:
         readings = []
         for number, card_at in enumerate(CARDS[: 1 if seed % 3 == 0 else 3]):
             area = (card_at[0] + 3, card_at[1] + 3, card_at[2] - 6, card_at[3] - 6)
-            seen = CANDELAS * mean_of(light, area) * float(np.exp(rng.normal(0.0, AIM)))
-            stated: dict[str, Any] = {"luminance": spot * seen, "error": SPOT, "source": "spot"}
+            aimed = CANDELAS * mean_of(light, area) * float(np.exp(rng.normal(0.0, AIM)))
+            stated: dict[str, Any] = {"luminance": spot * aimed, "error": SPOT, "source": "spot"}
             if number == 2:
-                lux = card * np.pi * seen / 0.18
+                lux = card * np.pi * aimed / 0.18
                 stated = {"illuminance": lux, "reflectance": 0.18, "error": CARD, "source": "card"}
             readings.append(LuminanceReading(view=view, area=area, **stated))
         try:
@@ -134,12 +134,12 @@ def one_scale(seed: int) -> dict[str, float]:
         rows = []
         for merged in merge(session, Path(folder) / "merged", exposure=0.0).views:
             image = read_exr(merged.file)
-            found = image.rgb().astype(np.float64) @ LUMINANCE * record.luminance.value / CANDELAS
+            ours = image.rgb().astype(np.float64) @ LUMINANCE * record.luminance.value / CANDELAS
             true = luminance(session, merged.view)
             # Blocks, even ones: what demosaicking does to edges is not asked here.
-            found, true, rough = _blocks(found), _blocks(true), _blocks(np.abs(np.gradient(true)[1]))
-            even = (rough < 0.1 * true) & (found > 0)
-            logs = np.log(found[even] / true[even])
+            ours, true, rough = _blocks(ours), _blocks(true), _blocks(np.abs(np.gradient(true)[1]))
+            even = (rough < 0.1 * true) & (ours > 0)
+            logs = np.log(ours[even] / true[even])
             bright = true[even] > np.median(true[even])
             rows.append((merged.view, np.median(logs), np.median(logs[bright]) - np.median(logs[~bright])))
     cameras = sorted({view.camera for view, *_ in rows})
@@ -173,12 +173,12 @@ def table(result: dict[str, Any]) -> str:
     ]
     for count, words_ in ((1, "one spot reading"), (3, "two spot readings, one grey card")):
         rows = [row for row in result["intervals"] if row["readings"] == count]
-        found = [row for row in rows if "error" in row]
-        error, stated = (np.array([row[key] for row in found]) for key in ("error", "stated"))
+        scaled = [row for row in rows if "error" in row]
+        error, stated = (np.array([row[key] for row in scaled]) for key in ("error", "stated"))
         lines.append(
             f"| {words_} | {len(rows)} | {100 * np.sqrt((error**2).mean()):.2f} | "
             f"{100 * np.sqrt((stated**2).mean()):.2f} | {100 * (np.abs(error) < 1.96 * stated).mean():.0f} % "
-            f"| {len(rows) - len(found)} |"
+            f"| {len(rows) - len(scaled)} |"
         )
     lines += [
         "",

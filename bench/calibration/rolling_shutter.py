@@ -54,9 +54,9 @@ def read(pose: Array, world: Array, shift: Array, turn: Array, readout: float) -
     pixels = np.empty((len(world), 2))
     for _ in range(5):  # a point is seen when its row is read, which is where it is seen then
         late = readout * (row / HEIGHT - 0.5)[:, None]
-        seen = Rotation.from_rotvec(-late * turn).apply(local - late * shift)
-        depth = np.where(seen[:, 2] > 0.1, seen[:, 2], np.nan)
-        pixels = FOCAL * seen[:, :2] / depth[:, None] + np.array([WIDTH / 2, HEIGHT / 2])
+        local_late = Rotation.from_rotvec(-late * turn).apply(local - late * shift)
+        depth = np.where(local_late[:, 2] > 0.1, local_late[:, 2], np.nan)
+        pixels = FOCAL * local_late[:, :2] / depth[:, None] + np.array([WIDTH / 2, HEIGHT / 2])
         row = np.clip(np.nan_to_num(pixels[:, 1], nan=HEIGHT / 2), 0, HEIGHT)
     return pixels
 
@@ -84,13 +84,13 @@ def trial(seed: int, motion: str, readout: float) -> dict[str, Any]:
         model = solve(features, {"cam": GUESS}, [], 1, unreported)
     except CalibrationError as error:
         return row | {"views": 0, "reason": str(error)}
-    found = {view: pose.matrix() for view, pose in model.poses.items()}
-    errors = pairs(found, truth)
-    views, turns, shifts, _ = aligned(found, truth)
+    poses = {view: pose.matrix() for view, pose in model.poses.items()}
+    errors = pairs(poses, truth)
+    views, turns, shifts, _ = aligned(poses, truth)
     stated = [] if model.errors is None else [model.errors.rotation[view] for view in views]
     placed = errors[np.isfinite(errors[:, 0])]
     return row | {
-        "views": len(found),
+        "views": len(poses),
         "turn": float(np.median(placed[:, 0])),
         "place": 1000 * float(np.median(np.linalg.norm(shifts, axis=1))),
         "auc": auc(errors, 1),
@@ -114,8 +114,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for motion, readout in dict.fromkeys((row["motion"], row["readout"]) for row in rows):
-        own = [row for row in rows if (row["motion"], row["readout"]) == (motion, readout)]
-        placed = [row for row in own if row["views"]]
+        part = [row for row in rows if (row["motion"], row["readout"]) == (motion, readout)]
+        placed = [row for row in part if row["views"]]
         middle = {
             name: float(np.median([row[name] for row in placed])) if placed else float("nan")
             for name in COLUMNS
@@ -123,7 +123,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         inside = covered([ratio for row in placed for ratio in row["ratios"]])
         line = " | ".join(f"{middle[name]:.{digits}f}" for name, digits in COLUMNS.items())
         lines.append(
-            f"| {motion} | {readout} | {sum(row['views'] for row in own)} of {VIEWS * len(own)} | {line} | "
+            f"| {motion} | {readout} | {sum(row['views'] for row in part)} of {VIEWS * len(part)} | {line} | "
             f"{'-' if inside is None else f'{100 * inside:.0f} %'} |"
         )
     return "\n".join(lines) + "\n"

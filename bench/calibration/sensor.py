@@ -223,16 +223,16 @@ def rows(
 ) -> list[Any]:
     """Trials 0 to count - 1, those of an earlier run that was stopped from its file."""
     file = WORK / "sensor.jsonl"
-    kept = {
+    finished = {
         (row["what"], row["seed"]): row["row"] for row in (store.read_lines(file) if file.exists() else [])
     }
     trials = []
     for seed in range(count):
-        if (what, seed) not in kept:
-            kept[what, seed] = measured(model, seed)
+        if (what, seed) not in finished:
+            finished[what, seed] = measured(model, seed)
             store.make_folder(WORK)
-            store.append_line(file, {"what": what, "seed": seed, "row": kept[what, seed]})
-        trials.append(kept[what, seed])
+            store.append_line(file, {"what": what, "seed": seed, "row": finished[what, seed]})
+        trials.append(finished[what, seed])
     return trials
 
 

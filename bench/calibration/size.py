@@ -121,14 +121,14 @@ def question(session: Path) -> tuple[tuple[Any, ...], dict[str, Any]]:
 
 
 def row(
-    given: Sequence[Any], more: Mapping[str, Any], mapper: str, kept: Unfinished, truth: Any
+    given: Sequence[Any], more: Mapping[str, Any], mapper: str, unfinished: Unfinished, truth: Any
 ) -> dict[str, Any]:
     """Row of one calibration from its features on; verified: number of fitting matches of each pair."""
-    meter, found = Meter(), dict[str, int]()
+    meter, verified_counts = Meter(), dict[str, int]()
 
     def fill(*values: Any) -> Any:
         verified = matched.fill_database(*values)
-        found.update({_text(pair): len(own.one) for pair, own in verified.items()})
+        verified_counts.update({_text(pair): len(matches.one) for pair, matches in verified.items()})
         return verified
 
     features, cameras, rigs, threads, _ = given
@@ -137,9 +137,9 @@ def row(
         mock.patch.object(first_model, "fill_database", fill),
     ):
         try:
-            model = sfm.solve(features, cameras, rigs, threads, meter, **{**more, "kept": kept})
+            model = sfm.solve(features, cameras, rigs, threads, meter, **{**more, "unfinished": unfinished})
         except CalibrationError as error:
-            return {"refused": str(error), "verified": found}
+            return {"refused": str(error), "verified": verified_counts}
     meter("", 0, 0)
     poses = {view: pose.matrix() for view, pose in model.poses.items()}
     result: dict[str, Any] = {
@@ -147,7 +147,7 @@ def row(
         "placed": len(poses),
         "reprojection_px": model.reprojection_px,
         "points": int(model.reconstruction.num_points3D()),
-        "verified": found,
+        "verified": verified_counts,
         "seconds": meter.seconds,
     }
     if truth is not None:
@@ -162,27 +162,27 @@ def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
     """All rows of a set, as the table has them."""
     session, truth = session_of(name, work)
     given, more = question(session)
-    kept, features, rigs = Unfinished(work / f"size-{name}-matches"), given[0], given[2]
-    own = set(chosen.pairs_to_match({view: one.descriptors for view, one in features.items()}, rigs))
+    unfinished, features, rigs = Unfinished(work / f"size-{name}-matches"), given[0], given[2]
+    selected = set(chosen.pairs_to_match({view: one.descriptors for view, one in features.items()}, rigs))
     every, views = list(combinations(features, 2)), len(features)
     rows = {
         f"chosen, {mapper}": cache.get(
-            f"{name} chosen {mapper}", partial(row, given, more, mapper, kept, truth)
+            f"{name} chosen {mapper}", partial(row, given, more, mapper, unfinished, truth)
         )
         for mapper in MAPPERS
     }
-    result: dict[str, Any] = {"views": views, "chosen": len(own), "rows": rows}
+    result: dict[str, Any] = {"views": views, "chosen": len(selected), "rows": rows}
     result["features"] = float(np.mean([len(one.points) for one in features.values()]))
-    if len(own) == len(every):
+    if len(selected) == len(every):
         return result
     with mock.patch.object(chosen, "ALL_PAIRS", views):
         rows["all, incremental"] = cache.get(
-            f"{name} all incremental", partial(row, given, more, "incremental", kept, truth)
+            f"{name} all incremental", partial(row, given, more, "incremental", unfinished, truth)
         )
     verified = rows["all, incremental"]["verified"]
-    found = [verified[_text(pair)] for pair in own if _text(pair) in verified]
-    result["recall"] = len(found) / len(verified)
-    result["recall_matches"] = sum(found) / sum(verified.values())
+    matches = [verified[_text(pair)] for pair in selected if _text(pair) in verified]
+    result["recall"] = len(matches) / len(verified)
+    result["recall_matches"] = sum(matches) / sum(verified.values())
     return result
 
 
@@ -210,8 +210,8 @@ def whole_by_peer(work: Path) -> dict[str, Any]:
     for path in sorted((Path(os.environ["RIG_DATA"]) / CASTLE).glob("*.[jJ][pP][gG]")):
         shutil.copy(path, pictures / path.name)
     began = processor_seconds()
-    found = plain(pictures, folder)
-    return found | {"seconds": processor_seconds() - began}
+    figures = plain(pictures, folder)
+    return figures | {"seconds": processor_seconds() - began}
 
 
 def table(result: dict[str, Any]) -> str:
@@ -241,29 +241,35 @@ def table(result: dict[str, Any]) -> str:
         "|" + "---|" * 10,
     ]
     for name, one in result["sets"].items():
-        for case, own in one["rows"].items():
-            if "refused" in own:
-                lines.append(f"| {name} | {case} | refused: {own['refused']} | | | | | | | |")
+        for case, of_case in one["rows"].items():
+            if "refused" in of_case:
+                lines.append(f"| {name} | {case} | refused: {of_case['refused']} | | | | | | | |")
                 continue
-            truth = [f"{own[key]:.3f}" if key in own else "" for key in ("auc_1", "rotation", "direction")]
-            rest = sum(own["seconds"].values()) - own["seconds"]["matching"] - own["seconds"]["placing views"]
+            truth = [
+                f"{of_case[key]:.3f}" if key in of_case else "" for key in ("auc_1", "rotation", "direction")
+            ]
+            rest = (
+                sum(of_case["seconds"].values())
+                - of_case["seconds"]["matching"]
+                - of_case["seconds"]["placing views"]
+            )
             lines.append(
-                f"| {name} | {case} | {own['placed']} of {own['views']} | {' | '.join(truth)} "
-                f"| {own['reprojection_px']:.3f} | {_matching(one['rows'], case):.0f} "
-                f"| {own['seconds']['placing views']:.0f} | {rest:.0f} |"
+                f"| {name} | {case} | {of_case['placed']} of {of_case['views']} | {' | '.join(truth)} "
+                f"| {of_case['reprojection_px']:.3f} | {_matching(one['rows'], case):.0f} "
+                f"| {of_case['seconds']['placing views']:.0f} | {rest:.0f} |"
             )
     lines += ["", "## Whole calibrations", ""]
     lines += ["| photographs | by | placed | reprojection error, px | s |", "|---|---|---|---|---|"]
-    for program, own in result["whole"].items():
-        figures = f"{own['registered']} | {own['reprojection_px']:.3f} | {own['seconds']:.0f}"
+    for program, model in result["whole"].items():
+        figures = f"{model['registered']} | {model['reprojection_px']:.3f} | {model['seconds']:.0f}"
         lines.append(f"| castle | {program} | {figures} |")
     return "\n".join(lines) + "\n"
 
 
 def _matching(rows: Mapping[str, Any], case: str) -> float:
     """Seconds that the pairs of a row take to be matched where nothing was kept."""
-    first, again, own = (float(rows[name]["seconds"]["matching"]) for name in (*CHOSEN, case))
-    return first if case in CHOSEN else first - again + own
+    first, again, mine = (float(rows[name]["seconds"]["matching"]) for name in (*CHOSEN, case))
+    return first if case in CHOSEN else first - again + mine
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

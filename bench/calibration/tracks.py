@@ -27,10 +27,10 @@ def truth(kind: str, seed: int, radial: tuple[float, ...] = (0.0,), points: int 
     world, poses = _scene(kind, rng, points)
     numbers = [model.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8)) for point in world]
     for place, pose in enumerate(poses):
-        seen, which = _seen(model, pose, world)
+        places, which = _seen(model, pose, world)
         image = pycolmap.Image()
         image.name, image.camera_id, image.image_id = ViewId(place, "made").image_name, 1, place + 1
-        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(xy) for xy in seen])
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(xy) for xy in places])
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
         for row, point in enumerate(which.tolist()):
             model.add_observation(numbers[point], pycolmap.TrackElement(place + 1, row))

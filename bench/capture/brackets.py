@@ -87,7 +87,7 @@ def _timed(model: Any, lag: float, times: tuple[float, ...]) -> dict[str, Any]:
 def _captured(model: Any, lag: float, times: tuple[float, ...]) -> dict[str, Any]:
     """Virtual seconds of the recorder for FRAMES frames, one by one and as it does it; all are as asked."""
     seconds, as_asked = [], True
-    for own in (False, True):
+    for in_camera in (False, True):
         clock = VirtualClock()
         bus = VirtualBus(clock)
         rig = simulate("toy", cameras=1, positions=FRAMES)
@@ -103,7 +103,7 @@ def _captured(model: Any, lag: float, times: tuple[float, ...]) -> dict[str, Any
             cameras=(record_of.name,),
             reason="bench",
         )
-        driver: Camera = camera if own else _OneByOne(camera)
+        driver: Camera = camera if in_camera else _OneByOne(camera)
         with TemporaryDirectory() as folder:
             identity = SessionRecord(name="bench", created=_WHEN, origin="bench", cameras=(record_of,))
             session = Session.create(Path(folder) / "S", identity)

@@ -77,7 +77,7 @@ def wrong_shutters(seed: int) -> Callable[[Body, int, Exposure], tuple[Exposure,
 
 def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.ReducedPicture]:
     """The bracket as `rig check` sees it."""
-    seen = []
+    reduced_shots = []
     for label in labels:
         device.set_exposure(label)
         device.arm()
@@ -85,10 +85,10 @@ def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.R
         frame = device.collect()
         if isinstance(frame, CameraFile):
             codes = imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255
-            seen.append(reduced.of_photo(np.asarray(codes, np.float32)))
+            reduced_shots.append(reduced.of_photo(np.asarray(codes, np.float32)))
         else:
-            seen.append(reduced.of_raw(from_raw(frame, 1.0), frame.cfa))
-    return seen
+            reduced_shots.append(reduced.of_raw(from_raw(frame, 1.0), frame.cfa))
+    return reduced_shots
 
 
 def brackets(
@@ -97,32 +97,32 @@ def brackets(
     """Every camera at every frame."""
     labels = [Exposure(time=time, f_number=4.0, iso=100.0) for time in times]
     applied = wrong_shutters(seed)
-    found = []
+    results = []
     with patch.object(camera, "applied_exposure", applied):
         for device in rig.devices[:cameras]:
-            own = []
+            taken = []
             for frame in range(frames):
                 device.place(frame)
-                own.append(shots(device, labels))
-            estimates = _raw(own, labels) if device.body.kind == "raw" else _developed(own, labels)
+                taken.append(shots(device, labels))
+            estimates = _raw(taken, labels) if device.body.kind == "raw" else _developed(taken, labels)
             for frame, estimated in enumerate(estimates):
                 truth = [applied(device.body, frame, label)[0].scale for label in labels]
-                found.append(_bracket(estimated, truth, labels))
-    return found
+                results.append(_bracket(estimated, truth, labels))
+    return results
 
 
 def _raw(
-    own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
+    taken: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
 ) -> list[list[ExposureEstimate | None]]:
     scale = np.log([label.scale for label in labels])
-    linear = [[one.linear for one in seen if one.linear is not None] for seen in own]
+    linear = [[one.linear for one in bracket if one.linear is not None] for bracket in taken]
     return [estimates(labels, raw_edges(frames, scale)) for frames in linear]
 
 
 def _developed(
-    own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
+    taken: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
 ) -> list[list[ExposureEstimate | None]]:
-    patches = [[one.patches for one in seen if one.patches is not None] for seen in own]
+    patches = [[one.patches for one in bracket if one.patches is not None] for bracket in taken]
     codes = [developed_ratios.codes_of(one, meant(labels)) for one in patches]
     curves = developed_ratios.curves(codes)
     return [estimates(labels, developed_ratios.edges(one, curves) if curves else {}) for one in codes]
@@ -135,9 +135,9 @@ def _bracket(
     return Bracket(np.log(scale) - np.log(truth), np.log([label.scale for label in labels]))
 
 
-def summary(found: Sequence[Bracket], line: bool) -> dict[str, float]:
+def summary(brackets: Sequence[Bracket], line: bool) -> dict[str, float]:
     """Median, 95th percentile and largest error in per cent; standard errors from bootstrapped brackets."""
-    each = [bracket.ratios(line) for bracket in found]
+    each = [bracket.ratios(line) for bracket in brackets]
     random = np.random.default_rng(0)
     drawn = [
         np.percentile(np.concatenate([each[i] for i in random.integers(0, len(each), len(each))]), [50, 95])
@@ -164,12 +164,12 @@ def simulated(seeds: int, cameras: int, frames: int) -> list[dict[str, Any]]:
         for spacing, times in SPACINGS.items():
             if what == "JPEG" and spacing == "4 EV":
                 continue  # 8 bits hold too little of two exposures so far apart
-            found = [
+            results = [
                 one for seed, rig in enumerate(rigs) for one in brackets(rig, seed, times, cameras, frames)
             ]
             for line in (False,) if what == "RAW" else (False, True):
-                row = {"files": what, "spacing": spacing, "less_a_line": line, "brackets": len(found)}
-                rows.append(row | summary(found, line))
+                row = {"files": what, "spacing": spacing, "less_a_line": line, "brackets": len(results)}
+                rows.append(row | summary(results, line))
     return rows
 
 

@@ -65,12 +65,12 @@ def as_table(summary: dict[str, object], trials: list[Trial]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for kind in KINDS:
-        own = [trial for trial in trials if trial.kind == kind]
-        codes = Counter(code for trial in own for code in trial.codes)
-        states = Counter(state for trial in own for state in trial.states)
+        of_kind = [trial for trial in trials if trial.kind == kind]
+        codes = Counter(code for trial in of_kind for code in trial.codes)
+        states = Counter(state for trial in of_kind for state in trial.states)
         lines.append(
-            f"| {kind} | {len(own)} | {sum(trial.reported for trial in own)} | {_counted(codes)} "
-            f"| {_counted(states)} | {sum(bool(trial.failures) for trial in own)} |"
+            f"| {kind} | {len(of_kind)} | {sum(trial.reported for trial in of_kind)} | {_counted(codes)} "
+            f"| {_counted(states)} | {sum(bool(trial.failures) for trial in of_kind)} |"
         )
     lines += [
         "",

@@ -166,21 +166,21 @@ def run_trial(seed: int, folder: Path, reference: Reference) -> Trial:
     out = folder / f"trial-{seed}" / "S"
     out.parent.mkdir()
     with ExitStack() as stack:
-        own = trial.kind in KINDS[1::2] and turn % 2 == 0 and stack.enter_context(disk(out.parent))
+        mounted = trial.kind in KINDS[1::2] and turn % 2 == 0 and stack.enter_context(disk(out.parent))
         reported: list[str] = []
         for strike in range(1 + turn % 2 if trial.kind == "killed" else 1):
             if trial.kind == "killed":
-                left = max(1 - trial.recorded / SHOTS, 0.2)  # the truth is a fifth of the work
-                moment, capture = killed(out, (turn + strike) % 3, left, rng, reference)
+                remaining = max(1 - trial.recorded / SHOTS, 0.2)  # the truth is a fifth of the work
+                moment, capture = killed(out, (turn + strike) % 3, remaining, rng, reference)
             elif trial.kind == "removed camera":
                 moment, capture = unplugged(out, rng, reference)
-            elif own:
+            elif mounted:
                 moment, capture = full(out, rng, reference) if "full" in trial.kind else locked(out, rng)
             else:
                 number = errno.ENOSPC if "full" in trial.kind else errno.EROFS
                 moment, capture = refused(out, number, rng, reference)
             _judge(out, trial, moment, capture, reported, reference)
-        if own:
+        if mounted:
             unlock(out.parent)
         examine_check(out, trial, rng)
         complete(out, trial, reference)

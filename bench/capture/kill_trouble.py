@@ -89,15 +89,15 @@ class Capture:
 
 
 def killed(
-    out: Path, kind: int, left: float, rng: np.random.Generator, reference: Reference
+    out: Path, kind: int, remaining: float, rng: np.random.Generator, reference: Reference
 ) -> tuple[str, Capture]:
     """Send SIGKILL at a call in the folder, after a reported shot or some time after one, in the share
-    `left`.
+    `remaining`.
     """
     if kind == 0:
-        call = int(rng.integers(1, 2 + int(left * reference.calls)))
+        call = int(rng.integers(1, 2 + int(remaining * reference.calls)))
         return f"call {call}", Capture(Trouble(out, die=call))
-    count = int(rng.integers(0, 1 + int(left * SHOTS)))
+    count = int(rng.integers(0, 1 + int(remaining * SHOTS)))
     seconds = float(rng.random()) * reference.seconds / SHOTS if kind == 1 else 0.0
     capture = Capture(Trouble(out))
     capture.read(count)

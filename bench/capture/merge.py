@@ -118,8 +118,8 @@ def ratios(seed: int) -> float:
         for i, j in combinations(range(len(true)), 2)
         if (edge := ratio([overlap(frames[i], frames[j])])) is not None
     }
-    found, _ = solve(np.log(SCALES), edges)
-    return float(np.abs(np.diff(found) - np.diff(true)).max())
+    solved, _ = solve(np.log(SCALES), edges)
+    return float(np.abs(np.diff(solved) - np.diff(true)).max())
 
 
 def ghosts(seed: int, cfa: Cfa | None) -> dict[str, float]:
@@ -199,8 +199,8 @@ def mean_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def motion(name: str, cfa: Cfa | None, seeds: Sequence[int]) -> dict[str, Any]:
     errors: Callable[[float], float] = lambda step: max(shake(seed, cfa, step) for seed in seeds)  # noqa: E731
-    found = mean_of([ghosts(seed, cfa) for seed in seeds])
-    return {"frames": name} | found | {"shake": [errors(step) for step in (0.0, 1.0, 2.5)]}
+    figures = mean_of([ghosts(seed, cfa) for seed in seeds])
+    return {"frames": name} | figures | {"shake": [errors(step) for step in (0.0, 1.0, 2.5)]}
 
 
 def main() -> None:

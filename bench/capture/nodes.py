@@ -100,9 +100,9 @@ def _ip(*words: str) -> None:
 @contextmanager
 def namespaces() -> Iterator[bool]:
     """A network namespace for each node, on a bridge of this host; whether that is permitted."""
-    for left in [("link", "del", BRIDGE), *(("netns", "del", _space(name)) for name in NODES)]:
+    for leftover in [("link", "del", BRIDGE), *(("netns", "del", _space(name)) for name in NODES)]:
         with suppress(OSError, subprocess.CalledProcessError):  # of a run that was killed
-            _ip(*left)
+            _ip(*leftover)
     with ExitStack() as stack:
         try:
             _ip("link", "add", BRIDGE, "type", "bridge")

@@ -119,7 +119,7 @@ def sensor_differences(
     """
     rng = np.random.default_rng([seed, 1])
     white = noise_of(sensor).span / sensor.gain
-    found = []
+    differences = []
     for number, case in enumerate(cases):
         one = unit(sensor, rng)
         sold = SimulatedSensor(replace(one, dark_current=0.0) if cold else one, SIDE, SIDE, seed, number)
@@ -132,8 +132,8 @@ def sensor_differences(
                 for light in (flat, np.zeros_like(flat))
             )
             signal = lit.astype(np.float64) - dark.mean()  # light alone: dark current brightens as well
-            found.append((measured(signal) - predicted, shot.time))
-    pairs = np.reshape(found, (-1, 2))
+            differences.append((measured(signal) - predicted, shot.time))
+    pairs = np.reshape(differences, (-1, 2))
     return pairs[:, 0], pairs[:, 1]
 
 

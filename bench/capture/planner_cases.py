@@ -111,7 +111,7 @@ def demands(case: Case, shots: Sequence[Exposure]) -> npt.NDArray[np.uint32]:
 
     The radiances are representative: both ends of each target, and one between any two ends of intervals.
     """
-    found: set[int] = set()
+    masks: set[int] = set()
     for target in case.targets:
         ends = [target.dark, target.bright]
         for shot in shots:
@@ -123,8 +123,8 @@ def demands(case: Case, shots: Sequence[Exposure]) -> npt.NDArray[np.uint32]:
         bits = np.zeros(len(points), np.uint32)
         for number, shot in enumerate(shots):
             bits |= shown(target.noise, shot, case.snr, points).astype(np.uint32) << np.uint32(number)
-        found |= set(bits.tolist())
-    return np.array(sorted(found - {0}), np.uint32)
+        masks |= set(bits.tolist())
+    return np.array(sorted(masks - {0}), np.uint32)
 
 
 @cache
@@ -137,12 +137,12 @@ def subsets(of: int, size: int) -> npt.NDArray[np.uint32]:
 def fewest(needed: npt.NDArray[np.uint32], of: int) -> int:
     """Brute force: the size of the smallest subset of `of` shots that meets all demands; at least one."""
     for size in range(1, of + 1):
-        left = subsets(of, size)
+        candidates = subsets(of, size)
         for demand in needed:
-            left = left[(left & demand) != 0]
-            if not len(left):
+            candidates = candidates[(candidates & demand) != 0]
+            if not len(candidates):
                 break
-        if len(left):
+        if len(candidates):
             return size
     raise AssertionError("all shots together meet every demand")
 

@@ -105,12 +105,12 @@ def plant(training: Training, dataset: Dataset, seed: int) -> Tensor:
     """Add floaters behind the others; bool [N], which they are."""
     rng = np.random.Generator(np.random.PCG64([seed, 0xF10A7]))
     count = round(SHARE * len(training.gaussians))
-    seen = [depths(training, view.lens) for view in dataset.train]
+    depth_maps = [depths(training, view.lens) for view in dataset.train]
     centres: list[np.ndarray] = []
     sizes: list[np.ndarray] = []
     while len(centres) < count:
-        number = int(rng.integers(len(seen)))
-        lens, depth = dataset.train[number].lens, seen[number]
+        number = int(rng.integers(len(depth_maps)))
+        lens, depth = dataset.train[number].lens, depth_maps[number]
         row, column = (int(rng.integers(side)) for side in depth.shape)
         z = float(depth[row, column]) * rng.uniform(0.1, 0.7)
         if z > 0.02:

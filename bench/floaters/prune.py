@@ -74,19 +74,19 @@ def measured(name: str, work: Path, iterations: int, seed: int) -> list[dict[str
         for moment, at in PRUNED.items():
             on(middle, dataset, plan, at)
             began = time.process_time()
-            found = evidence(middle, dataset.train, at, seed)
+            looks = evidence(middle, dataset.train, at, seed)
             seconds = time.process_time() - began
             for rule, keeps in {"none": None, **RULES}.items():
                 if keeps is None and moment != "at once":
                     continue
-                training, left = copied(middle), planted
+                training, plants = copied(middle), planted
                 if keeps is not None:
-                    keep = keeps(found)
+                    keep = keeps(looks)
                     Change(keep, {}).apply(training.gaussians, training.optimizer)
                     training.count_anew()
-                    left = None if planted is None else planted[keep]
+                    plants = None if planted is None else planted[keep]
                 on(training, dataset, plan, 1.0)
-                row = ended(training, session, dataset, left, cameras)
+                row = ended(training, session, dataset, plants, cameras)
                 row |= {"kept": len(training.gaussians) / len(middle.gaussians), "seconds": seconds}
                 rows.append({"plants": with_plants, "moment": moment, "rule": rule, **row})
     return rows
@@ -113,10 +113,10 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for name in options.sets.split(","):
         for seed in range(1 if options.quick else options.seeds):
             iterations = 60 if options.quick else ITERATIONS
-            found = cache.get(
+            cached = cache.get(
                 f"{name} {iterations} {seed}", partial(measured, name, options.work, iterations, seed)
             )
-            rows += [{"set": name, "seed": seed, **row} for row in found]
+            rows += [{"set": name, "seed": seed, **row} for row in cached]
     return {"machine": machine(), "iterations": iterations, "rows": rows}
 
 

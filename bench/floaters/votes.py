@@ -51,7 +51,7 @@ def evidence(
     # d logit is o (1 - o) d o, and wanted is o d / d o.
     through = torch.sigmoid(-logits.detach()).clamp_min(1e-6).double()
     count = len(gaussians)
-    found = Evidence(
+    votes = Evidence(
         torch.zeros(count, dtype=torch.int32, device=gaussians.device),
         torch.zeros(count, dtype=torch.int32, device=gaussians.device),
         torch.zeros(count, dtype=torch.int32, device=gaussians.device),
@@ -62,17 +62,17 @@ def evidence(
         prediction, target = _shown(training, asked, view, done)
         missed = (prediction - target).detach()
         variance = (missed.square().sum() / (missed != 0).sum().clamp_min(1)).clamp_min(1e-12).double()
-        power = torch.zeros_like(found.total)
+        power = torch.zeros_like(votes.total)
         for _ in range(probes):
             signs = torch.randint(0, 2, prediction.shape, generator=generator).to(prediction) * 2 - 1
             power += (_derivative(prediction, signs, logits) / through).square()
         power /= probes * variance
         gain = power - 2 * _derivative(prediction, missed, logits) / through / variance
-        found.seen += power > SIGNIFICANT
-        found.needed += gain > SIGNIFICANT
-        found.opposed += gain < -SIGNIFICANT
-        found.total += gain
-    return found
+        votes.seen += power > SIGNIFICANT
+        votes.needed += gain > SIGNIFICANT
+        votes.opposed += gain < -SIGNIFICANT
+        votes.total += gain
+    return votes
 
 
 def _derivative(prediction: Tensor, weights: Tensor, logits: Tensor) -> Tensor:

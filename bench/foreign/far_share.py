@@ -47,12 +47,12 @@ def views_of(light: np.ndarray, poses: Array, focal: float) -> tuple[tuple[View,
     for number, (picture, pose) in enumerate(zip(light, poses, strict=True)):
         height, width = picture.shape[0] // step, picture.shape[1] // step
         tiles = picture[: height * step, : width * step].reshape(height, step, width, step, 3)
-        seen = np.ascontiguousarray(tiles.mean((1, 3)), np.float32)
-        none = np.zeros(seen.shape, bool)
+        downsampled = np.ascontiguousarray(tiles.mean((1, 3)), np.float32)
+        none = np.zeros(downsampled.shape, bool)
         lens = SplatCamera(pose, focal / step, focal / step, width / 2, height / 2, width, height)
         sensor = Sensor("hdr", None, np.eye(3), np.ones((height, width), np.float32), LINEAR)
-        views.append(View("c", number, lens, sensor, (Shot.of("", 1.0, seen, none, none, ~none),)))
-        images.append((seen, np.ones((height, width), bool)))
+        views.append(View("c", number, lens, sensor, (Shot.of("", 1.0, downsampled, none, none, ~none),)))
+        images.append((downsampled, np.ones((height, width), bool)))
     return tuple(views), images
 
 
@@ -134,7 +134,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
-    rows = [{"scene": name, "share": found} for name, found in cases(options)]
+    rows = [{"scene": name, "share": share} for name, share in cases(options)]
     result = {"machine": machine(), "rows": rows}
     deliver(options, "far_share", result, report(result))
 

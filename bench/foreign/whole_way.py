@@ -149,8 +149,8 @@ def kept(rows: list[dict[str, Any]], earlier: list[dict[str, Any]]) -> list[dict
     """First measured row of each scene, and the newest."""
     together = []
     for name in CASES:
-        own = [row for row in (*earlier, *rows) if row["scene"] == name]
-        unlike = {row["commit"]: row for row in own}
+        of_scene = [row for row in (*earlier, *rows) if row["scene"] == name]
+        unlike = {row["commit"]: row for row in of_scene}
         together += [*unlike.values()][:1] + [*unlike.values()][1:][-1:]
     return together
 

@@ -89,8 +89,8 @@ TEXEL = "recon.start.far_light.TEXEL"
 
 def points_in_the_air(start: Start, views: Any, *others: Any) -> Start:
     """The start as it was: points that views look through to the sky stay."""
-    kept = within_reach(views, start.xyz)
-    return replace(start, xyz=start.xyz[kept], rgb=start.rgb[kept], sparse=int(kept[: start.sparse].sum()))
+    near = within_reach(views, start.xyz)
+    return replace(start, xyz=start.xyz[near], rgb=start.rgb[near], sparse=int(near[: start.sparse].sum()))
 
 
 @contextmanager
@@ -171,12 +171,12 @@ def of_parts(folder: Path, scene: LitScene, scale: float) -> dict[str, float]:
         for part, names in PARTS.items():
             there = tiles(scene.where(*names)[frame]).all((1, 3))
             logs[part].append(np.log2(np.maximum(ours, 1e-9) / true)[there])
-    found = {}
+    errors = {}
     for part, ratios in logs.items():
         together = np.concatenate(ratios)
-        found[f"stops_{part}"] = float(np.median(np.abs(together)))
-        found[f"signed_{part}"] = float(np.median(together))
-    return found
+        errors[f"stops_{part}"] = float(np.median(np.abs(together)))
+        errors[f"signed_{part}"] = float(np.median(together))
+    return errors
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

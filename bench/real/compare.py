@@ -95,13 +95,13 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
     seconds = _used() - before
     opened = open_model(folder)
     views = list(opened.dataset.held_out)
-    own = measured(views, [picture_of(view) for view in views], lambda view: _own(opened, view))
+    figures = measured(views, [picture_of(view) for view in views], lambda view: _own(opened, view))
     row: dict[str, Any] = {
         "seconds": seconds,
         "iterations": opened.training.iteration,
         "gaussians": len(opened.scene.gaussians),
         "method": opened.record.settings.method,
-        **vars(own),
+        **vars(figures),
     }
     # What rig draws itself is what its users see; a viewer that draws its file has to show the same.
     splats = PlySplats.read(folder / SPLATS)
@@ -215,12 +215,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def judged(options: argparse.Namespace) -> list[tuple[str, int, tuple[float, ...]]]:
     """Sets, widths and budgets, as asked for or each set's own."""
-    own = {name: (width, budgets) for name, width, budgets in (*KNOWN, *UNSEEN)}
+    usual = {name: (width, budgets) for name, width, budgets in (*KNOWN, *UNSEEN)}
     asked = None if options.budgets is None else tuple(map(float, options.budgets.split(",")))
     return [
         (name, options.width or width, asked or budgets)
         for name in options.sets.split(",")
-        for width, budgets in [own.get(name, KNOWN[0][1:])]
+        for width, budgets in [usual.get(name, KNOWN[0][1:])]
     ]
 
 

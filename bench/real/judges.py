@@ -88,8 +88,8 @@ def away_of(centres: Mapping[str, Array], published: Mapping[str, Array]) -> Arr
     """Distances of centres from published ones, in per cent of the extent of these, after the similarity that
     fits best."""
     names = sorted(centres.keys() & published.keys())
-    own, goal = (np.stack([of[name] for name in names]) for of in (centres, published))
-    a, b = own - own.mean(0), goal - goal.mean(0)
+    ours, goal = (np.stack([of[name] for name in names]) for of in (centres, published))
+    a, b = ours - ours.mean(0), goal - goal.mean(0)
     u, s, vt = np.linalg.svd(b.T @ a)
     sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
     scale = float(np.trace(np.diag(s) @ sign) / (a**2).sum())

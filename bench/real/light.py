@@ -77,8 +77,8 @@ def session_of(name: str, work: Path) -> Path:
                 calibrate(session)
             except PartialError as error:
                 print(error)
-        kept = {rule: _as_json(found) for rule, found in developments.items()}
-        store.write_json(folder / "developments.json", kept)
+        by_rule = {rule: _as_json(development) for rule, development in developments.items()}
+        store.write_json(folder / "developments.json", by_rule)
     return session
 
 
@@ -98,20 +98,20 @@ def _scaled(name: str, folder: Path) -> None:
 _estimate = each_photograph.estimate
 
 
-def _all_rules(kept: dict[str, Development], sights: Any, views: Any, *evidence: Any) -> Development:
-    """Return what calibration takes; kept: what each rule would, of its last estimate."""
+def _all_rules(by_rule: dict[str, Development], sights: Any, views: Any, *evidence: Any) -> Development:
+    """Return what calibration takes; by_rule: what each rule would, of its last estimate."""
     with patch.object(each_photograph, "MOST_REMAINING", np.inf):
-        kept["points"] = _estimate(sights, views, NOTHING)
-    kept["off"] = Development({}, {})
-    kept["taken"] = _estimate(sights, views, *evidence)
-    return kept["taken"]
+        by_rule["points"] = _estimate(sights, views, NOTHING)
+    by_rule["off"] = Development({}, {})
+    by_rule["taken"] = _estimate(sights, views, *evidence)
+    return by_rule["taken"]
 
 
-def _as_json(found: Development) -> dict[str, Any]:
+def _as_json(development: Development) -> dict[str, Any]:
     return {
-        "exposure": {str(view): factor for view, factor in found.exposure.items()},
-        "white_balance": {str(view): list(factors) for view, factors in found.white_balance.items()},
-        "rungs": [rung.model_dump(mode="json") for rung in found.rungs],
+        "exposure": {str(view): factor for view, factor in development.exposure.items()},
+        "white_balance": {str(view): list(factors) for view, factors in development.white_balance.items()},
+        "rungs": [rung.model_dump(mode="json") for rung in development.rungs],
     }
 
 
@@ -130,14 +130,14 @@ def record_by(session: Path, rule: str) -> CalibrationRecord:
     """The calibration with what a rule takes."""
     opened = Session.open(session)
     record = as_labelled(session, read_calibration(session))
-    kept = store.read_json(session.parent / "developments.json")[rule]
+    stored = store.read_json(session.parent / "developments.json")[rule]
     views = {str(view.id): view.id for view in record.views}
 
     def of(values: Mapping[str, Any]) -> dict[ViewId, Any]:
         return {views[name]: value for name, value in values.items() if name in views}
 
-    balances = {view: tuple(value) for view, value in of(kept["white_balance"]).items()}
-    development = Development(of(kept["exposure"]), balances)
+    balances = {view: tuple(value) for view, value in of(stored["white_balance"]).items()}
+    development = Development(of(stored["exposure"]), balances)
     return with_development(record, development, scene_views(opened))
 
 
@@ -183,14 +183,14 @@ def fitted(ours: Tensor, true: Tensor) -> Tensor:
 
 def evidence(session: Path) -> dict[str, Any]:
     """Return what was placed, what points and the calibration say of each part, and its falloff."""
-    kept = store.read_json(session.parent / "developments.json")
+    stored = store.read_json(session.parent / "developments.json")
     record = read_calibration(session)
     falloff = next((rung for rung in record.rungs if rung.name == "vignetting"), None)
     return {
         "placed": len(record.views),
         "views": len(record.views) + len(record.unregistered),
-        "points": kept["points"]["rungs"],
-        "taken": kept["taken"]["rungs"],
+        "points": stored["points"]["rungs"],
+        "taken": stored["taken"]["rungs"],
         "falloff": None if falloff is None else falloff.model_dump(mode="json"),
     }
 
@@ -199,8 +199,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set."""
     cache, rows = Cache(options.work / "light.jsonl"), []
     for name in options.sets:
-        found = evidence(session_of(name, options.work))
-        row: dict[str, Any] = {"set": name, **found}
+        looked_at = evidence(session_of(name, options.work))
+        row: dict[str, Any] = {"set": name, **looked_at}
         for rule in RULES:
             row[rule + "_trained"] = [
                 cache.get(f"{name} {rule} {seed}", partial(trained, options, name, rule, seed))
@@ -245,8 +245,8 @@ def report(result: dict[str, Any]) -> str:
 
 def _left(reason: str) -> str:
     """The share that a rung says is left."""
-    before, found, _ = reason.partition(" % of what regions")
-    return f"{before.rsplit(' ', 1)[1]} %" if found else ""
+    before, separator, _ = reason.partition(" % of what regions")
+    return f"{before.rsplit(' ', 1)[1]} %" if separator else ""
 
 
 def main() -> None:

@@ -44,6 +44,6 @@ def fuse(photographs: list[Path], folder: Path) -> None:
 
 def judged(poses: dict[int, Array], true: Array) -> dict[str, Any]:
     """Count the views [4, 4] that stand wrongly: by more than 2 degrees or 2 % of the rig."""
-    found = truth.errors(poses, true)
-    right = [turn for view, turn in found.turn.items() if view not in found.wrong]
-    return {"wrong": len(found.wrong), "turn_median": float(np.median(right)) if right else None}
+    errors = truth.errors(poses, true)
+    right = [turn for view, turn in errors.turn.items() if view not in errors.wrong]
+    return {"wrong": len(errors.wrong), "turn_median": float(np.median(right)) if right else None}

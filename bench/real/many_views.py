@@ -85,8 +85,8 @@ def link_decoded(work: Path, views: int, width: int) -> None:
         source = decoded(work, 24) / place / shot.file.replace(str(ViewId(shot.frame, shot.camera)), first)
         folder = decoded(work, views) / place / shot.file
         folder.mkdir(parents=True, exist_ok=True)
-        for kept in source.glob("*.npz"):
-            (folder / kept.name).hardlink_to(kept)
+        for cached in source.glob("*.npz"):
+            (folder / cached.name).hardlink_to(cached)
 
 
 def measured(work: Path, views: int, width: int, seed: int) -> dict[str, Any]:

@@ -83,8 +83,8 @@ def trained(program: Path, folder: Path, budget: float, variant: Variant, out: P
     record = out / f"{variant.name.replace(' ', '-')}-{budget:g}.json"
     ply = record.with_suffix(".ply")
     if record.is_file():
-        kept = store.read_json(record)
-        return Outcome(ply, kept["iterations"], kept["seconds"])
+        finished = store.read_json(record)
+        return Outcome(ply, finished["iterations"], finished["seconds"])
     out.mkdir(parents=True, exist_ok=True)
     fewest, most, iterations, seconds = 0, 0, 30, 0.0
     best: tuple[int, float] | None = None

@@ -119,8 +119,8 @@ def light_errors(made: Path, lights: Path, number: dict[Any, int]) -> dict[str, 
         light = read_exr(lights / f"{number[view.id]:03d}.exr").rgb()
         pairs.append((scene.render(view.splat_camera), light))
     mine, true = (np.stack(part).astype(np.float64) for part in zip(*pairs, strict=True))
-    seen = true.max(axis=-1) < np.quantile(true.max(axis=-1), 0.9)
-    ratio = np.log2(np.maximum(mine, 1e-9) / np.maximum(true, 1e-9))[seen]
+    usual = true.max(axis=-1) < np.quantile(true.max(axis=-1), 0.9)
+    ratio = np.log2(np.maximum(mine, 1e-9) / np.maximum(true, 1e-9))[usual]
     ratio -= np.median(ratio)
     return {"stops": float(np.median(np.abs(ratio))), "stops_p90": float(np.quantile(np.abs(ratio), 0.9))}
 

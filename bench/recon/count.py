@@ -87,8 +87,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / f"count-{options.iterations}.jsonl")
 
     def row(key: str, folder: Path, quality: Quality, seed: int, overrides: Overrides) -> dict[str, Any]:
-        found: dict[str, Any] = cache.get(key, partial(train, folder, quality, seed, overrides))
-        return found
+        figures: dict[str, Any] = cache.get(key, partial(train, folder, quality, seed, overrides))
+        return figures
 
     for name, width in options.scenes:
         for seed in range(options.seeds):
@@ -133,7 +133,7 @@ def report(result: dict[str, Any]) -> str:
         both, chosen = [one[name] for name in MEASURES], one["chosen"]
 
         def cell(key: str, form: str, both: list[dict[str, float]] = both) -> str:
-            return " / ".join(format(own[key], form) for own in both)
+            return " / ".join(format(side[key], form) for side in both)
 
         after = chosen["processor_seconds"] - chosen["trial_seconds"]
         lines.append(
@@ -142,9 +142,9 @@ def report(result: dict[str, Any]) -> str:
             f"| {chosen['degree']} | {cell('short', '+.2f')} | {cell('ratio', '.2f')} "
             f"| {100 * chosen['trial_seconds'] / after:.0f} % |"
         )
-    found = [one[name] for one in result["rows"] for name in MEASURES]
-    good = sum(own["short"] <= WITHIN and own["ratio"] <= RATIO for own in found)
-    lines += ["", f"Both limits hold in {good} of {len(found)} cases.", "", "Sweeps, dB to the truth:", ""]
+    cases = [one[name] for one in result["rows"] for name in MEASURES]
+    good = sum(case["short"] <= WITHIN and case["ratio"] <= RATIO for case in cases)
+    lines += ["", f"Both limits hold in {good} of {len(cases)} cases.", "", "Sweeps, dB to the truth:", ""]
     for one in result["rows"]:
         curve = ", ".join(f"{row['truth']:.2f} with {row['gaussians']:,}" for row in one["sweep"])
         lines.append(f"* {one['scene']}, {one['width']} px, seed {one['seed']}: {curve}.")

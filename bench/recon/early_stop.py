@@ -38,8 +38,10 @@ LOSS, SHARE = 0.1, 0.5
 
 def recorded(session: Path) -> Trade:
     """The session's sweep as far as it goes; one of other code, or none, begins anew with one training."""
-    found = read_trade(session) if (session / FOLDER / TRADE).exists() else None
-    return found if found is not None and found.code == code_hash() else trade_sweep(session, budget=0.0)
+    earlier = read_trade(session) if (session / FOLDER / TRADE).exists() else None
+    return (
+        earlier if earlier is not None and earlier.code == code_hash() else trade_sweep(session, budget=0.0)
+    )
 
 
 def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[str, Any]:
@@ -47,8 +49,8 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     session = folder_of(scene, options.work)
     trade = recorded(session)
     choice = Choice(axis="preset", quality=quality)
-    own = [p for p in trade.points if p.choice.quality == quality and not p.choice.overrides.words()]
-    full = own[0] if own else train_point(session, choice, trade)
+    swept = [p for p in trade.points if p.choice.quality == quality and not p.choice.overrides.words()]
+    full = swept[0] if swept else train_point(session, choice, trade)
     made = reconstruct(
         session,
         TrainingRequest(
@@ -62,12 +64,12 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     _, _, rows, _ = measured(replace(opened, dataset=dataset))
     db = float(np.mean([next(row[key] for key in MEASURES if key in row) for row in rows]))
     full_db = float(np.mean([full.views[row["view"]] for row in rows]))
-    found = {
+    figures = {
         "full_db": full_db, "full_seconds": full.seconds, "full_iterations": full.iterations,
         "db": db, "seconds": opened.record.train_seconds, "iterations": opened.training.iteration,
     }  # fmt: skip
     shutil.rmtree(made)
-    return found
+    return figures
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -99,9 +101,9 @@ def report(result: dict[str, Any]) -> str:
         )
     lines.append("")
     for quality in PRESETS:
-        own = [row for row in result["rows"] if row["preset"] == quality]
-        lost = [row["full_db"] - row["db"] for row in own]
-        shares = [row["iterations"] / row["full_iterations"] for row in own]
+        of_preset = [row for row in result["rows"] if row["preset"] == quality]
+        lost = [row["full_db"] - row["db"] for row in of_preset]
+        shares = [row["iterations"] / row["full_iterations"] for row in of_preset]
         lines.append(
             f"{quality}: {fmean(lost):.2f} dB lost in the mean (asked: {LOSS}), {max(lost):.2f} at most; "
             f"{median(shares):.2f} of the iterations in the median (asked: {SHARE})."

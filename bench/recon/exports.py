@@ -59,16 +59,16 @@ def report(result: dict[str, Any]) -> str:
     ]
     for row in result["rows"]:
         loss = row["loss"]
-        own = "-"
+        of_gaussians = "-"
         if loss["gaussian_median"] is not None:
-            own = f"{stops(loss['gaussian_median'])}, {stops(loss['gaussian_worst'])}"
+            of_gaussians = f"{stops(loss['gaussian_median'])}, {stops(loss['gaussian_worst'])}"
         cells = (
             row["scene"],
             row["format"],
             "linear" if row["linear"] else "display",
             f"{row['gaussians']:,}",
             f"{row['bytes'] / row['gaussians']:.0f}",
-            own,
+            of_gaussians,
             f"{stops(loss['pixel_median'])}, {stops(loss['pixel_p99'])}",
             f"{100 * loss['clipped']:.1f} %",
         )

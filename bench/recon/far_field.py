@@ -113,8 +113,8 @@ def stops(made: Path, truth: np.ndarray, scene_: Scene) -> dict[str, float]:
             continue
         true = truth[view.frame] @ LUMINANCE
         least = float(np.median(true)) / 1000
-        found = opened.render(view.splat_camera) @ LUMINANCE
-        off = np.abs(np.log2(np.maximum(found, least) / np.maximum(true, least)))
+        rendered = opened.render(view.splat_camera) @ LUMINANCE
+        off = np.abs(np.log2(np.maximum(rendered, least) / np.maximum(true, least)))
         far = far_pixels(scene_, view.frame)
         rows.append([np.median(off), np.median(off[far]), np.median(off[~far])])
     return dict(zip(("all", "far", "near"), np.mean(rows, axis=0).tolist(), strict=True))

@@ -140,9 +140,9 @@ def _add_curve(truth: Path) -> None:
         return
     logs = np.linspace(np.log(1e-6), np.log(230.0), 2000)
     codes = np.arange(1, 255) / 255
-    found = np.interp(codes, curve(logs), logs).tolist()
+    log_exposure = np.interp(codes, curve(logs), logs).tolist()
     record = store.read_json(truth)
-    record["response"] = {"codes": codes.tolist(), "log_exposure": [found] * 3}
+    record["response"] = {"codes": codes.tolist(), "log_exposure": [log_exposure] * 3}
     store.write_json(truth, record)
 
 
@@ -167,10 +167,10 @@ def row(options: argparse.Namespace, protocol: str, method: MethodName, seed: in
         TrainingRequest(method=method, quality=options.quality, seed=seed, name=name),
         on_progress=_report,
     )
-    found = evaluate(folder).known()
+    figures = evaluate(folder).known()
     if method == "vanilla":
-        found.pop("response_rmse", None)  # of what the import assumed: it learns none
-    return {key: found[key] for key in KEEP if key in found}
+        figures.pop("response_rmse", None)  # of what the import assumed: it learns none
+    return {key: figures[key] for key in KEEP if key in figures}
 
 
 def _report(message: str, done: int, total: int) -> None:
@@ -186,9 +186,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             continue  # it sees no exposures
         key = f"{version('hdr-rig')} {options.name} {options.quality} {protocol} {method} {seed}"
         print(key, file=sys.stderr)
-        found = cache.get(key, partial(row, options, protocol, method, seed))
-        if found is not None:
-            rows.append({"seed": seed, "protocol": protocol, "method": method} | found)
+        figures = cache.get(key, partial(row, options, protocol, method, seed))
+        if figures is not None:
+            rows.append({"seed": seed, "protocol": protocol, "method": method} | figures)
     return {"machine": machine(), "scene": options.name, "quality": options.quality, "rows": rows}
 
 

@@ -36,8 +36,8 @@ def bilinear_image(view: View) -> tuple[Array32, Mask]:
     """Demosaic bilinearly, otherwise as `radiance_image`."""
     sensor = view.sensor
     assert sensor.cfa is not None
-    found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
-    rgb, known = bilinear(np.nan_to_num(found.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
+    merged = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
+    rgb, known = bilinear(np.nan_to_num(merged.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
     light = np.asarray(rgb @ rec709_from_camera(sensor.camera_from_rec709).T, np.float32)
     return light, np.asarray(known.all(-1))
 
@@ -66,11 +66,11 @@ def _merged(view: View, picture: Picture) -> View:
 
 
 def _merged_mosaic(view: View) -> View:
-    found = merge_bracket([shot.linear(None, view.sensor.cfa) for shot in view.shots])
-    light = np.ascontiguousarray(np.nan_to_num(found.radiance, nan=0.0), np.float32)
+    merged = merge_bracket([shot.linear(None, view.sensor.cfa) for shot in view.shots])
+    light = np.ascontiguousarray(np.nan_to_num(merged.radiance, nan=0.0), np.float32)
     never = np.zeros(light.shape, bool)
     return replace(
-        view, shots=(Shot.of(view.shots[0].file, 1.0, light, never, never, np.isfinite(found.radiance)),)
+        view, shots=(Shot.of(view.shots[0].file, 1.0, light, never, never, np.isfinite(merged.radiance)),)
     )
 
 
@@ -80,14 +80,14 @@ def _demosaicked(view: View) -> View:
     shots = []
     for shot in view.shots:
         sigma = None if shot.noise is None else np.sqrt(shot.noise.variance(shot.pixels))
-        found = demosaic(shot.pixels, cfa, shot.valid, sigma)
+        demosaicked = demosaic(shot.pixels, cfa, shot.valid, sigma)
         clipped = bilinear(shot.saturated.astype(np.float32), cfa)[0] > 0
         shots.append(
             shot.showing(
-                pixels=found.rgb,
+                pixels=demosaicked.rgb,
                 saturated=clipped,
                 dark=np.zeros(clipped.shape, bool),
-                valid=found.known,
+                valid=demosaicked.known,
             )
         )
     return replace(view, shots=tuple(shots), sensor=replace(view.sensor, cfa=None))

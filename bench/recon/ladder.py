@@ -124,24 +124,24 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def of_kind(kind: Kind, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Scenes of a kind together, or None."""
-    own = [one for one in rows if one["scene"].rpartition(" ")[0] == kind.name]
-    if not own:
+    of_scene = [one for one in rows if one["scene"].rpartition(" ")[0] == kind.name]
+    if not of_scene:
         return None
-    faults = [fault for one in own for fault in wrong(kind.needs, one["chosen"])]
-    gains = [one["ladder"]["db"] - one["full"]["db"] for one in own]
+    faults = [fault for one in of_scene for fault in wrong(kind.needs, one["chosen"])]
+    gains = [one["ladder"]["db"] - one["full"]["db"] for one in of_scene]
     return {
         "kind": kind.name,
         "little": kind.little,
-        "scenes": len(own),
-        "judged": len(own) * len(kind.needs),
+        "scenes": len(of_scene),
+        "judged": len(of_scene) * len(kind.needs),
         "wrong": {fault: faults.count(fault) for fault in sorted(set(faults))},
         "needed": [name for name, need in kind.needs.items() if need],
         "db": fmean(gains),
         "worst_db": min(gains),
-        "worst_truth_db": min(one["ladder"]["truth_db"] - one["full"]["truth_db"] for one in own),
-        "faster": [one["full"]["seconds"] / one["ladder"]["seconds"] for one in own],
-        "smaller": [one["full"]["size_bytes"] / one["ladder"]["size_bytes"] for one in own],
-        "gaussians": fmean(one["ladder"]["gaussians"] for one in own),
+        "worst_truth_db": min(one["ladder"]["truth_db"] - one["full"]["truth_db"] for one in of_scene),
+        "faster": [one["full"]["seconds"] / one["ladder"]["seconds"] for one in of_scene],
+        "smaller": [one["full"]["size_bytes"] / one["ladder"]["size_bytes"] for one in of_scene],
+        "gaussians": fmean(one["ladder"]["gaussians"] for one in of_scene),
     }
 
 
@@ -176,13 +176,13 @@ def verdict(kinds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def report(result: Mapping[str, Any]) -> str:
-    found, preset = result["verdict"], result["preset"]
+    total, preset = result["verdict"], result["preset"]
     loads = [one["load"] for one in result["rows"]]
     lines = [
         "# Is just what a scene requires modelled?",
         "",
         f"`python -m bench.recon.ladder --write`, {words(result['machine'])}; rows made at loads up to "
-        f"{max(loads, default=0):g}. {found['scenes']} of {result['scenes']} simulated scenes, 24 views of "
+        f"{max(loads, default=0):g}. {total['scenes']} of {result['scenes']} simulated scenes, 24 views of "
         f"96 x 72; trainings of {preset['iterations']} iterations and up to {preset['gaussians']} Gaussians. "
         "Needed: what scenes of this kind require; all else that is judged has to be left out. Wrong: taken "
         "for nothing, or (no) left out though needed, and how often. dB: held-out pictures of the ladder's "
@@ -202,15 +202,15 @@ def report(result: Mapping[str, Any]) -> str:
             f"| {one['db']:+.2f} | {one['worst_db']:+.2f} | {one['worst_truth_db']:+.2f} "
             f"| {fmean(one['faster']):.2f} | {fmean(one['smaller']):.2f} | {one['gaussians']:.0f} |"
         )
-    if found["judged"]:
-        least = "-" if found["least_less"] is None else f"{found['least_less']:.1f}"
+    if total["judged"]:
+        least = "-" if total["least_less"] is None else f"{total['least_less']:.1f}"
         lines += [
             "",
-            f"{100 * found['right']:.1f} % of {found['judged']} choices are right (at least {100 * RIGHT:g} "
-            f"%); the worst scene lies {found['worst_db']:+.2f} dB from everything on (at least {-WORSE:g}), "
-            f"of the light {found['worst_truth_db']:+.2f}; "
+            f"{100 * total['right']:.1f} % of {total['judged']} choices are right (at least {100 * RIGHT:g} "
+            f"%); the worst scene lies {total['worst_db']:+.2f} dB from everything on (at least {-WORSE:g}), "
+            f"of the light {total['worst_truth_db']:+.2f}; "
             f"where little is needed (*) the least is {least} times faster or smaller (at least {LESS:g}). "
-            + ("Missed: " + "; ".join(found["misses"]) + "." if found["misses"] else "All three hold."),
+            + ("Missed: " + "; ".join(total["misses"]) + "." if total["misses"] else "All three hold."),
         ]
     return "\n".join(lines) + "\n"
 

@@ -51,9 +51,9 @@ def places(subject: Subject, camera: SplatCamera) -> tuple[Array, Array]:
 
 def normals(xyz: Array, centre: Array) -> Array:
     """Normals of the surface through places [H, W, 3], towards a centre."""
-    found = np.cross(np.gradient(xyz, axis=1), np.gradient(xyz, axis=0))
-    found /= np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-30)
-    return np.asarray(found * -np.sign(((xyz - centre) * found).sum(-1, keepdims=True)))
+    crossed = np.cross(np.gradient(xyz, axis=1), np.gradient(xyz, axis=0))
+    crossed /= np.maximum(np.linalg.norm(crossed, axis=-1, keepdims=True), 1e-30)
+    return np.asarray(crossed * -np.sign(((xyz - centre) * crossed).sum(-1, keepdims=True)))
 
 
 def mean_depth(scene: Scene, camera: SplatCamera) -> Array:
@@ -75,16 +75,16 @@ def true_trust(scene: Scene, view: SceneView, xyz: Array, depths: dict[str, Arra
         if other.use != "training":
             continue
         pixels, depth = project(other.splat_camera, xyz)
-        seen = inside(other.splat_camera, pixels, depth)
+        visible = inside(other.splat_camera, pixels, depth)
         column, row = np.moveaxis(
             pixels.clip(0, [other.lens.width - 1, other.lens.height - 1]).astype(int), -1, 0
         )
-        seen &= NEARER * depth < depths[other.name][row, column]
-        measured = np.zeros_like(seen)
+        visible &= NEARER * depth < depths[other.name][row, column]
+        measured = np.zeros_like(visible)
         for shot in other.shots:
             least, most = shot.measures or (-np.inf, np.inf)
             measured |= ((light > least) & (light < most)).any(-1)
-        counts += seen & measured
+        counts += visible & measured
     return counts
 
 
@@ -113,8 +113,8 @@ def measured(name: str, seed: int, options: argparse.Namespace) -> list[dict[str
         x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         lifted = rays(camera, np.stack([x, y], -1)) * mean[..., None] @ camera.cam_from_world[:3, :3] + centre
         row: dict[str, float] = {"known": float(surface.mean())}
-        for what, found in (("median", median), ("mean", mean)):
-            off = np.abs(found / depth - 1)[surface]
+        for what, estimate in (("median", median), ("mean", mean)):
+            off = np.abs(estimate / depth - 1)[surface]
             row |= {f"{what} p50": float(np.median(off)), f"{what} p99": float(np.percentile(off, 99))}
         row["normal"] = float(np.median(angle(layers.normal(camera), right)))
         row["normal of depth"] = float(np.median(angle(normals(lifted, centre), right)))
@@ -134,8 +134,8 @@ def trained(folder: Path) -> Path:
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     rows = []
     for name in ("toy",) if options.quick else options.sets.split(","):
-        found = [row for seed in range(options.seeds) for row in measured(name, seed, options)]
-        rows.append({"set": name, "views": len(found)} | {key: mean_of(found, key) for key in found[0]})
+        figures = [row for seed in range(options.seeds) for row in measured(name, seed, options)]
+        rows.append({"set": name, "views": len(figures)} | {key: mean_of(figures, key) for key in figures[0]})
     return {"machine": machine(), "sets": options.sets, "seeds": options.seeds, "rows": rows}
 
 

@@ -72,7 +72,7 @@ def measured(folder: Callable[[], Path], overrides: Overrides, options: argparse
 
 def curve(folder: Path, overrides: Overrides, options: argparse.Namespace) -> list[tuple[int, float]]:
     """Iterations and held-out dB of whole trainings, ever longer ones."""
-    found: list[tuple[int, float]] = []
+    points: list[tuple[int, float]] = []
     warm_up(lambda message, done, total: None)
     for length in options.lengths:
         changed = overrides.model_copy(update={"iterations": length})
@@ -80,10 +80,10 @@ def curve(folder: Path, overrides: Overrides, options: argparse.Namespace) -> li
         record = read_model(made)
         shutil.rmtree(made)
         assert record.held_out_db is not None
-        found.append((length, round(record.held_out_db, 3)))
+        points.append((length, round(record.held_out_db, 3)))
         if record.train_seconds + record.measuring_seconds > options.longest:
             break
-    return found
+    return points
 
 
 def kind(name: str) -> str:
@@ -100,21 +100,21 @@ def fitted(curve: Sequence[tuple[int, float]]) -> tuple[list[float], float]:
         end = db + np.concatenate([lacking(values[None], n) for n in lengths])
         return np.asarray(end - end.mean())
 
-    found = least_squares(left, FIRST, bounds=tuple(BOUNDS))
-    return [round(float(value), 2) for value in found.x], float(np.sqrt(np.mean(found.fun**2)))
+    fit = least_squares(left, FIRST, bounds=tuple(BOUNDS))
+    return [round(float(value), 2) for value in fit.x], float(np.sqrt(np.mean(fit.fun**2)))
 
 
 def forecasts(rows: Sequence[Row]) -> list[Row]:
     """Each scene predicted from each of its schedules, by the curves of scenes of other kinds."""
-    found = []
+    compared = []
     for row in rows:
         others = np.array([other["fit"] for other in rows if other["kind"] != row["kind"]])
         for (tried, db), (longer, reached) in combinations(row["curve"], 2) if len(others) > 1 else ():
             guess = predicted(db, tried, longer, others)
             one = {"scene": row["scene"], "from": tried, "to": longer, "error": round(guess.db - reached, 2)}
             one |= {"half": round((guess.high - guess.low) / 2, 2)}
-            found.append(one | {"inside": guess.low <= reached <= guess.high})
-    return found
+            compared.append(one | {"inside": guess.low <= reached <= guess.high})
+    return compared
 
 
 def report(result: Row) -> str:
@@ -144,12 +144,12 @@ def report(result: Row) -> str:
     ]
     pairs = sorted({(one["from"], one["to"]) for one in result["forecasts"]})
     for begin, end in pairs:
-        own = [one for one in result["forecasts"] if (one["from"], one["to"]) == (begin, end)]
-        errors = np.array([one["error"] for one in own])
+        of_span = [one for one in result["forecasts"] if (one["from"], one["to"]) == (begin, end)]
+        errors = np.array([one["error"] for one in of_span])
         lines.append(
-            f"| {begin} | {end / begin:.0f} | {len(own)} | {errors.mean():+.2f} "
-            f"| {np.sqrt(np.mean(errors**2)):.2f} | {np.mean([one['half'] for one in own]):.1f} "
-            f"| {sum(one['inside'] for one in own)} |"
+            f"| {begin} | {end / begin:.0f} | {len(of_span)} | {errors.mean():+.2f} "
+            f"| {np.sqrt(np.mean(errors**2)):.2f} | {np.mean([one['half'] for one in of_span]):.1f} "
+            f"| {sum(one['inside'] for one in of_span)} |"
         )
     if result["forecasts"]:
         share = np.mean([one["inside"] for one in result["forecasts"]])

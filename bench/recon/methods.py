@@ -153,8 +153,8 @@ def searched(options: argparse.Namespace, cache: Cache, studio: Studio) -> dict[
                 trial = studio.trial(options.scenes[0], 0, row.given)
                 return run(trial, composed(row, factor), options.search, 0)[-1]
 
-            found = cache.get(f"search {row.name} {factor:.3g}", train)
-            scores.append(found["hdr_psnr_mu_aligned"])
+            cached = cache.get(f"search {row.name} {factor:.3g}", train)
+            scores.append(cached["hdr_psnr_mu_aligned"])
         best[given, appearance] = options.factors[int(np.argmax(scores))]
     return {
         row.name: best.get((("merged EXR" if "merged" in row.given else "RAW brackets"), row.appearance), 1.0)
@@ -206,21 +206,21 @@ def report(result: dict[str, Any]) -> str:
     ]
     first = result["rows"][ROWS[0].name]
     for row in ROWS:
-        own = result["rows"][row.name]
+        entries = result["rows"][row.name]
         cells = [row.given, row.appearance, f"{result['factors'][row.name]:.2g}"]
         for key, digits in MEASURES.items():
-            cell = f"{np.nanmean([entry[key] for entry in own]):.{digits}f}"
+            cell = f"{np.nanmean([entry[key] for entry in entries]):.{digits}f}"
             if row is not ROWS[0]:
-                cell += f" ({paired(first, own, key).words(digits)})"
+                cell += f" ({paired(first, entries, key).words(digits)})"
             cells.append(cell)
-        cells.append(f"{np.mean([entry['processor_seconds'] for entry in own]):.0f}")
+        cells.append(f"{np.mean([entry['processor_seconds'] for entry in entries]):.0f}")
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "By scene, dB:", "", f"| trained on | appearance | {' | '.join(result['scenes'])} |"]
     lines.append("|---|---|" + "---|" * len(result["scenes"]))
     for row in ROWS:
-        own = result["rows"][row.name]
+        entries = result["rows"][row.name]
         cells = [
-            f"{np.mean([entry['hdr_psnr_mu_aligned'] for entry in own if entry['scene'] == scene]):.2f}"
+            f"{np.mean([entry['hdr_psnr_mu_aligned'] for entry in entries if entry['scene'] == scene]):.2f}"
             for scene in result["scenes"]
         ]
         lines.append(f"| {row.given} | {row.appearance} | {' | '.join(cells)} |")

@@ -107,10 +107,10 @@ def row(scene: Scene, trade: Trade) -> dict[str, Any]:
     lie = {}
     for name in QUALITIES:
         # Where two presets train the same, as on small images, the first stands for both.
-        own = [p for p in trade.points if p.choice.quality == name and not p.choice.overrides.words()]
-        if not own:
+        of_preset = [p for p in trade.points if p.choice.quality == name and not p.choice.overrides.words()]
+        if not of_preset:
             continue
-        (point,) = own
+        (point,) = of_preset
         near = [p for p in trade.points if p.seconds <= SLACK * point.seconds]
         short = behind(near, lambda p: 0.0, quality, point)
         lie[name] = {"seconds": point.seconds, "db": point.db, "truth_db": point.truth_db, "behind_db": short}
@@ -135,7 +135,7 @@ def as_trained(preset: Quality) -> dict[str, int]:
 def verdict(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return how the presets fare on the worst of the scenes, and what is wrong with them, in sentences."""
     whole = [one["presets"] for one in rows if set(one["presets"]) == set(QUALITIES)]
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "scenes": len(whole),
         "behind_db": {name: max(lie[name]["behind_db"] for lie in whole) for name in QUALITIES}
         if whole
@@ -149,14 +149,14 @@ def verdict(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
     wrong = [
         f"{name} lies {value:.2f} dB behind the front"
-        for name, value in found["behind_db"].items()
+        for name, value in figures["behind_db"].items()
         if value > TOLERANCE
     ]
-    if whole and found["draft_times_faster"] < FASTER:
-        wrong.append(f"draft is {found['draft_times_faster']:.1f} times faster than best")
-    if whole and found["standard_below_best_db"] > WITHIN:
-        wrong.append(f"standard lies {found['standard_below_best_db']:.2f} dB below best")
-    return found | {"wrong": wrong}
+    if whole and figures["draft_times_faster"] < FASTER:
+        wrong.append(f"draft is {figures['draft_times_faster']:.1f} times faster than best")
+    if whole and figures["standard_below_best_db"] > WITHIN:
+        wrong.append(f"standard lies {figures['standard_below_best_db']:.2f} dB below best")
+    return figures | {"wrong": wrong}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    found = result["verdict"]
+    judged = result["verdict"]
     lines = [
         "# Where the presets lie",
         "",
@@ -188,14 +188,14 @@ def report(result: dict[str, Any]) -> str:
                 f"| {one['scene']} | {one['trainings']} | {name} | {lie['seconds']:.1f} | {lie['db']:.2f} "
                 f"| {true} | {lie['behind_db']:.2f} |"
             )
-    if found["scenes"]:
-        short = ", ".join(f"{name} {value:.2f}" for name, value in found["behind_db"].items())
+    if judged["scenes"]:
+        short = ", ".join(f"{name} {value:.2f}" for name, value in judged["behind_db"].items())
         lines += [
             "",
-            f"On the worst of {found['scenes']} scenes, dB behind the front: {short} (at most {TOLERANCE}); "
-            f"draft is {found['draft_times_faster']:.1f} times faster than best (at least {FASTER:g}), "
-            f"standard {found['standard_below_best_db']:.2f} dB below it (at most {WITHIN:g}). "
-            + ("; ".join(found["wrong"]) + "." if found["wrong"] else "All three hold."),
+            f"On the worst of {judged['scenes']} scenes, dB behind the front: {short} (at most {TOLERANCE}); "
+            f"draft is {judged['draft_times_faster']:.1f} times faster than best (at least {FASTER:g}), "
+            f"standard {judged['standard_below_best_db']:.2f} dB below it (at most {WITHIN:g}). "
+            + ("; ".join(judged["wrong"]) + "." if judged["wrong"] else "All three hold."),
         ]
     lines += ["", "## Fronts", "", "| scene | s | dB | set by hand |", "|---|---|---|---|"]
     for one in result["rows"]:

@@ -127,8 +127,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             key = f"{scene} {seed} {count} {row.name}"
             if not cache.has(key):
                 print(key, file=sys.stderr, flush=True)
-            found = cache.get(key, partial(studio.run, scene, seed, count, row))
-            rows.append({"scene": scene, "seed": seed, "count": count, "row": row.name, "views": found})
+            scores = cache.get(key, partial(studio.run, scene, seed, count, row))
+            rows.append({"scene": scene, "seed": seed, "count": count, "row": row.name, "views": scores})
     return {
         "machine": machine(), "iterations": options.iterations, "cap": options.cap, "seeds": options.seeds,
         "scenes": options.scenes, "counts": options.views, "rows": rows,
@@ -159,9 +159,11 @@ def report(result: dict[str, Any]) -> str:
         for row in ROWS:
             cells = []
             for count in counts:
-                own, first = (_of(result, name, count) for name in (row.name, ROWS[0].name))
-                cell = f"{_mean(own, key):.{digits}f}"
-                cells.append(cell if row is ROWS[0] else f"{cell} ({paired(own, first, key).words(digits)})")
+                of_row, first = (_of(result, name, count) for name in (row.name, ROWS[0].name))
+                cell = f"{_mean(of_row, key):.{digits}f}"
+                cells.append(
+                    cell if row is ROWS[0] else f"{cell} ({paired(of_row, first, key).words(digits)})"
+                )
             lines.append(f"| {row.name} | {' | '.join(cells)} |")
     lines += ["", "RAW dB by scene:", ""]
     lines.append(f"| | {' | '.join(f'{scene}, {count}' for scene in scenes for count in result['counts'])} |")

@@ -75,7 +75,7 @@ def made_wrong(rig: str, seed: int, px: float, options: argparse.Namespace) -> P
 
 def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, float]:
     """dB of held-out pictures, with poses as they are and corrected."""
-    found = {}
+    figures = {}
     for name, refine in (("as they are", "none"), ("corrected", "poses")):
         overrides = Overrides(
             refine=refine, width=options.width, iterations=options.iterations, gaussians=GAUSSIANS,
@@ -87,8 +87,8 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
                 method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed, replace=True
             ),
         )
-        found[name] = evaluate(made).known()["raw_psnr"]
-    return found
+        figures[name] = evaluate(made).known()["raw_psnr"]
+    return figures
 
 
 def trial(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, Any]:
@@ -139,9 +139,9 @@ def report(result: dict[str, Any]) -> str:
         )
     lines.append("")
     for px in dict.fromkeys(one["px"] for one in result["rows"]):
-        own = [one for one in result["rows"] if one["px"] == px]
+        of_px = [one for one in result["rows"] if one["px"] == px]
         lines.append(
-            f"{px:g} px: {fmean(gain(one) for one in own):+.2f} dB in the mean over {len(own)} scenes."
+            f"{px:g} px: {fmean(gain(one) for one in of_px):+.2f} dB in the mean over {len(of_px)} scenes."
         )
     return "\n".join(lines) + "\n"
 

@@ -125,8 +125,8 @@ def compensation(means: Tensor, quats: Tensor, scales: Tensor, camera: SplatCame
     root = torch.stack(rows, 1) @ rotation @ rotation_matrices(quats.double()) * scales.double()[:, None]
     before = (torch.linalg.cross(root[:, 0], root[:, 1]) ** 2).sum(1)
     after = before + blur * (root**2).sum((1, 2)) + blur**2
-    kept: Tensor = ((before + 1e-12) / after).sqrt()
-    return kept.float()
+    factor: Tensor = ((before + 1e-12) / after).sqrt()
+    return factor.float()
 
 
 @torch.no_grad()
@@ -137,8 +137,8 @@ def distance(means: Tensor, cameras: Sequence[SplatCamera]) -> Tensor:
         motion = torch.from_numpy(np.asarray(camera.cam_from_world, np.float32))
         x, y, z = (means @ motion[:3, :3].T + motion[:3, 3]).unbind(1)
         column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        seen = (z > 0.01) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        least = torch.where(seen, torch.minimum(least, z / camera.fx), least)
+        visible = (z > 0.01) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        least = torch.where(visible, torch.minimum(least, z / camera.fx), least)
     known = least.isfinite()
     return torch.where(known, least, least[known].max() if known.any() else torch.zeros(()))
 

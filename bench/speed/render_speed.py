@@ -80,9 +80,9 @@ def developed(dataset: Dataset) -> Dataset:
 
 def models(trial: Trial, training: Training) -> dict[str, Drawn]:
     """Models of every row."""
-    light, own = trial.light, training.gaussians
+    light, gaussians = trial.light, training.gaussians
     wide = limits_for(light.reference)
-    parameters = own.parameters
+    parameters = gaussians.parameters
     geometry = {name: parameters[name] for name in GEOMETRY}
     shown = parameters["ln_luminance"].exp()[:, None] * torch.sigmoid(C0 * parameters["chroma_dc"][:, 0])
     harmonics = PlainHarmonics()
@@ -97,7 +97,7 @@ def models(trial: Trial, training: Training) -> dict[str, Drawn]:
     return {
         FIRST: Drawn(Renderer(harmonics, USUAL), plain),
         "vanilla 3DGS, the cut-offs of HDR": Drawn(Renderer(harmonics, wide), plain),
-        "NH-3DGS": Drawn(Renderer(training.method.appearance, wide), own),
+        "NH-3DGS": Drawn(Renderer(training.method.appearance, wide), gaussians),
         "HDR-GS, with its curve": Drawn(Renderer(photographs.appearance, wide), toned, codes),
     }
 

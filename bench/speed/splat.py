@@ -53,11 +53,11 @@ def ours(name: str, count: int, width: int, height: int, limits: Limits, seed: i
     """Forward, and forward with backward, of one workload."""
     tensors, camera = workload(name, count, seed), view(name, width, height)
     pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
-    found: list[Render] = []
+    last: list[Render] = []
 
     def forward() -> None:
         with torch.no_grad():
-            found[:] = [drawn(tensors, camera, limits)]
+            last[:] = [drawn(tensors, camera, limits)]
 
     def both() -> None:
         for tensor in tensors:
@@ -66,7 +66,7 @@ def ours(name: str, count: int, width: int, height: int, limits: Limits, seed: i
 
     forward_ms, _ = least(forward, seconds / 2)
     both_ms, used = least(both, seconds)
-    render = found[0]
+    render = last[0]
     return {
         "workload": name,
         "gaussians": count,
@@ -122,11 +122,11 @@ def kernels(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
         for _ in range(rounds):
             render = drawn(tensors, camera, Limits.gsplat())
             backward(render.image, pull)
-    found = {name: min(spent) for name, spent in times.items()}
+    fastest = {name: min(spent) for name, spent in times.items()}
     return {
-        "ms": {name: round(spent, 2) for name, spent in found.items()},
-        "forward_pairs_per_s": round(render.pairs / found["composite"] / 1e6, 2),
-        "backward_pairs_per_s": round(render.pairs / found["composite_backward"] / 1e6, 2),
+        "ms": {name: round(spent, 2) for name, spent in fastest.items()},
+        "forward_pairs_per_s": round(render.pairs / fastest["composite"] / 1e6, 2),
+        "backward_pairs_per_s": round(render.pairs / fastest["composite_backward"] / 1e6, 2),
     }
 
 
@@ -138,9 +138,9 @@ def _peak_mb() -> int:
 def measure(quick: bool, seed: int) -> dict[str, Any]:
     seconds = 1.0 if quick else 4.0
     result: dict[str, Any] = {"machine": machine(), "seed": seed, "quick": quick}
-    kept = time.perf_counter()
+    started = time.perf_counter()
     warm_up(lambda message, done, total: None)
-    result["warm_up_s"] = round(time.perf_counter() - kept, 2)
+    result["warm_up_s"] = round(time.perf_counter() - started, 2)
     gsplat, before = Limits.gsplat(), _peak_mb()
     if not quick:
         result["scaling"] = []  # first, from few to many: the peak of the process is then that of the row

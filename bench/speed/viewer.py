@@ -117,9 +117,9 @@ class Browser:
     def pictures(self, seconds: float) -> Iterator[tuple[float, int]]:
         """Yield the arrival time of each picture within that many seconds, and its width, px."""
         end = time.perf_counter() + seconds
-        while (left := end - time.perf_counter()) > 0:
+        while (remaining := end - time.perf_counter()) > 0:
             try:
-                data = self.socket.recv(timeout=left)
+                data = self.socket.recv(timeout=remaining)
             except TimeoutError:
                 return
             now = time.perf_counter()

@@ -33,9 +33,9 @@ def true_depth(dataset: Dataset, view: View) -> Array:
 
 def measured(depth: Array, noise: float, holes: float, rng: np.random.Generator) -> Array:
     """True depth [H, W] with noise, a share of itself, and holes of 0 over a share of the picture."""
-    seen = depth * (1 + noise * rng.standard_normal(depth.shape))
+    noisy = depth * (1 + noise * rng.standard_normal(depth.shape))
     blobs = cv2.GaussianBlur(rng.standard_normal(depth.shape), (0, 0), BLOB * depth.shape[1])
-    return np.where((blobs < np.quantile(blobs, 1 - holes)) & np.isfinite(seen) & (seen > 0), seen, 0.0)
+    return np.where((blobs < np.quantile(blobs, 1 - holes)) & np.isfinite(noisy) & (noisy > 0), noisy, 0.0)
 
 
 def add_depths(session: Path, noise: float, holes: float, seed: int, unit: float = MILLIMETRE) -> None:

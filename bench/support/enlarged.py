@@ -29,8 +29,8 @@ def enlarged(session: Path, folder: Path, factor: int, *, exposures: int | None 
     """
     if (folder / "calibration" / "calibration.json").exists():
         return folder
-    left = shutil.ignore_patterns("truth", "reconstructions", "decoded")
-    shutil.copytree(session, folder, ignore=left, dirs_exist_ok=True)
+    excluded = shutil.ignore_patterns("truth", "reconstructions", "decoded")
+    shutil.copytree(session, folder, ignore=excluded, dirs_exist_ok=True)
     shots = []
     for shot in Session.open(session).shots("scene"):
         if exposures is not None and shot.step >= exposures:
@@ -74,8 +74,8 @@ def multiplied(session: Path, folder: Path, times: int) -> Path:
     """
     if (folder / "calibration" / "calibration.json").exists():
         return folder
-    left = shutil.ignore_patterns("raw", "reconstructions", "decoded")
-    shutil.copytree(session, folder, ignore=left, dirs_exist_ok=True)
+    excluded = shutil.ignore_patterns("raw", "reconstructions", "decoded")
+    shutil.copytree(session, folder, ignore=excluded, dirs_exist_ok=True)
     shots = Session.open(session).shots("scene")
     frames = 1 + max(shot.frame for shot in shots)
     more = []

@@ -96,8 +96,12 @@ def phone_views(work: Path, name: str, seed: int) -> PhoneViews:
         )
         work.mkdir(parents=True, exist_ok=True)
         np.savez(file, light=light, poses=poses, focal=focal, points=start.xyz)
-    with np.load(file) as kept:
-        light, points, cameras = kept["light"], kept["points"], _cameras(kept["poses"], float(kept["focal"]))
+    with np.load(file) as arrays:
+        light, points, cameras = (
+            arrays["light"],
+            arrays["points"],
+            _cameras(arrays["poses"], float(arrays["focal"])),
+        )
     signals = [
         np.asarray(mosaic(picture @ PHONE.camera_from_rec709.T, Cfa.RGGB), np.float64)
         for picture in light.astype(np.float64)

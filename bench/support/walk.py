@@ -158,7 +158,7 @@ def _leaves(height: int, width: int, sources: Sequence[Bytes], rng: np.random.Ge
 def poses(count: int, seed: int = 1) -> Array:
     """cam_from_world [count, 4, 4]: rings around the house, one after another, as steady as a hand is."""
     rng = np.random.default_rng(seed)
-    found = np.zeros((count, 4, 4))
+    matrices = np.zeros((count, 4, 4))
     for number in range(count):
         ring = number // RING
         angle = 2 * np.pi * number / RING + rng.normal(0, 0.01)
@@ -173,8 +173,12 @@ def poses(count: int, seed: int = 1) -> Array:
         down = np.cross(ahead, right)
         c, s = np.cos(roll), np.sin(roll)
         axes = np.stack([c * right + s * down, c * down - s * right, ahead])
-        found[number, :3, :3], found[number, :3, 3], found[number, 3, 3] = axes, -axes @ centre, 1
-    return found
+        matrices[number, :3, :3], matrices[number, :3, 3], matrices[number, 3, 3] = (
+            axes,
+            -axes @ centre,
+            1,
+        )
+    return matrices
 
 
 def take(scene: House, count: int, folder: Path, size: tuple[int, int] = SIZE) -> None:

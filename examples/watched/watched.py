@@ -69,10 +69,10 @@ class WatchedFolder:
         self._before, self._ends = None, 0.0
 
     def _settled(self) -> set[tuple[int, Path]]:
-        seen = None
-        while seen != (seen := {(f.stat().st_mtime_ns, f) for f in self._dir.glob("*") if is_raw(f)}):
+        listing = None
+        while listing != (listing := {(f.stat().st_mtime_ns, f) for f in self._dir.glob("*") if is_raw(f)}):
             self._clock.sleep(LOOK)
-        return seen
+        return listing
 
 
 def find_cameras(clock: Clock) -> list[Camera]:

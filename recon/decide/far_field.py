@@ -80,14 +80,16 @@ def _by_share(
     against_trials: str | None,
     progress: Progress,
 ) -> Rung:
-    seen = f"through {100 * share:.0f} % of the points in front of the cameras views see light from far away"
+    reason = (
+        f"through {100 * share:.0f} % of the points in front of the cameras views see light from far away"
+    )
     if share < SUGGESTED:
-        return Rung(name=NAME, taken=False, reason=f"{seen}: too few for a far field")
+        return Rung(name=NAME, taken=False, reason=f"{reason}: too few for a far field")
     if share > SURE:
-        return Rung(name=NAME, taken=True, reason=seen)
+        return Rung(name=NAME, taken=True, reason=reason)
     if against_trials is not None:
-        return Rung(name=NAME, taken=False, reason=f"{seen}; a trial: {against_trials}")
-    return tried(dataset, settings, seen, progress)
+        return Rung(name=NAME, taken=False, reason=f"{reason}; a trial: {against_trials}")
+    return tried(dataset, settings, reason, progress)
 
 
 def far_share(
@@ -108,7 +110,7 @@ def far_share(
     return float(looked_through(points, dataset.train, images, far, units).sum() / max(swept, 1))
 
 
-def tried(dataset: Dataset, settings: Settings, seen: str, progress: Progress) -> Rung:
+def tried(dataset: Dataset, settings: Settings, reason: str, progress: Progress) -> Rung:
     """A short training without an environment and one with, judged on views that neither saw."""
     if settings.max_width > TRIAL_WIDTH:
         small = again(dataset, TRIAL_WIDTH, progress)
@@ -130,5 +132,5 @@ def tried(dataset: Dataset, settings: Settings, seen: str, progress: Progress) -
         float(np.mean(gains)),
         float(np.std(gains, ddof=1) / np.sqrt(len(gains))),
         UNIT,
-        f"{seen}; two trainings of {iterations} iterations, judged on {len(gains)} views held out of both",
+        f"{reason}; two trainings of {iterations} iterations, judged on {len(gains)} views held out of both",
     )

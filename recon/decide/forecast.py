@@ -55,16 +55,16 @@ def forecast(
 
     Reads a view of each camera. InputError, with the setting that would fit, where it takes more.
     """
-    seen: list[tuple[Sequence[View], Counts]] = []
+    looks: list[tuple[Sequence[View], Counts]] = []
 
     def look(firsts: Sequence[View], counts: Counts) -> NoReturn:
-        seen.append((tuple(firsts), counts))
+        looks.append((tuple(firsts), counts))
         raise _Read
 
     with suppress(_Read):
         width = request.overrides.width or QUALITIES[request.quality].width
         load(session, max_width=width, examine=look)
-    firsts, counts = seen[0]
+    firsts, counts = looks[0]
     free = max(room - memory.resident() - ARENA * threads, 0)
     needed, _ = fitting(firsts, counts, free, request)
     needed.require(session, free)

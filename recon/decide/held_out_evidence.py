@@ -114,9 +114,9 @@ def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judge
         residual = signal.cpu().numpy() - shot.pixels
         residual = np.where(shot.saturated, np.minimum(residual, 0.0), residual)
         squares = residual**2 / shot.noise.variance(np.maximum(shot.pixels, 0.0))
-        kept = shot.valid & (mask if squares.ndim == 2 else mask[..., None])
-        total -= 10 / np.log(10) * float(np.log1p(squares[kept]).sum(dtype=np.float64))
-        count += int(kept.sum())
+        counted = shot.valid & (mask if squares.ndim == 2 else mask[..., None])
+        total -= 10 / np.log(10) * float(np.log1p(squares[counted]).sum(dtype=np.float64))
+        count += int(counted.sum())
     return total / max(count, 1)
 
 

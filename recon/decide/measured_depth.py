@@ -29,7 +29,7 @@ to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/results/
 SURE_SCATTER = 0.03
 """Scatter of ln depth about scene points below which depth is accurate enough for that."""
 
-AS_TOLD = 0.05
+AS_STATED = 0.05
 """Largest error of ln depth of a scale from swept points (toy scenes of six views: 0.01)."""
 
 
@@ -44,8 +44,8 @@ def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit 
     xyz, tracks = dataset.tracks(MOST_TRACKED)
     if len(xyz):
         return fit(dataset.train, xyz, tracks)
-    found = fit(dataset.train, points_of_poses(dataset.with_depths(None), images, progress), {})
-    return replace(found, scale=1.0) if found and abs(np.log(found.scale)) < AS_TOLD else found
+    swept = fit(dataset.train, points_of_poses(dataset.with_depths(None), images, progress), {})
+    return replace(swept, scale=1.0) if swept and abs(np.log(swept.scale)) < AS_STATED else swept
 
 
 def depth_for(
@@ -109,14 +109,14 @@ def tried(
     without = scores(0.0)
     gains = {weight: scores(weight) - without for weight in weights}
     weight = max(gains, key=lambda weight: float(gains[weight].mean()))
-    own = gains[weight]
+    best = gains[weight]
     rung = Rung.judged(
         TERM,
-        float(own.mean()),
-        float(own.std(ddof=1) / np.sqrt(len(own))),
+        float(best.mean()),
+        float(best.std(ddof=1) / np.sqrt(len(best))),
         UNIT,
         f"trainings of {iterations} iterations with weights of "
-        f"{', '.join(f'{one:g}' for one in (0, *weights))}, judged on {len(own)} views held out of all; "
+        f"{', '.join(f'{one:g}' for one in (0, *weights))}, judged on {len(best)} views held out of all; "
         f"{weight:g} is best",
         errors=ONE_OF_SEVERAL,
     )

@@ -70,12 +70,12 @@ class Settings(Record):
 
     def downwards(self, views: int) -> tuple["Settings", ...]:
         """These and what a time without room for them may fall back on, largest first, for training views."""
-        found = [self]
+        sizes = [self]
         for preset in (QUALITIES[name] for name in downwards(self.quality)[1:]):
-            smaller = found[-1].no_larger(preset.width, preset.gaussians_of(views))
-            if smaller != found[-1]:
-                found.append(smaller)
-        return tuple(found)
+            smaller = sizes[-1].no_larger(preset.width, preset.gaussians_of(views))
+            if smaller != sizes[-1]:
+                sizes.append(smaller)
+        return tuple(sizes)
 
     @property
     def size(self) -> str:

@@ -37,7 +37,7 @@ MATERIAL = 0.45
 0.05 to 0.41 of RAW and, as photographs of 96 px, 0.40 to 0.63 with errors of 0.14 to 0.35; the gallery gains
 0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0 costs 0.12 dB of the picture, on the
 gallery degree 1 costs 0.04 (bench/results/ablation.md)."""
-UNTOLD = 0
+UNDECIDED = 0
 """Degree if too few views see the same points to decide. Of four and of eight views of the demo and the
 gallery it has 0.1 to 0.4 dB more of the light than degree 2, even where surfaces shine
 (bench/results/few_views.md).
@@ -70,7 +70,7 @@ def degree_for(
     else:
         evidence = gains(looks(dataset, images, points))
         if evidence is None:
-            degree = UNTOLD
+            degree = UNDECIDED
             reason = (
                 f"since fewer than {FEWEST_POINTS} scene points are seen by {FEWEST_VIEWS} training views, "
                 "so that nothing shows that more is needed"

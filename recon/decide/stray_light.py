@@ -79,22 +79,22 @@ def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSig
     xyz, tracks = dataset.tracks(MOST_TRACKED)
     light, halo, slope = np.full((3, len(dataset.train), len(xyz)), np.nan)
     for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
-        seen = tracks.get(view.id.image_name)
-        if seen is None:
+        points = tracks.get(view.id.image_name)
+        if points is None:
             continue
         bright, usable = rgb @ _LUMINANCE, trusted & view.seen
         stack = torch.from_numpy(np.stack([bright, np.where(usable, 0.0, bright)], axis=-1))
         around, unsure = spread(stack).numpy().transpose(2, 0, 1)
-        pixels, depth = project(view.lens, xyz[seen])
+        pixels, depth = project(view.lens, xyz[points])
         at = pixels.T[::-1] - 0.5
-        own, halo_there = (
-            map_coordinates(np.where(kept, values, np.nan), at, order=1, cval=np.nan)
-            for values, kept in ((bright, usable), (around, unsure < UNSURE * around))
+        bright_there, halo_there = (
+            map_coordinates(np.where(valid, values, np.nan), at, order=1, cval=np.nan)
+            for values, valid in ((bright, usable), (around, unsure < UNSURE * around))
         )
         steep = map_coordinates(np.hypot(*np.gradient(bright)), at, order=1, cval=np.nan)
-        good = (depth > 0) & np.isfinite(own) & np.isfinite(halo_there) & np.isfinite(steep)
-        for table, values in ((light, own), (halo, halo_there), (slope, steep)):
-            table[row, seen[good]] = values[good]
+        good = (depth > 0) & np.isfinite(bright_there) & np.isfinite(halo_there) & np.isfinite(steep)
+        for table, values in ((light, bright_there), (halo, halo_there), (slope, steep)):
+            table[row, points[good]] = values[good]
     often = np.flatnonzero(np.isfinite(light).sum(0) >= FEWEST_VIEWS)
     light, halo, slope = light[:, often], halo[:, often], slope[:, often]
     middle = np.nanmean(light, axis=0)
@@ -127,15 +127,15 @@ def _solved(sights: DarkSights, cameras: int) -> Array:
         light = sights.light - _mean(sights.point, sights.light[:, None], weight)[:, 0]
         normal = slopes.T @ (weight[:, None] * slopes)
         shares = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (slopes.T @ (weight * light))
-        left = light - slopes @ shares
-        weight = huber_weight(left, HUBER * max(robust_scale(left), 1e-6))
+        residuals = light - slopes @ shares
+        weight = huber_weight(residuals, HUBER * max(robust_scale(residuals), 1e-6))
     return np.asarray(shares)
 
 
 def _residual(sights: DarkSights, shares: Array) -> Array:
-    """Return what is left between the sights of each point, [N]."""
-    left = (sights.light - shares[sights.camera] * sights.halo)[:, None]
-    return np.asarray((left - _mean(sights.point, left, np.ones(len(left))))[:, 0])
+    """Return what the shares leave unexplained between the sights of each point, [N]."""
+    unexplained = (sights.light - shares[sights.camera] * sights.halo)[:, None]
+    return np.asarray((unexplained - _mean(sights.point, unexplained, np.ones(len(unexplained))))[:, 0])
 
 
 def _mean(point: Integers, values: Array, weight: Array) -> Array:

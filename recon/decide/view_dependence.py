@@ -115,18 +115,18 @@ def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> Integers:
     return np.asarray(rows[depth[rows] <= (1 + BEHIND) * nearest[cells(pixels[rows])]], np.int64)
 
 
-def gains(found: Looks) -> Gains | None:
+def gains(sights: Looks) -> Gains | None:
     """Return what each degree gains; None if fewer than 50 points are seen by 8 views or more.
 
     Points count by how little noise and a misplaced look would change them; errors are over points.
     """
-    views = np.isfinite(found.light).sum(0)
+    views = np.isfinite(sights.light).sum(0)
     chosen = np.argsort(-views, kind="stable")[:MOST_POINTS]
     chosen = chosen[views[chosen] >= FEWEST_VIEWS]
     if len(chosen) < FEWEST_POINTS:
         return None
-    light, towards = found.light[:, chosen].T, found.towards[:, chosen].transpose(1, 0, 2)
-    slope = np.nanmedian(found.slope[:, chosen], axis=0)
+    light, towards = sights.light[:, chosen].T, sights.towards[:, chosen].transpose(1, 0, 2)
+    slope = np.nanmedian(sights.slope[:, chosen], axis=0)
     weight = 1 / (NOISE**2 + (SHIFT * slope) ** 2)
     missed = weight * np.stack([_missed(light, towards, degree) for degree in range(DEGREE + 1)])
     total = missed.sum(1).clip(1e-30)
@@ -151,5 +151,5 @@ def _missed(light: Array, towards: Array, degree: int) -> Array:
     solved = np.linalg.solve(inner, terms.transpose(0, 2, 1))
     predicted = np.einsum("pvk,pk->pv", terms, np.einsum("pkv,pv->pk", solved, centred))
     leverage = np.einsum("pvk,pkv->pv", terms, solved) + 1 / count
-    left = np.where(there, (centred - predicted) / np.maximum(1 - leverage, 1e-9), 0.0)
-    return np.asarray((left**2).sum(1) / count[:, 0])
+    residuals = np.where(there, (centred - predicted) / np.maximum(1 - leverage, 1e-9), 0.0)
+    return np.asarray((residuals**2).sum(1) / count[:, 0])

@@ -31,26 +31,26 @@ class Targets(Generic[Kept]):
 
     def of(self, view: View, make: Callable[[], Kept], device: torch.device) -> Kept:
         """Return a view's targets on a device; `make` gives them on the host at the first access."""
-        kept = self._kept.get(view.name)
-        if kept is None:
-            kept = make()
-            if fits := device.type != "cpu" and _size(kept) <= room(device):
-                kept = _moved(kept, device)
+        targets = self._kept.get(view.name)
+        if targets is None:
+            targets = make()
+            if fits := device.type != "cpu" and _size(targets) <= room(device):
+                targets = _moved(targets, device)
             if fits or view.held:
-                self._kept[view.name] = kept
-        return _moved(kept, device)
+                self._kept[view.name] = targets
+        return _moved(targets, device)
 
     def array(self, values: Array32, image: Tensor) -> Tensor:
         """An array that several views may have in common, on the device and of the dtype of an image."""
         if image.device.type == "cpu":
             return torch.from_numpy(values).to(image.dtype)
-        kept = self._arrays.get(id(values))
-        if kept is None:
+        entry = self._arrays.get(id(values))
+        if entry is None:
             tensor = torch.from_numpy(values)
             if tensor.nbytes <= room(image.device):
                 tensor = sent(tensor, image.device)
-            kept = self._arrays[id(values)] = values, tensor  # the array lives on, so no other has its id
-        return sent(kept[1], image.device).to(image.dtype)
+            entry = self._arrays[id(values)] = values, tensor  # the array lives on, so no other has its id
+        return sent(entry[1], image.device).to(image.dtype)
 
 
 def room(device: torch.device) -> float:
@@ -70,17 +70,17 @@ def sent(tensor: Tensor, device: torch.device) -> Tensor:
     return tensor.to(device, non_blocking=True)
 
 
-def _tensors(kept: Any) -> dict[str, Tensor]:
-    values = {each.name: getattr(kept, each.name) for each in fields(kept)}
+def _tensors(targets: Any) -> dict[str, Tensor]:
+    values = {each.name: getattr(targets, each.name) for each in fields(targets)}
     return {name: value for name, value in values.items() if isinstance(value, Tensor)}
 
 
-def _size(kept: Any) -> int:
-    return sum(tensor.nbytes for tensor in _tensors(kept).values())
+def _size(targets: Any) -> int:
+    return sum(tensor.nbytes for tensor in _tensors(targets).values())
 
 
-def _moved(kept: Kept, device: torch.device) -> Kept:
-    tensors = _tensors(kept)
+def _moved(targets: Kept, device: torch.device) -> Kept:
+    tensors = _tensors(targets)
     if all(tensor.device == device for tensor in tensors.values()):
-        return kept
-    return replace(kept, **{name: sent(tensor, device) for name, tensor in tensors.items()})  # type: ignore[type-var]
+        return targets
+    return replace(targets, **{name: sent(tensor, device) for name, tensor in tensors.items()})  # type: ignore[type-var]

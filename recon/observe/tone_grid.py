@@ -68,13 +68,13 @@ def needed(nodes: Array, curves: Array) -> npt.NDArray[np.intp]:
 
     From the left, each line as long as it may be. The first node and the last are always among them.
     """
-    rows, kept = curves.reshape(-1, len(nodes)), [0]
-    while kept[-1] < len(nodes) - 1:
-        start, reach = kept[-1], 1
+    rows, chosen = curves.reshape(-1, len(nodes)), [0]
+    while chosen[-1] < len(nodes) - 1:
+        start, reach = chosen[-1], 1
         while start + reach < len(nodes) - 1 and _straight(nodes, rows, start, start + reach + 1):
             reach += 1
-        kept.append(start + reach)
-    return np.array(kept)
+        chosen.append(start + reach)
+    return np.array(chosen)
 
 
 def _straight(nodes: Array, rows: Array, start: int, end: int) -> bool:

@@ -33,15 +33,15 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
         & (opacities >= 0)
         & (colours.abs() <= COLOUR_MOST).all(dim=1)
     )
-    kept = torch.nonzero(finite)[:, 0]
+    usable = torch.nonzero(finite)[:, 0]
     means, quats, scales, opacities, colours = (
-        tensor[kept].double() for tensor in (means, quats, scales, opacities, colours)
+        tensor[usable].double() for tensor in (means, quats, scales, opacities, colours)
     )
     view = view_of(camera) if view is None else view
     mean2d, ellipse, depth, drawn = _project(means, quats, scales, camera, limits, view)
     deviation = ellipse.detach()[:, [0, 2]].amax(dim=1).sqrt()
     degenerate = drawn & ~(deviation <= limits.max_sigma)
-    culled = len(finite) - len(kept) + int(degenerate.sum())
+    culled = len(finite) - len(usable) + int(degenerate.sum())
     floor = alpha_floor(colours, limits)
     opacities = opacities + (opacities.clamp(max=limits.alpha_max) - opacities).detach()
     drawn = drawn & ~degenerate & (opacities.detach() >= floor)
@@ -50,7 +50,7 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     index = torch.nonzero(drawn)[:, 0]
     index = index[torch.sort(depth.detach()[index].float(), stable=True).indices]
     mean2d, ellipse, floor = mean2d[index], ellipse[index], floor[index]
-    opacities, colours, ids = opacities[index], colours[index], kept[index]
+    opacities, colours, ids = opacities[index], colours[index], usable[index]
     back = torch.zeros(colours.shape[1], dtype=torch.float64) if background is None else background.double()
     rows = camera.height * camera.width
     step = max(1, _CHUNK // max(1, len(index)))
@@ -239,9 +239,9 @@ def _composite(
         alpha.register_hook(add)  # type: ignore[no-untyped-call]
     before = _exclusive_product(1 - alpha)
     weight = alpha * before
-    left = before[:, -1] * (1 - alpha[:, -1])
-    image = weight @ colours + left[:, None] * background
-    return image, 1 - left, weight.detach().amax(dim=0), (hit & alive).any(dim=0)
+    remaining = before[:, -1] * (1 - alpha[:, -1])
+    image = weight @ colours + remaining[:, None] * background
+    return image, 1 - remaining, weight.detach().amax(dim=0), (hit & alive).any(dim=0)
 
 
 def _exclusive_product(factors: torch.Tensor) -> torch.Tensor:

@@ -68,10 +68,10 @@ def _row(case: str, what: str, error: float, limit: float) -> StressCase:
     return StressCase.of("methods", case, what, "truth", error, limit)
 
 
-def _miss(found: Array32, true: Array32) -> float:
+def _miss(ours: Array32, true: Array32) -> float:
     """Median relative error where there is light."""
     lit = true > 1e-3 * true.max()
-    return float(np.median(np.abs(found[lit] / true[lit] - 1)))
+    return float(np.median(np.abs(ours[lit] / true[lit] - 1)))
 
 
 def learned(
@@ -103,8 +103,8 @@ def learned(
     train(training, dataset, plan, log=lambda line: None, save=lambda: None)
     with torch.no_grad():
         image = training.renderer()(training.gaussians, held_out.lens, degree=2).image
-        found = method.observation.radiance(image).numpy()
-    return found, _seen(tensors, held_out.lens, glow)
+        result = method.observation.radiance(image).numpy()
+    return result, _seen(tensors, held_out.lens, glow)
 
 
 def _seen(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Array32:

@@ -100,8 +100,8 @@ def gradients(
         with torch.no_grad():
             truth = draw(case, torch.float64, grad=False)[0].image
         render.image.backward((pull / (truth + reference)).to(dtype))  # type: ignore[no-untyped-call]
-    found = {name: _slope(t) for name, t in zip(NAMES, tensors, strict=True)}
-    return image, found | {"camera": (_slope(delta) * STEPS)[None]}, _sizes(case, found["opacities"], stats)
+    slopes = {name: _slope(t) for name, t in zip(NAMES, tensors, strict=True)}
+    return image, slopes | {"camera": (_slope(delta) * STEPS)[None]}, _sizes(case, slopes["opacities"], stats)
 
 
 def _sizes(case: Case, slopes: torch.Tensor, stats: SplatStats) -> torch.Tensor:
@@ -147,11 +147,11 @@ def vectors(
 
 def accuracy(case: Case, seed: int) -> dict[str, Any]:
     """Errors of one scene against the oracle with the same cut-offs."""
-    image, found, _ = gradients(case, torch.float32, seed)
+    image, slopes, _ = gradients(case, torch.float32, seed)
     truth, expected, sizes = gradients(case, torch.float64, seed)
     lit = truth[truth > 0]
     without = ("means", "quats", "scales", "camera") if case.flat else ()
-    finite = all(bool(torch.isfinite(value).all()) for value in (image, *found.values()))
+    finite = all(bool(torch.isfinite(value).all()) for value in (image, *slopes.values()))
     return {
         "gaussians": len(case.tensors[0]),
         "size": f"{case.camera.width}x{case.camera.height}",
@@ -161,7 +161,7 @@ def accuracy(case: Case, seed: int) -> dict[str, Any]:
         **{
             name: None
             if name in without
-            else vectors(found[name], expected[name], sizes if name == "opacities" else None)
+            else vectors(slopes[name], expected[name], sizes if name == "opacities" else None)
             for name in expected
         },
     }

@@ -74,8 +74,8 @@ class Adam:
         for group in self.param_groups:
             prefix, value = group["name"] + ".", group["params"][0]
             state = {
-                key.removeprefix(prefix): kept.to(value.device)
-                for key, kept in tensors.items()
+                key.removeprefix(prefix): tensor.to(value.device)
+                for key, tensor in tensors.items()
                 if key.startswith(prefix)
             }
             if state:

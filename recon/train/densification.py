@@ -72,8 +72,8 @@ class Density:
         count = len(gaussians)
         keep = self._visible(gaussians, luminance)
         score = torch.where(keep, stats.tension, 0.0)
-        kept, steep = torch.stack([keep.sum(), (score > 0).sum()]).tolist()
-        room = self._planned(progress, kept) - kept
+        visible, steep = torch.stack([keep.sum(), (score > 0).sum()]).tolist()
+        room = self._planned(progress, visible) - visible
         wanted = max(0, min(room, math.ceil(self.rules.growth * count), steep))
         split = torch.argsort(-score, stable=True)[:wanted].sort().values
         keep[split] = False
@@ -129,28 +129,28 @@ class Change:
 
     def apply(self, gaussians: Gaussians, optimizer: Adam) -> None:
         """Apply it in place: the optimizer's state follows the Gaussians, new ones begin without any."""
-        kept = self.keep.nonzero()[:, 0]
+        staying = self.keep.nonzero()[:, 0]
         for group in optimizer.param_groups:
             name = group["name"]
             if name not in gaussians.parameters:
                 continue
             old = gaussians.parameters[name]
             rows = self.new.get(name, old.detach()[:0])
-            fresh = _kept(old.detach(), kept, rows).requires_grad_(True)
+            fresh = _kept(old.detach(), staying, rows).requires_grad_(True)
             state = optimizer.state.pop(old, None)
             if state:
                 for key in ("exp_avg", "exp_avg_sq"):
-                    state[key] = _kept(state[key], kept, torch.zeros_like(rows))
+                    state[key] = _kept(state[key], staying, torch.zeros_like(rows))
                 optimizer.state[fresh] = state
             group["params"] = [fresh]
             gaussians.parameters[name] = fresh
 
 
-def _kept(rows: Tensor, kept: Tensor, new: Tensor) -> Tensor:
+def _kept(rows: Tensor, staying: Tensor, new: Tensor) -> Tensor:
     """Some of the rows, and new ones behind them, without a copy on the way."""
-    joined = rows.new_empty((len(kept) + len(new), *rows.shape[1:]))
-    torch.index_select(rows, 0, kept, out=joined[: len(kept)])
-    joined[len(kept) :] = new
+    joined = rows.new_empty((len(staying) + len(new), *rows.shape[1:]))
+    torch.index_select(rows, 0, staying, out=joined[: len(staying)])
+    joined[len(staying) :] = new
     return joined
 
 

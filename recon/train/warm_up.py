@@ -28,8 +28,8 @@ def warm_up(
     apart; channels: of the light, for which the blending is; depth: also
     those that draw depth beside it.
     """
-    kept = any(cache_folder().rglob("*.nbi"))
-    doing = "loading" if kept else "compiling, once on this machine,"
+    cached = any(cache_folder().rglob("*.nbi"))
+    doing = "loading" if cached else "compiling, once on this machine,"
     total = 3 if device == _CPU else 4
     progress(f"{doing} the rasteriser", 0, total)
     image = _render(_CPU, channels=channels)

@@ -16,21 +16,7 @@ import rig
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "examples")
-NAMED = (
-    "imaging",
-    "drivers",
-    "capture",
-    "calib",
-    "recon/data",
-    "recon/exports",
-    "recon/protocols",
-    "recon/rendering",
-    "recon/result",
-    "recon/scene",
-    "recon/start",
-    "recon/trade",
-    "rig",
-)
+NAMED = FOLDERS
 """Folders whose variables say what they hold; the others follow."""
 CLAUSE = re.compile(
     r'^\s*r?"""\s*(?:As|By|From|How|If|Of|That|What|When|Where|Whether|Which|While|Who|Whoever|Whom|Whose|Why)\b',

@@ -3,7 +3,7 @@
 
 A vector is two rows of eight pixels of an 8x8 block, so four vectors are a block and their transmittance
 and colour stay in registers while the block's list is walked. Lists are walked in chunks; before each
-chunk the transmittances are kept, so that the backward pass can start anywhere without a division.
+chunk the transmittances are stored, so that the backward pass can start anywhere without a division.
 
 `background` is a tuple with a number for each channel of light: how many there are is part of its type, and
 the compiler makes a kernel for each number that is used.
@@ -38,7 +38,7 @@ from recon.splat.cpu.tiles import ID_BITS, TILE
 from recon.splat.tables import PAINT
 
 CHUNK = 64
-"""Gaussians walked between two kept transmittances."""
+"""Gaussians walked between two stored transmittances."""
 FIELDS = 7
 """Floats of a Gaussian in a tile before its colours: see `gather`."""
 PIXELS = TILE * TILE
@@ -188,23 +188,23 @@ def _begin(tile_x, tile_y, height, width, state, alive):
 
 
 @inlined
-def _finish(tile_x, tile_y, background, state, image, left):
+def _finish(tile_x, tile_y, background, state, image, remaining):
     """Write a tile's pixels, over the background."""
-    height, width = left.shape
+    height, width = remaining.shape
     for y in range(tile_y * TILE, min((tile_y + 1) * TILE, height)):
         for x in range(tile_x * TILE, min((tile_x + 1) * TILE, width)):
             p = block_pixel(x & 15, y & 15)
             t = state[p]
-            left[y, x] = t
+            remaining[y, x] = t
             for c in range(len(background)):
                 image[y, x, c] = state[(1 + c) * PIXELS + p] + t * background[c]
 
 
 @kernel
-def composite(counter, lists, projected, background, t_min, kept, image, left, pairs, chunks):
-    """Render tiles: image [H, W, C], left [H, W] (final transmittance), per tile pairs and chunks walked.
+def composite(counter, lists, projected, background, t_min, stored, image, remaining, pairs, chunks):
+    """Render tiles: image [H, W, C], remaining transmittance [H, W], per tile pairs and chunks walked.
 
-    kept: float32 [all chunks * PIXELS], transmittances for the backward pass; or empty.
+    stored: float32 [all chunks * PIXELS], transmittances for the backward pass; or empty.
     """
     rows = np.empty(CHUNK * (FIELDS + len(background)), np.float32)
     bits = np.empty(CHUNK, np.intp)
@@ -212,7 +212,7 @@ def composite(counter, lists, projected, background, t_min, kept, image, left, p
     state = np.empty((1 + len(background)) * PIXELS, np.float32)
     alive = np.empty(4, np.intp)
     floor = splat(t_min)
-    height, width = left.shape
+    height, width = remaining.shape
     tile = take_number(counter)
     while tile < len(pairs):
         tile_x, tile_y = tile % lists.across, tile // lists.across
@@ -222,10 +222,10 @@ def composite(counter, lists, projected, background, t_min, kept, image, left, p
         while begin < stop and alive[0] + alive[1] + alive[2] + alive[3] > 0:
             end = min(begin + CHUNK, stop)
             gather(lists, projected, background, begin, end, tile_x, tile_y, bits, rows)
-            if len(kept):
+            if len(stored):
                 at = (lists.chunk_start[tile] + chunks[tile]) * PIXELS
                 for p in range(0, PIXELS, WIDTH):
-                    store(kept, at + p, load(state, p))
+                    store(stored, at + p, load(state, p))
             for block in range(4):
                 if alive[block]:
                     count = select(bits, end - begin, block, chosen)
@@ -235,5 +235,5 @@ def composite(counter, lists, projected, background, t_min, kept, image, left, p
                         pairs[tile] += 64 * count
             chunks[tile] += 1
             begin = end
-        _finish(tile_x, tile_y, background, state, image, left)
+        _finish(tile_x, tile_y, background, state, image, remaining)
         tile = take_number(counter)

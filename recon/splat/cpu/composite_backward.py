@@ -3,7 +3,7 @@
 
 With g = d loss / d pixel, w = alpha T and B = what lies behind a layer, blended, dotted with g:
 `d loss / d alpha = T (colour . g - B)`, and in front of that layer `B + alpha (colour . g - B)`.
-T comes from the kept transmittances, multiplied forward through a chunk and stored beside alpha.
+T comes from the stored transmittances, multiplied forward through a chunk and stored beside alpha.
 Every (tile, Gaussian) entry has its own slot of sums; a Gaussian's slots are added up afterwards in
 their order. No sum depends on which thread did what, so gradients are equal to the last bit.
 """
@@ -62,7 +62,7 @@ def _walk(q, y2, light, rows, at, t_min, alphas, lights, place):
 
 @inlined
 def _walk_block(rows, chosen, count, block, t_min, background, light, at_light, alphas, lights, slots):
-    """Forward over a block from the kept transmittances; largest weights go to the slots.
+    """Forward over a block from the stored transmittances; largest weights go to the slots.
 
     Leaves in `chosen` only the Gaussians that touched a pixel here, and returns how many.
     """
@@ -134,9 +134,9 @@ def _return_block(rows, chosen, count, block, background, alphas, lights, grads,
 
 
 @inlined
-def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind):
+def _tile_gradients(tile_x, tile_y, grad_image, grad_remaining, background, grads, behind):
     """Gather a tile's d loss / d pixel, block by block, and B behind its last Gaussian."""
-    height, width = grad_left.shape
+    height, width = grad_remaining.shape
     for p in range(len(grads)):
         grads[p] = _ZERO
     for p in range(PIXELS):
@@ -148,16 +148,16 @@ def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, be
             for c in range(len(background)):
                 grads[c * PIXELS + p] = grad_image[y, x, c]
                 back += grad_image[y, x, c] * background[c]
-            behind[p] = back + grad_left[y, x]
+            behind[p] = back + grad_remaining[y, x]
 
 
 @kernel
 def composite_backward(
-    counter, lists, projected, background, t_min, kept, chunks, grad_image, grad_left, slots
+    counter, lists, projected, background, t_min, stored, chunks, grad_image, grad_remaining, slots
 ):
     """Gradients of `composite`, summed per entry into slots float32 [entries * slot_size(C)].
 
-    Arguments as there; grad_image [H, W, C] and grad_left [H, W]: d loss / d (image, left).
+    Arguments as there; grad_image [H, W, C] and grad_remaining [H, W]: d loss / d (image, remaining).
     """
     size = _slot_size(len(background))
     rows = np.empty(CHUNK * (FIELDS + len(background)), np.float32)
@@ -174,7 +174,7 @@ def composite_backward(
         tile_x, tile_y = tile % lists.across, tile // lists.across
         start, stop = lists.start[tile], lists.start[tile + 1]
         if chunks[tile]:
-            _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind)
+            _tile_gradients(tile_x, tile_y, grad_image, grad_remaining, background, grads, behind)
         for chunk in range(chunks[tile] - 1, -1, -1):
             begin = start + chunk * CHUNK
             end = min(begin + CHUNK, stop)
@@ -183,10 +183,10 @@ def composite_backward(
                 store(sums, j, splat(_ZERO))
             for block in range(4):
                 at = (lists.chunk_start[tile] + chunk) * PIXELS + 64 * block
-                if _most(kept, at) >= t_min:
+                if _most(stored, at) >= t_min:
                     count = select(bits, end - begin, block, chosen)
                     count = _walk_block(
-                        rows, chosen, count, block, floor, background, kept, at, alphas, lights, sums
+                        rows, chosen, count, block, floor, background, stored, at, alphas, lights, sums
                     )
                     _return_block(rows, chosen, count, block, background, alphas, lights, grads, behind, sums)
             for j in range(end - begin):

@@ -103,8 +103,8 @@ def _opacity_and_reach(values, k):
     ceiling_ = choose(above(brightest, 0.0), k[LIMITS + 4] / brightest, k[LIMITS + 3])
     lowest = maximum(minimum(ceiling_, k[LIMITS + 3]), ALPHA_FLOOR)
     o = minimum(load(values, 80), k[LIMITS + 2])
-    seen = at_least(o, lowest)
-    return seen, o, maximum(_log2(choose(seen, o / lowest, splat(1.0))), 0.0)
+    visible = at_least(o, lowest)
+    return visible, o, maximum(_log2(choose(visible, o / lowest, splat(1.0))), 0.0)
 
 
 @inlined
@@ -122,7 +122,7 @@ def _project_eight(values, k, fisheye, out):
     m = root_covariance(axes, r, (load(values, 56), load(values, 64), load(values, 72)))
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
     sane = both(at_least(k[LIMITS + 5], maximum(a, c)), above(math.inf, determinant))
-    seen, o, reach = _opacity_and_reach(values, k)
+    visible, o, reach = _opacity_and_reach(values, k)
 
     # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
     deviation, across = root(a), root(reach)
@@ -136,11 +136,11 @@ def _project_eight(values, k, fisheye, out):
     last_x = floor(minimum(px + rx - 0.5, k[LIMITS + 6] - 1.0))
     first_y = ceiling(maximum(py - ry - 0.5, 0.0))
     last_y = floor(minimum(py + ry - 0.5, k[LIMITS + 7] - 1.0))
-    seen = both(seen, both(at_least(last_x, first_x), at_least(last_y, first_y)))
+    visible = both(visible, both(at_least(last_x, first_x), at_least(last_y, first_y)))
     half = 0.5 * (a - c)
     radius = 3.0 * root(0.5 * (a + c) + root(half * half + b * b))
 
-    state = choose(sane, choose(seen, splat(1.0), 0.0), splat(2.0))
+    state = choose(sane, choose(visible, splat(1.0), 0.0), splat(2.0))
     state = choose(sound, choose(ahead, state, 0.0), splat(2.0))
     store(out, 0, state)
     store(out, 8, z)
@@ -163,7 +163,7 @@ def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
     """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected; fisheye: None or True."""
     n = len(means)
     ids = np.empty(8, np.int64)
-    values, found = np.empty((INPUTS + colours.shape[1]) * 8), np.empty(_OUTPUTS * 8)
+    values, results = np.empty((INPUTS + colours.shape[1]) * 8), np.empty(_OUTPUTS * 8)
     task = take_number(counter)
     while task * TASK < n:
         stop = min((task + 1) * TASK, n)
@@ -172,19 +172,19 @@ def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
                 ids[j] = min(first + j, stop - 1)
             read_eight(means, quats, scales, opacities, ids, values)
             _read_colours(colours, ids, values)
-            _project_eight(values, k, fisheye, found)
+            _project_eight(values, k, fisheye, results)
             for j in range(min(8, stop - first)):
                 i = first + j
-                state = np.uint8(found[j])
+                state = np.uint8(results[j])
                 out.state[i] = state
                 if state == DRAWN:
-                    out.depth[i] = found[8 + j]
-                    out.radius[i] = found[16 + j]
+                    out.depth[i] = results[8 + j]
+                    out.radius[i] = results[16 + j]
                     for a in range(5):
-                        out.shape[i, a] = found[24 + 8 * a + j]
-                    out.paint[i, PAINT], out.paint[i, PAINT + 1] = -found[64 + j], found[72 + j]
+                        out.shape[i, a] = results[24 + 8 * a + j]
+                    out.paint[i, PAINT], out.paint[i, PAINT + 1] = -results[64 + j], results[72 + j]
                     for a in range(colours.shape[1]):
                         out.paint[i, PAINT + 2 + a] = colours[i, a]
                     for a in range(4):
-                        out.box[i, a] = int(found[80 + 8 * a + j])
+                        out.box[i, a] = int(results[80 + 8 * a + j])
         task = take_number(counter)

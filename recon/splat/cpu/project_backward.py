@@ -117,7 +117,7 @@ def project_backward(
     """
     n = len(means)
     drawn, ids = np.empty(TASK, np.int64), np.empty(8, np.int64)
-    values, moments, found = np.empty(INPUTS * 8), np.empty(MOMENTS * 8), np.empty(_OUTPUTS * 8)
+    values, moments, results = np.empty(INPUTS * 8), np.empty(MOMENTS * 8), np.empty(_OUTPUTS * 8)
     counted, sums, light = np.empty(8), np.empty(VIEW * 8), np.empty(grad_colours.shape[1])
     task = take_number(counter)
     while task * TASK < n:
@@ -144,16 +144,16 @@ def project_backward(
                 )  # fmt: skip
                 counted[j] = weight[i] if first + j < count else 0.0
             read_eight(means, quats, scales, opacities, ids, values)
-            _backward_eight(values, moments, k, fisheye, found, counted, sums, view)
+            _backward_eight(values, moments, k, fisheye, results, counted, sums, view)
             for j in range(8):
                 i = ids[j]
                 if weight[i] > 0.0:
                     for a in range(3):
-                        grad_means[i, a] = found[8 * a + j]
-                        grad_scales[i, a] = found[56 + 8 * a + j]
+                        grad_means[i, a] = results[8 * a + j]
+                        grad_scales[i, a] = results[56 + 8 * a + j]
                     for a in range(4):
-                        grad_quats[i, a] = found[24 + 8 * a + j]
-                    grad_opacities[i] = found[80 + j]
+                        grad_quats[i, a] = results[24 + 8 * a + j]
+                    grad_opacities[i] = results[80 + j]
         if view is not None:
             finish_view(sums, view, task)
         task = take_number(counter)

@@ -25,8 +25,8 @@ def rasterize_cpu(inputs: RasterInputs) -> Render:
     if len(inputs.means) >= tiles.MAX_GAUSSIANS:
         raise ValueError(f"{len(inputs.means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
     call = RenderCall.of(inputs)
-    image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
-    return Render(image, 1 - left, call.counts)
+    image, remaining = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
+    return Render(image, 1 - remaining, call.counts)
 
 
 def _numpy(tensor: torch.Tensor) -> AnyArray:
@@ -46,28 +46,28 @@ class _Rasterize(torch.autograd.Function):
         *tensors, _, call = arguments
         arrays = [_numpy(tensor) for tensor in tensors]
         tables = _Tables(Lease(), arrays, call)
-        image, left = tables.blend(arrays[5])
+        image, remaining = tables.blend(arrays[5])
         if call.keep:
-            ctx.save_for_backward(*tensors, left)
+            ctx.save_for_backward(*tensors, remaining)
             ctx.tables = tables
             ctx.set_materialize_grads(False)
-        return image, left
+        return image, remaining
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        *tensors, left = ctx.saved_tensors
+        *tensors, remaining = ctx.saved_tensors
         image, light = gradients
         grad_image = (
-            np.zeros((*left.shape, tensors[4].shape[1]), np.float32) if image is None else _numpy(image)
+            np.zeros((*remaining.shape, tensors[4].shape[1]), np.float32) if image is None else _numpy(image)
         )
-        grad_left = np.zeros(left.shape, np.float32) if light is None else _numpy(light)
+        grad_remaining = np.zeros(remaining.shape, np.float32) if light is None else _numpy(light)
         arrays = [_numpy(tensor) for tensor in tensors]
-        found, view = ctx.tables.gradients(arrays, grad_image, grad_left, ctx.needs_input_grad[6])
+        of_inputs, view = ctx.tables.gradients(arrays, grad_image, grad_remaining, ctx.needs_input_grad[6])
         back = None
         if ctx.needs_input_grad[5]:
-            sums = np.einsum("hw,hwc->c", left.numpy(), grad_image, dtype=np.float64)
+            sums = np.einsum("hw,hwc->c", remaining.numpy(), grad_image, dtype=np.float64)
             back = torch.from_numpy(sums.astype(np.float32))
-        return (*found, back, view, None)
+        return (*of_inputs, back, view, None)
 
 
 class _Tables:
@@ -117,49 +117,49 @@ class _Tables:
             chunk_start=np.cumsum(chunks) - chunks,
         )
         share(tiles.scatter, 0.01 * size, order, self.entries, cursor, self.lists)
-        self.kept = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
+        self.stored = get("stored", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
         self.chunks = get("chunks", across * down, np.int32)
         self.t_min = np.float32(max(call.limits.t_min, T_LEAST))
 
     def blend(self, background: AnyArray) -> tuple[torch.Tensor, torch.Tensor]:
-        """The image [H, W, C] and what is left of the light behind it [H, W]."""
+        """The image [H, W, C] and what remains of the light behind it [H, W]."""
         width, height = self.call.camera.width, self.call.camera.height
         pairs = self.lease.buffers.array("pairs", len(self.chunks), np.int64)
-        image, left = torch.empty(height, width, len(background)), torch.empty(height, width)
+        image, remaining = torch.empty(height, width, len(background)), torch.empty(height, width)
         share(
             composite, self._work(), self.lists, self.projected, tuple(background), self.t_min,
-            self.kept, image.numpy(), left.numpy(), pairs, self.chunks,
+            self.stored, image.numpy(), remaining.numpy(), pairs, self.chunks,
         )  # fmt: skip
         culled, visible = np.count_nonzero(self.projected.state == BAD), np.count_nonzero(self.entries.number)
         self.call.counts = int(culled), int(visible), int(pairs.sum())
-        return image, left
+        return image, remaining
 
     def gradients(
-        self, arrays: list[AnyArray], image: AnyArray, left: AnyArray, moving: bool
+        self, arrays: list[AnyArray], image: AnyArray, remaining: AnyArray, moving: bool
     ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
-        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
+        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, remaining).
 
         And d loss / d view, if the camera is `moving`.
         """
         get = self.lease.buffers.array
         n = len(arrays[0])
         slots = get("slots", len(self.lists.id) * slot_size(len(arrays[5])), np.float32)
-        found = [torch.empty(array.shape) for array in arrays[:5]]
+        gradients = [torch.empty(array.shape) for array in arrays[:5]]
         pull, weight = get("pull", n, np.float32), get("weight", n, np.float32)
         view = np.empty((-(-n // tiles.TASK), VIEW)) if moving else None
         share(
             composite_backward, self._work(), self.lists, self.projected, tuple(arrays[5]), self.t_min,
-            self.kept, self.chunks, image, left, slots,
+            self.stored, self.chunks, image, remaining, slots,
         )  # fmt: skip
         share(
             project_backward, 0.1 * n, *arrays[:4], self.parameters, self.fisheye, self.projected,
-            self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in found),
+            self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in gradients),
             pull, weight, view,
         )  # fmt: skip
         if self.call.stats is not None:
             counts = (torch.from_numpy(count) for count in (self.projected.radius, pull, weight))
             self.call.stats.add(self.call.camera, *counts)
-        return found, None if view is None else torch.from_numpy(view.sum(axis=0))
+        return gradients, None if view is None else torch.from_numpy(view.sum(axis=0))
 
     def _work(self) -> float:
         """Microseconds that compositing will take, roughly."""

@@ -2,7 +2,7 @@
 """Blending the entries of a tile front to back: one warp a tile, its pixels in registers.
 
 The threads walk the list together, four pixels each, and exchange nothing but, once a chunk, the largest
-transmittance: no shared memory, no barrier. Before each chunk the transmittances are kept, so that
+transmittance: no shared memory, no barrier. Before each chunk the transmittances are stored, so that
 the backward pass can start anywhere without a division. float32, with the tile's origin taken off in
 float64 before (see `tiles.gather`).
 """
@@ -83,11 +83,11 @@ def cover(ellipse, x, y, light, t_min):
 @triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
 def composite(
     rows, stride, start, chunk_start, background, t_min, across, height, width,
-    kept, image, left, pairs, chunks, CHUNK: tl.constexpr, KEEP: tl.constexpr,
+    stored, image, remaining, pairs, chunks, CHUNK: tl.constexpr, KEEP: tl.constexpr,
 ):  # fmt: skip
-    """Render tiles: image [H, W, 3], left [H, W] (final transmittance), per tile pairs and chunks walked.
+    """Render tiles: image [H, W, 3], remaining transmittance [H, W], per tile pairs and chunks walked.
 
-    kept: float32 [all chunks * PIXELS], transmittances for the backward pass, if KEEP.
+    stored: float32 [all chunks * PIXELS], transmittances for the backward pass, if KEEP.
     """
     tile = tl.program_id(0)
     column, row = places()
@@ -98,7 +98,7 @@ def composite(
     light = tl.where(inside, 1.0, 0.0)
     red, green, blue = tl.zeros_like(light), tl.zeros_like(light), tl.zeros_like(light)
     begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
-    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
+    keep = stored + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
     entry, walked, most = begin, 0, tl.max(light)
     while (entry < stop) & (most >= t_min):
         if KEEP:
@@ -120,7 +120,7 @@ def composite(
     blocks = (tl.minimum(width - tile % across * WIDE, WIDE) + 7) // 8
     tl.store(pairs + tile, (tl.minimum(entry, stop) - begin) * (blocks * 64))
     at = image_y.to(tl.int64) * width + image_x
-    tl.store(left + at, light, mask=inside)
+    tl.store(remaining + at, light, mask=inside)
     tl.store(image + 3 * at, tl.fma(light, tl.load(background), red), mask=inside)
     tl.store(image + 3 * at + 1, tl.fma(light, tl.load(background + 1), green), mask=inside)
     tl.store(image + 3 * at + 2, tl.fma(light, tl.load(background + 2), blue), mask=inside)

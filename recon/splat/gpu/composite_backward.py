@@ -3,7 +3,7 @@
 
 With g = d loss / d pixel, w = alpha T and B = what lies behind a layer, blended, dotted with g:
 `d loss / d alpha = T (colour . g - B)`, and in front of that layer `B + alpha (colour . g - B)`.
-T comes from the kept transmittances, multiplied forward through a chunk; with alpha it stays in registers.
+T comes from the stored transmittances, multiplied forward through a chunk; with alpha it stays in registers.
 Every entry has its own slot of sums, so that no sum depends on which program ran when. As in the forward
 pass, one warp does a tile: its sums need neither shared memory nor a barrier.
 """
@@ -47,27 +47,27 @@ def _totals(s, w, g):
     m0, m1, m2 = tl.sum(s, axis=0), tl.sum(s * step, axis=0), tl.sum(s * (step * step), axis=0)
     sy = tl.fma(m0, y, m1)
     sx, syy = m0 * x, tl.fma(y, sy, tl.fma(y, m1, m2))
-    found = tl.where(lane == 0, tl.sum(m0, axis=0), 0.0)
-    found = tl.where(lane == 1, tl.sum(sx, axis=0), found)
-    found = tl.where(lane == 2, tl.sum(sy, axis=0), found)
-    found = tl.where(lane == 3, tl.sum(sx * x, axis=0), found)
-    found = tl.where(lane == 4, tl.sum(sy * x, axis=0), found)
-    found = tl.where(lane == 5, tl.sum(syy, axis=0), found)
-    found = tl.where(lane == 6, tl.sum(tl.sum(w * g[0], axis=0), axis=0), found)
-    found = tl.where(lane == 7, tl.sum(tl.sum(w * g[1], axis=0), axis=0), found)
-    found = tl.where(lane == 8, tl.sum(tl.sum(w * g[2], axis=0), axis=0), found)
-    found = tl.where(lane == 9, tl.sum(tl.sum(tl.abs(s), axis=0), axis=0), found)
-    return tl.where(lane == 10, tl.max(tl.max(w, axis=0), axis=0), found)
+    totals = tl.where(lane == 0, tl.sum(m0, axis=0), 0.0)
+    totals = tl.where(lane == 1, tl.sum(sx, axis=0), totals)
+    totals = tl.where(lane == 2, tl.sum(sy, axis=0), totals)
+    totals = tl.where(lane == 3, tl.sum(sx * x, axis=0), totals)
+    totals = tl.where(lane == 4, tl.sum(sy * x, axis=0), totals)
+    totals = tl.where(lane == 5, tl.sum(syy, axis=0), totals)
+    totals = tl.where(lane == 6, tl.sum(tl.sum(w * g[0], axis=0), axis=0), totals)
+    totals = tl.where(lane == 7, tl.sum(tl.sum(w * g[1], axis=0), axis=0), totals)
+    totals = tl.where(lane == 8, tl.sum(tl.sum(w * g[2], axis=0), axis=0), totals)
+    totals = tl.where(lane == 9, tl.sum(tl.sum(tl.abs(s), axis=0), axis=0), totals)
+    return tl.where(lane == 10, tl.max(tl.max(w, axis=0), axis=0), totals)
 
 
 @triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
 def composite_backward(
     rows, stride, start, chunk_start, slot, background, t_min, across, height, width,
-    kept, chunks, grad_image, grad_left, slots, CHUNK: tl.constexpr,
+    stored, chunks, grad_image, grad_remaining, slots, CHUNK: tl.constexpr,
 ):  # fmt: skip
     """Gradients of `composite`, summed into slots float32 [pairs, SLOT], which hold zeros.
 
-    Arguments as there; grad_image [H, W, 3] and grad_left [H, W]: d loss / d (image, left).
+    Arguments as there; grad_image [H, W, 3] and grad_remaining [H, W]: d loss / d (image, remaining).
     """
     tile = tl.program_id(0)
     column, row = places()
@@ -78,10 +78,10 @@ def composite_backward(
     red = tl.load(grad_image + 3 * at, mask=inside, other=0.0)
     green = tl.load(grad_image + 3 * at + 1, mask=inside, other=0.0)
     blue = tl.load(grad_image + 3 * at + 2, mask=inside, other=0.0)
-    behind = tl.load(grad_left + at, mask=inside, other=0.0)
+    behind = tl.load(grad_remaining + at, mask=inside, other=0.0)
     behind += red * tl.load(background) + green * tl.load(background + 1) + blue * tl.load(background + 2)
     begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
-    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
+    keep = stored + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
     lane = tl.arange(0, 32)
     chunk = tl.load(chunks + tile) - 1
     while chunk >= 0:
@@ -95,6 +95,6 @@ def composite_backward(
             d = tl.fma(red, colour[0], tl.fma(green, colour[1], tl.fma(blue, colour[2], -behind)))
             behind = tl.fma(alphas[j], d, behind)
             to = slots + tl.load(slot + (first + j), mask=present, other=0) * SLOT + lane
-            found = _totals(w * d, w, (red, green, blue))
-            tl.store(to, found, mask=lane < tl.where(present, SLOT, 0))
+            totals = _totals(w * d, w, (red, green, blue))
+            tl.store(to, totals, mask=lane < tl.where(present, SLOT, 0))
         chunk -= 1

@@ -40,7 +40,7 @@ def appended(values, value):
 @triton.jit
 def read_parameters(pointer):
     """All numbers of the vector of `recon.splat.parameters`."""
-    found = ()
+    values = ()
     for a in tl.static_range(_COUNT):
-        found = appended(found, tl.load(pointer + a))
-    return found
+        values = appended(values, tl.load(pointer + a))
+    return values

@@ -61,8 +61,8 @@ def _opacity_and_reach(opacity, red, green, blue, k):
     ceiling = tl.where(lit, k[LIMITS + 4] / tl.where(lit, brightest, 1.0), k[LIMITS + 3])
     lowest = tl.maximum(tl.minimum(ceiling, k[LIMITS + 3]), _ALPHA_FLOOR)
     o = tl.minimum(opacity.to(tl.float64), k[LIMITS + 2])
-    seen = o >= lowest
-    return seen, o, tl.maximum(tl.log2(tl.where(seen, o / lowest, 1.0)), 0.0)
+    visible = o >= lowest
+    return visible, o, tl.maximum(tl.log2(tl.where(visible, o / lowest, 1.0)), 0.0)
 
 
 @triton.jit
@@ -106,7 +106,7 @@ def project(
     m = root_covariance(axes, rotation(quat), scale)
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
     sane = (tl.maximum(a, c) <= k[LIMITS + 5]) & (determinant < _INFINITY)
-    seen, o, reach = _opacity_and_reach(opacity, red, green, blue, k)
+    visible, o, reach = _opacity_and_reach(opacity, red, green, blue, k)
 
     # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
     deviation, across = tl.sqrt(a), tl.sqrt(reach)
@@ -118,7 +118,7 @@ def project(
     last_x = tl.floor(tl.minimum(px + rx - 0.5, width - 1.0))
     first_y = tl.ceil(tl.maximum(py - ry - 0.5, 0.0))
     last_y = tl.floor(tl.minimum(py + ry - 0.5, height - 1.0))
-    drawn = ahead & sane & seen & (last_x >= first_x) & (last_y >= first_y)
+    drawn = ahead & sane & visible & (last_x >= first_x) & (last_y >= first_y)
     bad = (~sound) | (ahead & (~sane))
     half = 0.5 * (a - c)
     wide = 3.0 * tl.sqrt(0.5 * (a + c) + tl.sqrt(half * half + b * b))

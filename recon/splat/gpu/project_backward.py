@@ -26,10 +26,10 @@ from recon.splat.gpu.slots import MOMENTS
 @triton.jit
 def _read_moments(pointer, touched):
     """The moments, zero where nothing was touched."""
-    found = ()
+    moments = ()
     for a in tl.static_range(MOMENTS):
-        found = appended(found, tl.load(pointer + a, mask=touched, other=0.0))
-    return found
+        moments = appended(moments, tl.load(pointer + a, mask=touched, other=0.0))
+    return moments
 
 
 @triton.jit

@@ -42,8 +42,8 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
             "move the tensors to the CPU"
         )
     call = RenderCall.of(inputs)
-    image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
-    return Render(image, 1 - left, call.counts)
+    image, remaining = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
+    return Render(image, 1 - remaining, call.counts)
 
 
 class _Tables(NamedTuple):
@@ -59,7 +59,7 @@ class _Tables(NamedTuple):
     chunk_start: torch.Tensor
     slot: torch.Tensor
     rows: torch.Tensor
-    kept: torch.Tensor
+    stored: torch.Tensor
     chunks: torch.Tensor
     """The names are those of the kernels; `start`, `number` and `tile` as in `tiles.Pairs`."""
 
@@ -71,31 +71,31 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         *tensors, _, call = arguments
         with torch.cuda.device_of(tensors[0]):  # type: ignore[no-untyped-call]
-            image, left, tables = _render([tensor.detach().contiguous() for tensor in tensors], call)
+            image, remaining, tables = _render([tensor.detach().contiguous() for tensor in tensors], call)
         if call.keep:
-            ctx.save_for_backward(*tensors, left, *tables)
+            ctx.save_for_backward(*tensors, remaining, *tables)
             ctx.call = call
             ctx.set_materialize_grads(False)
-        return image, left
+        return image, remaining
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        *tensors, left = ctx.saved_tensors[:7]
+        *tensors, remaining = ctx.saved_tensors[:7]
         tables = _Tables(*ctx.saved_tensors[7:])
         image, light = gradients
-        image = left.new_zeros((*left.shape, 3)) if image is None else image.contiguous()
-        light = torch.zeros_like(left) if light is None else light.contiguous()
-        with torch.cuda.device_of(left):  # type: ignore[no-untyped-call]
+        image = remaining.new_zeros((*remaining.shape, 3)) if image is None else image.contiguous()
+        light = torch.zeros_like(remaining) if light is None else light.contiguous()
+        with torch.cuda.device_of(remaining):  # type: ignore[no-untyped-call]
             tensors = [tensor.detach().contiguous() for tensor in tensors]
-            found, view = _gradients(tensors, tables, ctx.call, image, light, ctx.needs_input_grad[6])
+            of_inputs, view = _gradients(tensors, tables, ctx.call, image, light, ctx.needs_input_grad[6])
         back = None
         if ctx.needs_input_grad[5]:
-            back = (left.double()[:, :, None] * image).sum(dim=(0, 1)).float()
-        return (*found, back, view, None)
+            back = (remaining.double()[:, :, None] * image).sum(dim=(0, 1)).float()
+        return (*of_inputs, back, view, None)
 
 
 def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor, torch.Tensor, _Tables]:
-    """The image [H, W, 3] and what is left of the light behind it [H, W]."""
+    """The image [H, W, 3] and what remains of the light behind it [H, W]."""
     *gaussians, background = tensors
     new, n = background.new_empty, len(gaussians[0])
     width, height = call.camera.width, call.camera.height
@@ -112,21 +112,21 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
     size = int(number.sum())
     pairs, touched = tiles.match_all(number, depth, size, record, paint, box, across, count)
     lists = tiles.sort(pairs, record, paint, across, count)
-    image, left = new((height, width, 3)), new((height, width))
+    image, remaining = new((height, width, 3)), new((height, width))
     evaluated, chunks = new(count, dtype=torch.int64), new(count, dtype=torch.int32)
     # Each tile's last chunk may be short: this many there are at most, known without asking the device.
-    kept = new((size // tiles.CHUNK + count) * _PIXELS if call.keep else 1)
+    stored = new((size // tiles.CHUNK + count) * _PIXELS if call.keep else 1)
     composite[(count,)](
         lists.rows, lists.rows.shape[1], lists.start, lists.chunk_start, background, t_min,
-        across, height, width, kept, image, left, evaluated, chunks,
+        across, height, width, stored, image, remaining, evaluated, chunks,
         CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
     )  # fmt: skip
     call.counts = torch.stack([(state == int(BAD)).sum(), touched.sum(), evaluated.sum()])
     tables = _Tables(
         numbers, record, radius, pairs.start, pairs.number, pairs.tile,
-        lists.start, lists.chunk_start, lists.slot, lists.rows, kept, chunks,
+        lists.start, lists.chunk_start, lists.slot, lists.rows, stored, chunks,
     )  # fmt: skip
-    return image, left, tables
+    return image, remaining, tables
 
 
 def _gradients(
@@ -134,10 +134,10 @@ def _gradients(
     tables: _Tables,
     call: RenderCall,
     image: torch.Tensor,
-    left: torch.Tensor,
+    remaining: torch.Tensor,
     moving: bool,
 ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
-    """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
+    """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, remaining).
 
     And d loss / d view, if the camera is `moving`.
     """
@@ -148,21 +148,21 @@ def _gradients(
     slots = background.new_zeros(len(tables.tile), _SLOT)
     composite_backward[(len(tables.chunks),)](
         tables.rows, tables.rows.shape[1], tables.list_start, tables.chunk_start, tables.slot, background,
-        t_min, across, height, width, tables.kept, tables.chunks, image, left, slots,
+        t_min, across, height, width, tables.stored, tables.chunks, image, remaining, slots,
         CHUNK=tiles.CHUNK, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
     )  # fmt: skip
-    found = [torch.empty_like(tensor) for tensor in gaussians]
+    gradients = [torch.empty_like(tensor) for tensor in gaussians]
     moments, pull, weight = new((n, _MOMENTS), dtype=torch.float64), new(n), new(n)
     sums.add_slots[(cdiv(n, sums.BLOCK),)](
         slots, tables.start, tables.number, tables.tile, tables.record, n, across,
-        moments, found[4], pull, weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
+        moments, gradients[4], pull, weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
     )  # fmt: skip
     programs = cdiv(n, projection.BLOCK)
     view = new((programs if moving else 1, _VIEW), dtype=torch.float64)
     project_backward[(programs,)](
-        *gaussians[:4], tables.parameters, n, moments, weight, *found[:4], view,
+        *gaussians[:4], tables.parameters, n, moments, weight, *gradients[:4], view,
         BLOCK=projection.BLOCK, MOVING=moving, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
     if call.stats is not None:
         call.stats.add(call.camera, tables.radius, pull, weight)
-    return found, view.sum(dim=0).cpu() if moving else None
+    return gradients, view.sum(dim=0).cpu() if moving else None

@@ -18,7 +18,7 @@ from recon.splat.gpu.project import HIGH, OPTIONS, PAINT, SHAPE, WIDE
 BLOCK = 256
 """Pairs of a program."""
 CHUNK = 8
-"""Entries of a list between two kept transmittances; also what a list's rows are padded with."""
+"""Entries of a list between two stored transmittances; also what a list's rows are padded with."""
 FIELDS = 10
 """Rows of a table of entries: see `gather`."""
 MAX_PAIRS = 1 << 27

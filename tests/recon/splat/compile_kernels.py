@@ -21,7 +21,7 @@ F, D, B, S, I, L = "*fp32", "*fp64", "*i8", "*i16", "*i32", "*i64"  # noqa: E741
 INPUTS = {"means": F, "quats": F, "scales": F, "opacities": F, "parameter": D, "n": "i32"}
 RECORDS = {"record": D, "paint": F}
 GRID = {"across": "i32", "height": "i32", "width": "i32", "t_min": "fp32", "background": F}
-LISTS = {"rows": F, "stride": "i32", "start": L, "chunk_start": L, "kept": F, "chunks": I}
+LISTS = {"rows": F, "stride": "i32", "start": L, "chunk_start": L, "stored": F, "chunks": I}
 KERNELS = [
     *((project.project, {"BLOCK": project.BLOCK, "FISHEYE": fisheye}, {},
        INPUTS | RECORDS | {"colours": F, "box": I, "depth": F, "radius": F, "state": B, "number": L})
@@ -33,10 +33,10 @@ KERNELS = [
      RECORDS | {"slot": L, "owner": I, "sorted_tile": S, "rows": F, "pairs": "i32", "stride": "i32",
                 "across": "i32", "tiles": "i32"}),
     (composite.composite, {"CHUNK": tiles.CHUNK, "KEEP": True}, {"num_warps": 1},
-     LISTS | GRID | {"image": F, "left": F, "pairs": L}),
+     LISTS | GRID | {"image": F, "remaining": F, "pairs": L}),
     (composite_backward.composite_backward, {"CHUNK": tiles.CHUNK},
      {"num_warps": 1, "maxnreg": composite_backward.REGISTERS},
-     LISTS | GRID | {"slot": L, "grad_image": F, "grad_left": F, "slots": F}),
+     LISTS | GRID | {"slot": L, "grad_image": F, "grad_remaining": F, "slots": F}),
     (slots.add_slots, {"BLOCK": slots.BLOCK}, {"num_warps": slots.WARPS},
      {"slots": F, "start": L, "number": L, "tile": S, "record": D, "n": "i32", "across": "i32", "moments": D,
       "grad_colours": F, "pull": F, "weight": F}),

@@ -75,8 +75,8 @@ def totals(typing_context, vectors):
 
     def generate(context, builder, signature, arguments):
         rows = [builder.extract_value(arguments[0], i) for i in range(vectors.count)]
-        found = [sixteen(builder, rows[first : first + WIDTH]) for first in range(0, len(rows), WIDTH)]
-        return context.make_tuple(builder, kind, found)
+        sums = [sixteen(builder, rows[first : first + WIDTH]) for first in range(0, len(rows), WIDTH)]
+        return context.make_tuple(builder, kind, sums)
 
     return kind(vectors), generate
 

@@ -38,11 +38,11 @@ def load_each(typing_context, array, index, step, like):
 
     def generate(context, builder, signature, arguments):
         data, place, stride = arguments[:3]
-        found = []
+        loaded = []
         for _ in range(len(like)):
-            found.append(builder.load(place_of(context, builder, FLOATS, array, data, place), align=4))
+            loaded.append(builder.load(place_of(context, builder, FLOATS, array, data, place), align=4))
             place = builder.add(place, stride)
-        return context.make_tuple(builder, kind, found)
+        return context.make_tuple(builder, kind, loaded)
 
     return kind(array, types.intp, types.intp, like), generate
 
@@ -72,11 +72,11 @@ def fma_each(typing_context, x, array, index, sums):
 
     def generate(context, builder, signature, arguments):
         value, data, place, lanes = arguments
-        found = []
+        added = []
         for k in range(sums.count):
             scalar = as_lanes(builder, _number(context, builder, array, data, place, k), FLOATS)
-            found.append(_fma(builder, value, scalar, builder.extract_value(lanes, k)))
-        return context.make_tuple(builder, sums, found)
+            added.append(_fma(builder, value, scalar, builder.extract_value(lanes, k)))
+        return context.make_tuple(builder, sums, added)
 
     return sums(x, array, types.intp, sums), generate
 
@@ -105,8 +105,8 @@ def times_each(typing_context, x, values):
 
     def generate(context, builder, signature, arguments):
         value, lanes = arguments
-        found = [builder.fmul(value, builder.extract_value(lanes, k)) for k in range(values.count)]
-        return context.make_tuple(builder, values, found)
+        products = [builder.fmul(value, builder.extract_value(lanes, k)) for k in range(values.count)]
+        return context.make_tuple(builder, values, products)
 
     return values(x, values), generate
 

@@ -75,10 +75,10 @@ def kind_of(element) -> LanesType | None:
 
 def common(*kinds) -> LanesType | None:
     """The one kind of lanes among the types; None without lanes, or if a scalar is of another kind."""
-    found = [kind for kind in kinds if isinstance(kind, LanesType)]
-    if not found or any(kind != found[0] and kind != found[0].element for kind in kinds):
+    lanes = [kind for kind in kinds if isinstance(kind, LanesType)]
+    if not lanes or any(kind != lanes[0] and kind != lanes[0].element for kind in kinds):
         return None
-    return found[0]
+    return lanes[0]
 
 
 def spread(builder, scalar, width: int):
