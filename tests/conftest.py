@@ -140,8 +140,8 @@ def browser() -> Iterator[object]:
     """Headless Chromium, one for all tests of a process: Playwright runs no second one beside it."""
     from tests.chromium import chromium
 
-    with chromium() as found:
-        yield found
+    with chromium() as running:
+        yield running
 
 
 @contextmanager

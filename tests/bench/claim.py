@@ -35,7 +35,7 @@ def tables(name: str) -> list[tuple[str, list[Row]]]:
 
     Columns of the same name are told apart by a number behind it.
     """
-    found: list[tuple[str, list[Row]]] = []
+    tables_of_file: list[tuple[str, list[Row]]] = []
     titles: list[str] = []
     heading = ""
     lines = (RESULTS / f"{name}.md").read_text().splitlines()
@@ -47,10 +47,10 @@ def tables(name: str) -> list[tuple[str, list[Row]]]:
             titles = [
                 f"{cell} {cells[:place].count(cell)}".removesuffix(" 0") for place, cell in enumerate(cells)
             ]
-            found.append((heading, []))
+            tables_of_file.append((heading, []))
         elif line.startswith("|") and not re.match(r"\|[\s:|-]+\|$", line):
-            found[-1][1].append(dict(zip(titles, cells, strict=True)))
-    return found
+            tables_of_file[-1][1].append(dict(zip(titles, cells, strict=True)))
+    return tables_of_file
 
 
 def cells(
@@ -73,15 +73,15 @@ def cells(
 
 def cell(name: str, column: str, *words: str, nth: int = 0, under: str | None = None) -> float:
     """A number of the one row that has all the words."""
-    (found,) = cells(name, column, *words, under=under)
-    return found[nth]
+    (cell_values,) = cells(name, column, *words, under=under)
+    return cell_values[nth]
 
 
 def line(name: str, words: str) -> list[float]:
     """The numbers of the one line of a file that the words match, one a group."""
-    found = re.findall(words, (RESULTS / f"{name}.md").read_text())
-    assert len(found) == 1, (name, words, found)
-    return [float(one) for one in (found[0] if isinstance(found[0], tuple) else found)]
+    matches = re.findall(words, (RESULTS / f"{name}.md").read_text())
+    assert len(matches) == 1, (name, words, matches)
+    return [float(one) for one in (matches[0] if isinstance(matches[0], tuple) else matches)]
 
 
 def stored(name: str) -> dict:

@@ -18,20 +18,20 @@ def judged_seconds(name: str) -> list[float]:
 
 def by_scene(name: str, scene: str, trained: str, coloured: str) -> float:
     """dB of a scene in the table by scene that follows a comparison."""
-    (found,) = [
+    (figure,) = [
         one[scene]
         for one in tables(name)[1][1]
         if (one["trained on"], one["appearance"]) == (trained, coloured)
     ]
-    return float(found)
+    return float(figure)
 
 
 def compared(name: str, trained: str, coloured: str) -> list[float]:
     """Difference and error, dB, of the row of a comparison that is of this input and this appearance."""
-    (found,) = [
+    (row,) = [
         one for one in tables(name)[0][1] if (one["trained on"], one["appearance"]) == (trained, coloured)
     ]
-    return [float(one) for one in FIGURE.findall(found["dB"])][1:]
+    return [float(one) for one in FIGURE.findall(row["dB"])][1:]
 
 
 def presets(quality: str, key: str) -> list[float]:
@@ -43,8 +43,8 @@ def presets(quality: str, key: str) -> list[float]:
 def castle_preset(quality: str, key: str) -> float:
     """Cells of the castle's photographs."""
     (row,) = [one for one in stored("presets")["rows"] if one["scene"].startswith("sceaux")]
-    found: float = row["presets"][quality][key]
-    return found
+    figure: float = row["presets"][quality][key]
+    return figure
 
 
 def wide(iterations: str, count: str) -> list[float]:
@@ -58,8 +58,8 @@ def rate_gains(iterations: str) -> list[float]:
     gains = []
     for one in tables("learning_rates")[0][1]:
         if one["iterations"] == iterations:
-            told = [FIGURE.findall(part) for part in one["factor: pictures / light, dB"].split(", ")]
-            light = {float(factor): float(value) for factor, _, value in told}
+            figures = [FIGURE.findall(part) for part in one["factor: pictures / light, dB"].split(", ")]
+            light = {float(factor): float(value) for factor, _, value in figures}
             near = min(light, key=lambda factor: abs(math.log(factor / float(one["taken"]))))
             gains.append(light[near] - light[1.0])
     return gains
@@ -75,9 +75,9 @@ def dark(what: str) -> list[float]:
 def learned() -> list[float]:
     """Error of a learned curve, %, and dB of the light that it costs beside a measured one."""
     rows = {one["changed"]: one for one in tables("ablation_hdr_gs")[0][1]}
-    own, best = rows["learned from sRGB on, Exp-3"], rows["measured, Exp-3"]
+    learned_row, best = rows["learned from sRGB on, Exp-3"], rows["measured, Exp-3"]
     light = "HDR dB, aligned"
-    return [float(own["response RMSE, %"]), float(best[light]) - float(own[light])]
+    return [float(learned_row["response RMSE, %"]), float(best[light]) - float(learned_row[light])]
 
 
 def few() -> float:

@@ -16,7 +16,7 @@ Viewer = partial(Claimed, page="docs/view.md")
 
 def below(quality: str) -> list[float]:
     """dB of every scene that a preset lies below best."""
-    return [best - own for best, own in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
+    return [best - preset for best, preset in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
 
 
 CLAIMS = (

@@ -34,18 +34,18 @@ def test_a_gain_that_scenes_do_not_agree_on_is_none():
     """The figures that a tuned softplus has in bench/results/methods.md, by scene."""
     ours = {("demo", 0): 41.36, ("gallery", 0): 42.87}
     theirs = {("demo", 0): 41.37, ("gallery", 0): 42.57}
-    found = differences.paired(rows(ours), rows(theirs), "db")
-    assert found.mean == pytest.approx(0.145)
-    assert found.error == pytest.approx(0.155)
-    assert not found.agreed
-    assert found.words(1) == "+0.1 +- 0.2, scenes disagree"
+    gain = differences.paired(rows(ours), rows(theirs), "db")
+    assert gain.mean == pytest.approx(0.145)
+    assert gain.error == pytest.approx(0.155)
+    assert not gain.agreed
+    assert gain.words(1) == "+0.1 +- 0.2, scenes disagree"
 
 
 @pytest.mark.parametrize("between", [0.0, 0.5])
 def test_its_error_is_that_of_repeating_everything(between):
     """2000 times four scenes of three rigs, whose effect differs by scene and by rig."""
     rng = np.random.default_rng(1)
-    scenes, found = [f"scene {number}" for number in range(4)], []
+    scenes, gains = [f"scene {number}" for number in range(4)], []
     for _ in range(2000):
         effect = {scene: 1 + between * rng.standard_normal() for scene in scenes}
         ours = {
@@ -53,9 +53,9 @@ def test_its_error_is_that_of_repeating_everything(between):
             for scene in scenes
             for seed in range(3)
         }
-        found.append(differences.paired(rows(ours, 1), rows(level(0.0, scenes), 1), "db"))
-    spread = np.std([one.mean for one in found])
-    stated = np.sqrt(np.mean([one.error**2 for one in found]))
+        gains.append(differences.paired(rows(ours, 1), rows(level(0.0, scenes), 1), "db"))
+    spread = np.std([one.mean for one in gains])
+    stated = np.sqrt(np.mean([one.error**2 for one in gains]))
     # The larger of two estimates is somewhat too large where both are right; it is never too small.
     assert 0.95 * spread < stated < 1.3 * spread
 
@@ -63,8 +63,8 @@ def test_its_error_is_that_of_repeating_everything(between):
 def test_one_scene_and_one_training_say_what_they_can():
     base, one = level(0.0, ("demo",)), level(0.0, ("demo",))
     one |= {("demo", 0): 0.3}
-    found = differences.paired(rows(one), rows(base), "db")
-    assert found.error == pytest.approx(np.std([0.3, 0, 0], ddof=1) / np.sqrt(3))
+    gain = differences.paired(rows(one), rows(base), "db")
+    assert gain.error == pytest.approx(np.std([0.3, 0, 0], ddof=1) / np.sqrt(3))
     single = differences.paired(rows({("demo", 0): 1.0}), rows({("demo", 0): 0.5}), "db")
     assert (single.error, single.words(1)) == (None, "+0.5")
     assert differences.units(2, 3) == "2 scenes of 3 rigs each"

@@ -10,18 +10,18 @@ from imaging.session.records import Rung
 def made(scene: str, chosen: Mapping[str, bool], db: float = 0.0, smaller: float = 4.0) -> dict[str, Any]:
     """A row whose ladder is `db` above everything on, as fast, and so many times smaller."""
     full = {"db": 30.0, "truth_db": 30.0, "seconds": 10.0, "size_bytes": 4000, "gaussians": 400}
-    own = {
+    ladder = {
         "db": 30.0 + db,
         "truth_db": 30.0 + db,
         "seconds": 10.0,
         "size_bytes": 4000 / smaller,
         "gaussians": 400 / smaller,
     }
-    return {"scene": scene, "chosen": dict(chosen), "load": 0.0, "ladder": own, "full": full}
+    return {"scene": scene, "chosen": dict(chosen), "load": 0.0, "ladder": ladder, "full": full}
 
 
 def judged(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    kinds = [told for kind in ladder.KINDS if (told := ladder.of_kind(kind, rows))]
+    kinds = [verdict for kind in ladder.KINDS if (verdict := ladder.of_kind(kind, rows))]
     return kinds, ladder.verdict(kinds)
 
 
@@ -48,12 +48,12 @@ def test_rungs_of_the_calibration_stand_before_those_of_the_model() -> None:
 def test_a_ladder_that_takes_just_what_is_needed_passes() -> None:
     kinds = {kind.name: kind.needs for kind in ladder.KINDS}
     rows = [made(f"{name} {seed}", needs, db=-0.1) for name, needs in kinds.items() for seed in range(2)]
-    found, verdict = judged(rows)
+    rows_of, verdict = judged(rows)
     assert (verdict["right"], verdict["misses"]) == (1.0, [])
-    assert [one["scenes"] for one in found] == [2] * len(kinds)
+    assert [one["scenes"] for one in rows_of] == [2] * len(kinds)
     table = ladder.report(
         {"machine": dict.fromkeys(("processor", "threads", "load", "python", "torch", "numba"), 1),
-         "preset": {"iterations": 1, "gaussians": 1}, "scenes": len(rows), "rows": rows, "kinds": found,
+         "preset": {"iterations": 1, "gaussians": 1}, "scenes": len(rows), "rows": rows, "kinds": rows_of,
          "verdict": verdict}
     )  # fmt: skip
     assert table.count("| 2 |") == len(kinds)

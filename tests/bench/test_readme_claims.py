@@ -103,9 +103,11 @@ def agrees(shown: str, value: float, bound: bool) -> bool:
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: re.sub(r"\W+", " ", claim.words).strip()[:60])
 def test_a_figure_is_in_its_table(claim: Claim) -> None:
-    found = re.findall(claim.words, section(claim.page))
-    assert len(found) == 1, f"{claim.page} no longer says {claim.words!r}: change the claim with the sentence"
-    shown = found[0] if isinstance(found[0], tuple) else (found[0],)
+    matches = re.findall(claim.words, section(claim.page))
+    assert len(matches) == 1, (
+        f"{claim.page} no longer says {claim.words!r}: change the claim with the sentence"
+    )
+    shown = matches[0] if isinstance(matches[0], tuple) else (matches[0],)
     values = claim.found()
     assert len(shown) == len(values)
     for figure, value in zip(shown, values, strict=True):
@@ -114,15 +116,15 @@ def test_a_figure_is_in_its_table(claim: Claim) -> None:
 
 @pytest.mark.parametrize("page", SETTINGS)
 def test_every_figure_has_a_claim(page: str) -> None:
-    text, told = section(page), set[int]()
+    text, traced = section(page), set[int]()
     for claim in (claim for claim in CLAIMS if claim.page == page):
         for match in re.finditer(claim.words, text):
-            told |= {at for group in range(1, len(match.groups()) + 1) for at in range(*match.span(group))}
+            traced |= {at for group in range(1, len(match.groups()) + 1) for at in range(*match.span(group))}
     for words in SETTINGS[page]:
         (match,) = re.finditer(words, text)
-        told |= set(range(*match.span()))
+        traced |= set(range(*match.span()))
     lost = [text[max(0, match.start() - 40) : match.end() + 20] for match in re.finditer(NUMBER, text)
-            if match.start() not in told]  # fmt: skip
+            if match.start() not in traced]  # fmt: skip
     assert not lost, f"no claim traces {lost}"
 
 

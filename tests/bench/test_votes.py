@@ -57,37 +57,37 @@ def test_what_chi_square_gains_is_what_it_gains_when_a_gaussian_is_taken_away(tr
     training, dataset = trained
     method = replace(training.method, observation=Light(training, dataset))
     training = replace(training, method=method)
-    gaussians, gains, seen = training.gaussians, [], []
+    gaussians, gains, predicted = training.gaussians, [], []
     for view in dataset.train[:2]:
-        found = evidence(training, [view], 1.0, seed=0, probes=64)
+        votes = evidence(training, [view], 1.0, seed=0, probes=64)
         whole, variance = chi_square(training, gaussians, view)
         for victim in range(len(gaussians)):
             others = torch.arange(len(gaussians)) != victim
             without, _ = chi_square(training, Gaussians(gaussians.rows(others)), view, variance)
             gains.append(without - whole)
-        seen.append(found.total.numpy())
-    gains, seen = np.array(gains), np.concatenate(seen)
+        predicted.append(votes.total.numpy())
+    gains, predicted = np.array(gains), np.concatenate(predicted)
     part = np.abs(gains) > 1
     assert part.sum() > 20
-    assert np.corrcoef(gains[part], seen[part])[0, 1] > 0.95
+    assert np.corrcoef(gains[part], predicted[part])[0, 1] > 0.95
     clear = part & (np.abs(gains) > 20)
     assert clear.sum() > 10
-    assert (np.sign(gains[clear]) == np.sign(seen[clear])).mean() > 0.95
+    assert (np.sign(gains[clear]) == np.sign(predicted[clear])).mean() > 0.95
 
 
 def test_what_no_view_shows_has_no_votes(trained):
     training, dataset = trained
     hidden = training.gaussians.rows(torch.arange(3))
     hidden["means"] += 1e4
-    kept = training.gaussians
-    training.gaussians = kept.joined(Gaussians(hidden))
+    visible = training.gaussians
+    training.gaussians = visible.joined(Gaussians(hidden))
     try:
-        found = evidence(training, dataset.train, 1.0, seed=0)
+        cast = evidence(training, dataset.train, 1.0, seed=0)
         nothing = evidence(training, (), 1.0, seed=0)
     finally:
-        training.gaussians = kept
-    for votes in (found.seen, found.needed, found.opposed, found.total):
+        training.gaussians = visible
+    for votes in (cast.seen, cast.needed, cast.opposed, cast.total):
         assert torch.isfinite(votes.double()).all()
         assert not votes[-3:].any()
-    assert found.needed[:-3].any()
+    assert cast.needed[:-3].any()
     assert not nothing.seen.any()

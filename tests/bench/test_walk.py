@@ -27,12 +27,12 @@ def test_a_box_is_where_its_corners_are_projected(tmp_path: Path) -> None:
         assert np.array_equal(truth[name], pose)
         shown = cv2.imread(str(tmp_path / "few" / name))
         assert shown.shape == (SIZE[1], SIZE[0], 3)
-        seen = project(lens_of(SIZE), corners @ pose[:3, :3].T + pose[:3, 3]) - 0.5
+        projected = project(lens_of(SIZE), corners @ pose[:3, :3].T + pose[:3, 3]) - 0.5
         expected = np.zeros(shown.shape[:2], np.uint8)
-        cv2.fillConvexPoly(expected, cv2.convexHull(np.rint(seen).astype(np.int32)), 1)
-        found = (shown.max(axis=2) < 100).astype(np.uint8)
-        assert found.sum() > 1500
+        cv2.fillConvexPoly(expected, cv2.convexHull(np.rint(projected).astype(np.int32)), 1)
+        drawn = (shown.max(axis=2) < 100).astype(np.uint8)
+        assert drawn.sum() > 1500
         # Edges are bent by the lens, and blurred by JPEG: they agree to two pixels.
         around = np.ones((5, 5), np.uint8)
-        assert not (found & (1 - cv2.dilate(expected, around))).any()
-        assert not (cv2.erode(expected, around) & (1 - found)).any()
+        assert not (drawn & (1 - cv2.dilate(expected, around))).any()
+        assert not (cv2.erode(expected, around) & (1 - drawn)).any()

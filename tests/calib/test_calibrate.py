@@ -133,15 +133,15 @@ def test_the_colmap_model_names_the_previews_and_projects_onto_them(arm: Path) -
     lens = record.camera(view.camera).lens
     assert lens is not None
     image = model.find_image_with_name(view.id.image_name)
-    own = [point for point in image.points2D if point.has_point3D()]
-    world = np.array([model.points3D[point.point3D_id].xyz for point in own])
+    with_points = [point for point in image.points2D if point.has_point3D()]
+    world = np.array([model.points3D[point.point3D_id].xyz for point in with_points])
     motion = view.cam_from_world.matrix()
     x, y, z = (world @ motion[:3, :3].T + motion[:3, 3]).T
     square = (x**2 + y**2) / z**2
     radial = 1 + square * (lens.k1 + lens.k2 * square)
     pixel = np.stack([lens.fx * radial * x / z + lens.cx, lens.fy * radial * y / z + lens.cy], 1)
-    miss = np.linalg.norm(pixel - np.array([np.ravel(point.xy) for point in own]), axis=1)
-    assert len(own) == view.points
+    miss = np.linalg.norm(pixel - np.array([np.ravel(point.xy) for point in with_points]), axis=1)
+    assert len(with_points) == view.points
     assert np.median(miss) < 0.5
 
 
@@ -209,10 +209,10 @@ def test_beside_poses_that_were_given_the_files_tell_noise_and_colours(tmp_path:
     path = made / "calibration" / "calibration.json"
     store.write_json(path, record.model_dump(mode="json"))
     after = calibrate(made, only="response", on_progress=unreported)
-    (found,) = after.cameras
-    np.testing.assert_allclose(found.camera_from_rec709, COLOUR_MATRIX, atol=1e-3)
-    assert found.noise is not None
-    assert found.noise.gain == pytest.approx(0.4, rel=1e-3)
+    (measured,) = after.cameras
+    np.testing.assert_allclose(measured.camera_from_rec709, COLOUR_MATRIX, atol=1e-3)
+    assert measured.noise is not None
+    assert measured.noise.gain == pytest.approx(0.4, rel=1e-3)
     rungs = {rung.name: rung for rung in after.rungs}
     assert "files of 1 of 1 cameras" in rungs["camera_colour"].reason
     assert rungs["poses"] == given
@@ -277,8 +277,8 @@ def test_stopped_half_way_the_old_calibration_stays(
 
     with pytest.raises(error):
         calibrate(small, on_progress=stop)
-    left = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(FOLDER)}
-    assert left == before
+    after = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(FOLDER)}
+    assert after == before
     assert list(small.glob(".*")) == [small / FOLDER]
 
 

@@ -38,14 +38,14 @@ def hide(folder: Path) -> Path:
     mask = np.full((120, 160), 255, np.uint8)
     mask[HIDDEN] = 0
     store.write_bytes(folder / "masks" / "m.png", cv2.imencode(".png", mask)[1].tobytes())
-    told = "".join(json.dumps(line | {"mask": "masks/m.png"}) + "\n" for line in lines)
-    (folder / "shots.jsonl").write_text(told)
+    lines_with_masks = "".join(json.dumps(line | {"mask": "masks/m.png"}) + "\n" for line in lines)
+    (folder / "shots.jsonl").write_text(lines_with_masks)
     return folder
 
 
 def raw_views(*, rubbish: bool) -> list[list[tuple[RawMosaic, Exposure]]]:
     """Two views in three exposures each; 20,000 electrons at white."""
-    rng, found = np.random.default_rng(1), []
+    rng, views = np.random.default_rng(1), []
     for _ in range(2):
         light = smooth(rng, 0.02, 20.0)[..., 1]
         shots = []
@@ -55,17 +55,17 @@ def raw_views(*, rubbish: bool) -> list[list[tuple[RawMosaic, Exposure]]]:
                 signal[HIDDEN] = smooth(rng, 0.05, 1.0)[..., 0][HIDDEN]
             pixels = np.rint(64 + 4031 * np.clip(signal, 0, 1)).astype(np.uint16)
             shots.append((RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095), Exposure(time=time)))
-        found.append(shots)
-    return found
+        views.append(shots)
+    return views
 
 
 def ratio_errors(folder: Path) -> tuple[np.ndarray, float]:
     """ln of the ratios of the exposures over the true ones, and the standard error that is told."""
     session = Session.open(folder)
     views = scene_views(session)
-    found = exposures.estimate(session, views, unreported)
-    logs = np.log([[found.scale[shot.file] for shot in view.shots] for view in views]) - np.log(TRUE)
-    (rung,) = [rung for rung in found.rungs if rung.name == "exposure_ratios"]
+    estimated = exposures.estimate(session, views, unreported)
+    logs = np.log([[estimated.scale[shot.file] for shot in view.shots] for view in views]) - np.log(TRUE)
+    (rung,) = [rung for rung in estimated.rungs if rung.name == "exposure_ratios"]
     assert rung.standard_error is not None
     return logs - logs.mean(1, keepdims=True), rung.standard_error / 100
 
@@ -90,7 +90,7 @@ def test_guessed_exposures_are_of_what_no_mask_hides(tmp_path: Path) -> None:
 
 def developed(*, rubbish: bool) -> list[list[tuple[np.ndarray, Exposure]]]:
     """Four views in three exposures each, as JPEG; hidden edges lie on those of its blocks."""
-    rng, found = np.random.default_rng(2), []
+    rng, views = np.random.default_rng(2), []
     for _ in range(4):
         light, shots = smooth(rng, 1e-2, 8.0), []
         for time in TIMES:
@@ -98,8 +98,8 @@ def developed(*, rubbish: bool) -> list[list[tuple[np.ndarray, Exposure]]]:
             if rubbish:
                 x[HIDDEN] = smooth(rng, 0.02, 0.9)[HIDDEN]
             shots.append((np.rint(255 * srgb_encode(np.clip(x, 0, 1))).astype(np.uint8), Exposure(time=time)))
-        found.append(shots)
-    return found
+        views.append(shots)
+    return views
 
 
 def curve_error(folder: Path) -> float:
@@ -109,10 +109,10 @@ def curve_error(folder: Path) -> float:
     if response.kind not in ("curve", "srgb") or response.residual is None:
         return float("inf")
     codes = np.linspace(40, 240, 41)[:, None].repeat(3, 1) / 255
-    told, true = (
-        np.log(decode(codes, own)) for own in (response, response.model_copy(update={"kind": "srgb"}))
+    measured, true = (
+        np.log(decode(codes, curve)) for curve in (response, response.model_copy(update={"kind": "srgb"}))
     )
-    away = told - true
+    away = measured - true
     return float(np.abs(away - away.mean(0)).max())
 
 
@@ -128,10 +128,10 @@ def test_a_patch_that_one_shot_hides_is_told_by_the_others() -> None:
     pixels = [srgb_encode(light * k).astype(np.float32) for k in (1.0, 0.5, 0.25)]
     counts = np.ones((120, 160), bool)
     counts[:, 1:] = False
-    told = sample([patches(pixels[0]), patches(pixels[1], counts), patches(pixels[2])], np.zeros(3), 500)
-    assert len(told.codes) > 300
-    assert np.isnan(told.codes[:, 1]).all()
-    assert np.isfinite(told.codes[:, [0, 2]]).any()
+    samples = sample([patches(pixels[0]), patches(pixels[1], counts), patches(pixels[2])], np.zeros(3), 500)
+    assert len(samples.codes) > 300
+    assert np.isnan(samples.codes[:, 1]).all()
+    assert np.isfinite(samples.codes[:, [0, 2]]).any()
     plain, same = (
         sample([patches(one, whole) for one in pixels], np.zeros(3), 500)
         for whole in (None, np.ones((120, 160), bool))
@@ -153,15 +153,15 @@ def test_a_sensor_is_measured_by_what_no_mask_hides() -> None:
         shot = sensor.expose(light * MODEL.white_electrons * amount, 0.25 * amount, 1.0, rng)
         shot[~counts] = rng.integers(256, 4096, int((~counts).sum()))
         shots.append(shot)
-    black, found = np.full(4, 256.0), {}
-    for name, seen in (("masked", counts), ("spoilt", None)):
-        pairs = [brackets.compare(shots[i + 1], shots[i], black, 4095.0, seen) for i in (0, 1)]
-        kept = [pair for pair in pairs if pair is not None]
-        found[name] = brackets.pooled(kept, 4095.0 - 256.0).transfer if kept else None
-    assert found["masked"] is not None
-    gain, error = brackets.gain(found["masked"])
+    black, transfers = np.full(4, 256.0), {}
+    for name, counted in (("masked", counts), ("spoilt", None)):
+        pairs = [brackets.compare(shots[i + 1], shots[i], black, 4095.0, counted) for i in (0, 1)]
+        usable = [pair for pair in pairs if pair is not None]
+        transfers[name] = brackets.pooled(usable, 4095.0 - 256.0).transfer if usable else None
+    assert transfers["masked"] is not None
+    gain, error = brackets.gain(transfers["masked"])
     assert abs(gain - 0.4) < min(3 * error, 0.02)
-    assert found["spoilt"] is None or abs(brackets.gain(found["spoilt"])[0] - 0.4) > 0.05
+    assert transfers["spoilt"] is None or abs(brackets.gain(transfers["spoilt"])[0] - 0.4) > 0.05
     assert brackets.compare(shots[1], shots[0], black, 4095.0, counts & False) is None
 
 
@@ -175,11 +175,11 @@ def test_no_brightness_and_no_verdict_comes_from_behind_a_mask(tmp_path: Path) -
     (view,) = scene_views(session)
     scale = {view.shots[0].file: 1.0}
     response = radiometry.measure_light(session, [view], unreported).responses["cam"]
-    seen = summarise(session, view, scale, response, None)
-    assert seen.blank == "saturated"
-    assert not np.isfinite(seen.brightness).any()
+    masked = summarise(session, view, scale, response, None)
+    assert masked.blank == "saturated"
+    assert not np.isfinite(masked.brightness).any()
     bare = view.shots[0].model_copy(update={"mask": None})
     whole = summarise(session, type(view)(view.camera, view.frame, (bare,)), scale, response, None)
     assert whole.blank is None
-    assert len(whole.features.points) > len(seen.features.points)
+    assert len(whole.features.points) > len(masked.features.points)
     assert np.isfinite(whole.brightness).any()

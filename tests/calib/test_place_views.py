@@ -125,10 +125,10 @@ def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, th
         with pytest.raises(CalibrationError, match="sift places none"):
             place_views._placed(*asked)
         return
-    model, own = place_views._placed(*asked)
+    model, summaries = place_views._placed(*asked)
     assert len(model.poses) == expected
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["learned"]]
-    assert bool(said) == (own[0].kind == "learned") == (expected == by_learned)
+    assert bool(said) == (summaries[0].kind == "learned") == (expected == by_learned)
     if said and by_sift:
         assert f"{by_sift} of 10 images are placed without, {expected} with learned" in said[0]
 
@@ -164,6 +164,8 @@ def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
 @pytest.mark.parametrize("size", [(1, 1), (15, 900), (40_000, 4)])
 def test_photographs_that_are_too_narrow_are_told(tmp_path, size):
     shot = SimpleNamespace(file="raw/0000/cam_0.png", camera="cam", width=size[0], height=size[1])
-    told = SimpleNamespace(session=SimpleNamespace(folder=tmp_path), views=[SimpleNamespace(shots=(shot,))])
+    evidence = SimpleNamespace(
+        session=SimpleNamespace(folder=tmp_path), views=[SimpleNamespace(shots=(shot,))]
+    )
     with pytest.raises(CalibrationError, match=rf"cam_0\.png has {size[0]}x{size[1]} pixels, and views need"):
-        place_views.with_poses(told, "", False, unreported)
+        place_views.with_poses(evidence, "", False, unreported)

@@ -40,9 +40,9 @@ def test_frames_of_a_telephone_stand_where_they_were_published(real: Path, tmp_p
     assert len(record.views) == len(files)
     assert not record.doubts
     poses = [view.cam_from_world.matrix() for view in record.views]
-    own = np.stack([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
+    ours = np.stack([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
     goal = np.stack([published[names[view.frame]] for view in record.views])
-    a, b = own - own.mean(0), goal - goal.mean(0)
+    a, b = ours - ours.mean(0), goal - goal.mean(0)
     u, s, vt = np.linalg.svd(b.T @ a)
     sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
     away = np.linalg.norm(np.trace(np.diag(s) @ sign) / (a**2).sum() * a @ (u @ sign @ vt).T - b, axis=1)

@@ -311,11 +311,11 @@ def test_shutters_further_apart_than_the_file_tolerates_are_told(given: Place) -
     def dawdle(bus: BusRig) -> None:
         bus.plan.faults = (Fault(Kind.BUSY, "SIM-RAW-002", "INITIATE_CAPTURE", nth=1, seconds=0.05),)
 
-    for tolerance, told in (("0.01", True), ("1.0", False)):
+    for tolerance, warned in (("0.01", True), ("1.0", False)):
         given.prepare = lambda bus: None
         given.write(('exposures = "auto"', STOPS), ("tolerance = 0.02", f"tolerance = {tolerance}"))
         given.prepare = dawdle
         result = given.shoot(given.folder / tolerance)
         assert Session.open(given.folder / tolerance).plans()[0].tolerance == float(tolerance)
         assert result.missing == ()
-        assert bool(result.problems) is told
+        assert bool(result.problems) is warned

@@ -35,12 +35,12 @@ EXAMPLE = '# band = "650nm, 650, 40"'
 def bus() -> tuple[VirtualBus, VirtualClock]:
     """Two mono cameras of the toy rig, each behind its filter."""
     rig, clock = simulate("toy", samples=1), VirtualClock()
-    found = VirtualBus(clock)
+    plugged = VirtualBus(clock)
     for index, wave in enumerate((650.0, 550.0)):
         body = behind(rig.bodies[index], Band(name=f"{wave:.0f}nm", wavelength_nm=wave))
         camera = SimulatedCamera(body, partial(rig.radiance, index))
-        found.plug(PtpDevice(Responder(camera, profile("generic"), clock)))
-    return found, clock
+        plugged.plug(PtpDevice(Responder(camera, profile("generic"), clock)))
+    return plugged, clock
 
 
 def write(path: Path, *filters: str | None) -> None:

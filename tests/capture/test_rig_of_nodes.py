@@ -126,8 +126,8 @@ class Place:
 def place(tmp_path: Path) -> Iterator[Place]:
     place = Place(tmp_path)
     yield place
-    left = [path for name in NODES for path in (tmp_path / name).glob("*")]
-    assert not left, "frames stay on a node that has given them away"
+    remaining = [path for name in NODES for path in (tmp_path / name).glob("*")]
+    assert not remaining, "frames stay on a node that has given them away"
 
 
 @pytest.mark.parametrize("model", ["generic", "nikon-z6", VISION])

@@ -18,7 +18,7 @@ STANDS_FOR = re.compile(r"[A-Z]+(=[A-Z]+)?")
 
 def shown() -> list[tuple[str, str]]:
     """Document and command: lines of fences and of indented blocks, and code within sentences."""
-    found: list[tuple[str, str]] = []
+    commands: list[tuple[str, str]] = []
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
         blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
@@ -27,10 +27,10 @@ def shown() -> list[tuple[str, str]]:
         fenceless = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
         flowing = " ".join(line for line in fenceless.splitlines() if not line.startswith("    "))
         lines += re.findall(r"`([^`]+)`", flowing)
-        found += [
+        commands += [
             (path.name, line) for line in dict.fromkeys(lines) if re.match(r"rig [a-z]|torchrun ", line)
         ]
-    return found
+    return commands
 
 
 def refused(line: str) -> str | None:
@@ -45,7 +45,7 @@ def refused(line: str) -> str | None:
         rest.append("VALUE")
     context = typer.Context(command, info_name=name)
     try:
-        values, left, _ = command.make_parser(context).parse_args(rest)
+        values, surplus, _ = command.make_parser(context).parse_args(rest)
         for parameter in command.params:
             if "Path" not in str(
                 parameter.type_descriptor.annotation
@@ -58,7 +58,7 @@ def refused(line: str) -> str | None:
         return error.format_message()
     except Exception as error:  # the usage errors of typer's parser have no common name that is public
         return repr(error)
-    return f"{left} is too much" if left else None
+    return f"{surplus} is too much" if surplus else None
 
 
 @pytest.mark.parametrize(("document", "line"), shown())
@@ -83,8 +83,8 @@ def test_what_rig_does_not_take_is_found(line: str) -> None:
 
 
 def test_commands_are_found_in_all_ways_of_showing_them() -> None:
-    found = [(document, line.partition("  ")[0]) for document, line in shown()]
-    assert ("README.md", "rig explain S") in found
-    assert ("rig.md", "rig calibrate S") in found
-    assert ("speed-or-accuracy.md", "torchrun --nproc-per-node 2 -m rig reconstruct S") in found
-    assert len(found) > 60
+    commands = [(document, line.partition("  ")[0]) for document, line in shown()]
+    assert ("README.md", "rig explain S") in commands
+    assert ("rig.md", "rig calibrate S") in commands
+    assert ("speed-or-accuracy.md", "torchrun --nproc-per-node 2 -m rig reconstruct S") in commands
+    assert len(commands) > 60

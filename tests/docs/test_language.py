@@ -16,7 +16,7 @@ import rig
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "examples")
-NAMED = FOLDERS
+NAMED = (*FOLDERS, "tests/bench", "tests/calib")
 """Folders whose variables say what they hold; the others follow."""
 CLAUSE = re.compile(
     r'^\s*r?"""\s*(?:As|By|From|How|If|Of|That|What|When|Where|Whether|Which|While|Who|Whoever|Whom|Whose|Why)\b',

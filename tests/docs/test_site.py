@@ -39,10 +39,10 @@ class Fetched(HTMLParser):
         self.found: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
-        loads = tag == "link" and told.get("rel") in {"stylesheet", "icon", "preload", "preconnect"}
-        self.found += [told[name] or "" for name in ("src", "data") if told.get(name)]
-        self.found += [told["href"] or ""] if loads else []
+        attributes = dict(attrs)
+        loads = tag == "link" and attributes.get("rel") in {"stylesheet", "icon", "preload", "preconnect"}
+        self.found += [attributes[name] or "" for name in ("src", "data") if attributes.get(name)]
+        self.found += [attributes["href"] or ""] if loads else []
 
 
 def test_pages_load_nothing_from_elsewhere(site: Path) -> None:

@@ -79,12 +79,12 @@ class Host:
 
     def events(self, seconds: float) -> list[Event]:
         """Collect events until nothing has come for that long."""
-        found, endpoint = [], self.pipe.endpoint(into_host=True, interrupt=True)
+        events, endpoint = [], self.pipe.endpoint(into_host=True, interrupt=True)
         while True:
             try:
-                found.append(Event.unpack(self.pipe.read(endpoint, 32, seconds)))
+                events.append(Event.unpack(self.pipe.read(endpoint, 32, seconds)))
             except CameraTimeout:
-                return found
+                return events
 
     def set(self, code: int, kind: DataType, value: int) -> int:
         return self.run(Operation.SET_DEVICE_PROP_VALUE, code, data=pack_value(kind, value)).code

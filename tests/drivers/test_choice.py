@@ -36,9 +36,9 @@ def listed(bus: VirtualBus) -> ConnectedCamera:
 def without_time(bus: VirtualBus) -> None:
     """Plug in a body whose exposure time stands on its dial: what can be set is the rest."""
     rig = simulate("toy")
-    told = replace(profile("generic"), dials=(dials.F_NUMBER, dials.EXPOSURE_INDEX))
+    limited = replace(profile("generic"), dials=(dials.F_NUMBER, dials.EXPOSURE_INDEX))
     camera = SimulatedCamera(rig.bodies[0], lambda frame: rig.radiance(0, frame))
-    bus.plug(PtpDevice(Responder(camera, told, VirtualClock())))
+    bus.plug(PtpDevice(Responder(camera, limited, VirtualClock())))
 
 
 def test_rigs_own_driver_is_first_where_it_can_set_the_camera() -> None:
@@ -67,9 +67,9 @@ def test_libgphoto2_drives_what_only_it_can_set() -> None:
 def of_make(bus: VirtualBus, maker: str, extension: int) -> None:
     """Plug in a body that lists all that the standard has, as makers do whose bodies want more."""
     rig = simulate("toy")
-    told = replace(profile("generic"), maker=maker, extension=extension)
+    changed = replace(profile("generic"), maker=maker, extension=extension)
     camera = SimulatedCamera(rig.bodies[0], lambda frame: rig.radiance(0, frame))
-    bus.plug(PtpDevice(Responder(camera, told, VirtualClock())))
+    bus.plug(PtpDevice(Responder(camera, changed, VirtualClock())))
 
 
 @pytest.mark.parametrize(

@@ -62,51 +62,51 @@ class Broken:
         self._camera, self._instead = camera, instead
 
     def __getattr__(self, name: str) -> Any:
-        own = getattr(self._camera, name)
-        return lambda *given: self._instead[name](own, *given) if name in self._instead else own(*given)
+        method = getattr(self._camera, name)
+        return lambda *given: self._instead[name](method, *given) if name in self._instead else method(*given)
 
 
 def _other_each_time() -> Callable[..., CameraIdentity]:
     turns = iter(range(1000))
-    return lambda own: replace(own(), serial=f"{next(turns)}")
+    return lambda method: replace(method(), serial=f"{next(turns)}")
 
 
-def _too_clean(own: Callable[[], RawMosaic]) -> RawMosaic:
+def _too_clean(method: Callable[[], RawMosaic]) -> RawMosaic:
     """It has the less noise the more light there is."""
-    frame = own()
+    frame = method()
     rng = np.random.Generator(np.random.PCG64(int(frame.pixels.sum())))
     more = rng.normal(0, 3000 / (frame.pixels.mean() - np.mean(frame.black)), frame.pixels.shape)
     return replace(frame, pixels=np.clip(frame.pixels + more, 0, frame.white).astype(np.uint16))
 
 
-def _boasting(own: Callable[[Exposure], Exposure], wanted: Exposure) -> Exposure:
-    own(wanted)
+def _boasting(method: Callable[[Exposure], Exposure], wanted: Exposure) -> Exposure:
+    method(wanted)
     return wanted.with_time(wanted.time * 2)
 
 
 @pytest.mark.parametrize(
     ("instead", "fails", "says"),
     [
-        ({"identify": lambda own: replace(own(), serial="")}, "identity", "no serial number"),
+        ({"identify": lambda method: replace(method(), serial="")}, "identity", "no serial number"),
         ({"identify": _other_each_time()}, "identity", "and then that it is"),
         (
-            {"capabilities": lambda own: replace(own(), times=(0.1, 0.01))},
+            {"capabilities": lambda method: replace(method(), times=(0.1, 0.01))},
             "capabilities",
             "positive and ascending",
         ),
         ({"set_exposure": _boasting}, "settings", "reads back"),
         (
-            {"set_exposure": lambda own, wanted: own(wanted.with_time(wanted.time**0.8)) and wanted},
+            {"set_exposure": lambda method, wanted: method(wanted.with_time(wanted.time**0.8)) and wanted},
             "light",
             "a stop of exposure time changes",
         ),
         (
-            {"collect": lambda own: replace(own(), pixels=np.zeros((4, 6), np.uint16))},
+            {"collect": lambda method: replace(method(), pixels=np.zeros((4, 6), np.uint16))},
             "frames",
             "its frame has 6x4",
         ),
-        ({"trigger": lambda own: own() - 3600}, "timing", "not between the call"),
-        ({"trigger": lambda own: 1 / 0}, "frames", "ZeroDivisionError"),
+        ({"trigger": lambda method: method() - 3600}, "timing", "not between the call"),
+        ({"trigger": lambda method: 1 / 0}, "frames", "ZeroDivisionError"),
         ({"collect": _too_clean}, "light", "as photons do"),
     ],
 )
@@ -118,7 +118,7 @@ def test_a_broken_promise_is_told(instead: dict[str, Any], fails: str, says: str
 
 
 def test_a_camera_that_does_not_answer_is_let_go() -> None:
-    def gone(own: Any) -> Any:
+    def gone(method: Any) -> Any:
         raise CameraError("The camera is gone: plug it in.")
 
     camera, bus = machine_camera()
@@ -130,8 +130,8 @@ def test_a_camera_that_does_not_answer_is_let_go() -> None:
 def test_too_dark_a_scene_is_not_a_failure() -> None:
     camera, bus = machine_camera()
 
-    def dark(own: Callable[[], RawMosaic]) -> RawMosaic:
-        frame = own()
+    def dark(method: Callable[[], RawMosaic]) -> RawMosaic:
+        frame = method()
         return replace(frame, pixels=np.full_like(frame.pixels, int(np.mean(frame.black))))
 
     (row,) = examine(Broken(camera, collect=dark), bus.clock, examinations=[conformance.light])
@@ -144,8 +144,8 @@ def test_a_bracket_of_its_own_is_held_to_what_was_asked(*, bad: bool) -> None:
     bus = BusRig(simulate("toy"), model="sony-a7m4")
     camera = bus.cameras()[0]
     if bad:
-        own = camera.bracket  # type: ignore[attr-defined]
-        camera.bracket = lambda exposures: list(own(exposures))[:2]  # type: ignore[attr-defined]
+        method = camera.bracket  # type: ignore[attr-defined]
+        camera.bracket = lambda exposures: list(method(exposures))[:2]  # type: ignore[attr-defined]
     (row,) = examine(camera, bus.clock, examinations=[bracket])
     assert row.verdict == ("failed" if bad else "passed"), row
     assert ("the frames of its bracket say" if bad else "3 frames as asked in") in row.says

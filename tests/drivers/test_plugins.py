@@ -119,8 +119,8 @@ cp {frames}/$shutter-$turn.dng "${{out%.jpg}}.dng"
 @pytest.mark.skipif(sys.platform == "win32", reason="a script of sh")
 def test_the_example_does_what_rig_needs(raspberry) -> None:
     (camera,) = raspberry.find_cameras(SystemClock())
-    told = {one.name: one.verdict for one in examine(camera, SystemClock())}
-    assert told == {one.__name__: "passed" for one in EXAMINATIONS}
+    by_name = {one.name: one.verdict for one in examine(camera, SystemClock())}
+    assert by_name == {one.__name__: "passed" for one in EXAMINATIONS}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a script of sh")

@@ -130,8 +130,8 @@ def test_software_that_only_drops_files_passes_all_but_light(
     """Light takes several exposures; there is one, that of the picture that lies there already."""
     (camera,) = plugin.find_cameras(clock)
     assert camera.capabilities().times == (OLD,)
-    told = verdicts(Hand(camera, software), clock)
-    assert told == PASSED | {"light": "skipped"}
+    judged = verdicts(Hand(camera, software), clock)
+    assert judged == PASSED | {"light": "skipped"}
 
 
 def test_half_a_file_is_waited_for_and_what_lies_there_is_not_taken(

@@ -47,14 +47,16 @@ class Body:
 
     def applied(self, label: float, rng: np.random.Generator) -> float:
         """Seconds that the shutter was open."""
-        own = np.random.default_rng([self.seed, round(1e6 * label)])
-        return float(label * np.exp(self.labels * (own.standard_normal() + 0.01 * rng.standard_normal())))
+        of_label = np.random.default_rng([self.seed, round(1e6 * label)])
+        return float(
+            label * np.exp(self.labels * (of_label.standard_normal() + 0.01 * rng.standard_normal()))
+        )
 
     def mosaic(self, light: Array32, seconds: float, rng: np.random.Generator) -> RawMosaic:
         """A RAW frame of radiance [H, W, 3]: shot and read noise, black, ceiling."""
-        seen = light.astype(np.float64) @ CAMERA_FROM_REC709.T
-        sites = seen[..., 1].copy()
-        sites[0::2, 0::2], sites[1::2, 1::2] = seen[0::2, 0::2, 0], seen[1::2, 1::2, 2]
+        in_camera = light.astype(np.float64) @ CAMERA_FROM_REC709.T
+        sites = in_camera[..., 1].copy()
+        sites[0::2, 0::2], sites[1::2, 1::2] = in_camera[0::2, 0::2, 0], in_camera[1::2, 1::2, 2]
         full = (self.white - self.black) * (1 - self.headroom)
         electrons = rng.poisson(np.minimum(self.well * sites * seconds / self.seconds, 3 * self.well))
         codes = electrons + self.read * rng.standard_normal(sites.shape)
@@ -108,14 +110,14 @@ def photograph(
             number = len(shots.seconds)
             rng = np.random.default_rng([body.seed, number])
             seconds = body.applied(label, rng)
-            told = FrameMetadata(
+            metadata = FrameMetadata(
                 "Foreign", "F1", "4711", Exposure(time=label, f_number=8.0, iso=100.0), moment
             )
             path = folder / f"IMG_{number:04d}.{'jpg' if developed else 'dng'}"
             if developed:
-                path.write_bytes(encode_jpeg(body.developed(view, seconds, rng), 95, told))
+                path.write_bytes(encode_jpeg(body.developed(view, seconds, rng), 95, metadata))
             else:
-                write_dng(path, replace(body.mosaic(view, seconds, rng), metadata=told))
+                write_dng(path, replace(body.mosaic(view, seconds, rng), metadata=metadata))
             shots.seconds[path.name], shots.labels[path.name] = seconds, label
             shots.frames[path.name] = frame
             moment += timedelta(seconds=1 + label)
@@ -134,8 +136,8 @@ def tell_poses(shots: Shots, poses: Array, focal: float, size: tuple[int, int], 
         for name, frame in shots.frames.items()
     ]
     lens = {"fl_x": focal, "fl_y": focal, "cx": width / 2, "cy": height / 2, "w": width, "h": height}
-    told = {"camera_model": "PINHOLE", **lens, "ply_file_path": "points.ply", "frames": frames}
-    (shots.folder / "transforms.json").write_text(json.dumps(told))
+    transforms = {"camera_model": "PINHOLE", **lens, "ply_file_path": "points.ply", "frames": frames}
+    (shots.folder / "transforms.json").write_text(json.dumps(transforms))
     head = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
     head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
     rows = [" ".join(f"{value:.5f}" for value in point) for point in points]

@@ -44,14 +44,14 @@ def tell_truth(session: Path, light: Array32, poses: Array, shots: Shots, *, dev
         codes = np.arange(1, 255) / 255
         logs = np.log(np.interp(codes, s_curve(signal), signal)).tolist()
         response = {"codes": codes.tolist(), "log_exposure": [logs] * 3}
-    told = {
+    record = {
         "schema_version": 1,
         "frames": frames,
         "cameras": {},
         "exposures": exposures,
         "response": response,
     }
-    (session / "truth" / "truth.json").write_text(json.dumps(told))
+    (session / "truth" / "truth.json").write_text(json.dumps(record))
 
 
 def pose_figures(session: Path, poses: Array, focal: float) -> Figures:
@@ -61,27 +61,27 @@ def pose_figures(session: Path, poses: Array, focal: float) -> Figures:
     "Image Matching across Wide Baselines", 2021); views without a pose count as wrong.
     """
     record = json.loads((session / "calibration" / "calibration.json").read_text())
-    found = {}
+    estimated = {}
     for view in record["views"]:
         pose, place = view["cam_from_world"], np.eye(4)
         place[:3, :3] = Rotation.from_quat(np.roll(pose["quaternion"], -1)).as_matrix()
         place[:3, 3] = pose["translation"]
-        found[view["frame"]] = place
-    errors = truth.errors(found, poses)
+        estimated[view["frame"]] = place
+    errors = truth.errors(estimated, poses)
     turns = [errors.turn[view] for view in errors.turn if view not in errors.wrong]
     areas = []
     for one, other in combinations(range(len(poses)), 2):
         worst = np.inf
-        if one in found and other in found:
-            own = found[one] @ np.linalg.inv(found[other])
+        if one in estimated and other in estimated:
+            relative = estimated[one] @ np.linalg.inv(estimated[other])
             true = poses[one] @ np.linalg.inv(poses[other])
-            turn = np.degrees(Rotation.from_matrix(own[:3, :3] @ true[:3, :3].T).magnitude())
-            cross = np.linalg.norm(np.cross(own[:3, 3], true[:3, 3]))
-            worst = max(turn, np.degrees(np.arctan2(cross, own[:3, 3] @ true[:3, 3])))
+            turn = np.degrees(Rotation.from_matrix(relative[:3, :3] @ true[:3, :3].T).magnitude())
+            cross = np.linalg.norm(np.cross(relative[:3, 3], true[:3, 3]))
+            worst = max(turn, np.degrees(np.arctan2(cross, relative[:3, 3] @ true[:3, 3])))
         areas.append(max(0.0, 1 - worst))
     lens = record["cameras"][0]["lens"]
     return {
-        "placed": len(found),
+        "placed": len(estimated),
         "wrong": len(errors.wrong),
         "degrees": float(np.median(turns)) if turns else np.nan,
         "degrees_worst": max(turns, default=np.nan),
@@ -102,20 +102,20 @@ def exposure_figures(session: Path, shots: Shots) -> Figures:
         groups.setdefault(frame, []).append(source)
     if all(len(group) == 1 for group in groups.values()):
         groups = {0: list(files)}
-    found, labelled = [], []
+    errors, labelled = [], []
     for group in groups.values():
         longest = max(group, key=lambda source: shots.seconds[source])
         true = np.array([shots.seconds[source] / shots.seconds[longest] for source in group])
         label = np.array([shots.labels[source] / shots.labels[longest] for source in group]) / true
-        own = np.array([scales[files[source][0]] / scales[files[longest][0]] for source in group]) / true
+        ratios = np.array([scales[files[source][0]] / scales[files[longest][0]] for source in group]) / true
         others = np.array([source != longest for source in group])
         if len(groups) == 1:
-            label, own = label / np.median(label), own / np.median(own)
-        found += np.abs(own[others] - 1).tolist()
+            label, ratios = label / np.median(label), ratios / np.median(ratios)
+        errors += np.abs(ratios[others] - 1).tolist()
         labelled += np.abs(label[others] - 1).tolist()
     return {
-        "ratios": float(np.median(found)),
-        "ratios_worst": max(found),
+        "ratios": float(np.median(errors)),
+        "ratios_worst": max(errors),
         "ratios_labelled": float(np.median(labelled)),
     }
 

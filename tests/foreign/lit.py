@@ -97,12 +97,12 @@ class LitScene:
         file = CACHE / f"{self.name}-{self._hash()}.npz"
         if not file.exists():
             self._trace(file)
-        with np.load(file) as kept:
-            return {name: kept[name] for name in kept.files}
+        with np.load(file) as arrays:
+            return {name: arrays[name] for name in arrays.files}
 
     def _hash(self) -> str:
-        told = (self.width, self.height, self.samples, self.traced, self.angle, BOUNCES, MORE, BRIGHTEST)
-        digest = hashlib.sha256(repr(told).encode() + self.poses.tobytes())
+        settings = (self.width, self.height, self.samples, self.traced, self.angle, BOUNCES, MORE, BRIGHTEST)
+        digest = hashlib.sha256(repr(settings).encode() + self.poses.tobytes())
         if self.probe is not None:
             digest.update(np.ascontiguousarray(self.probe).tobytes())
         for name, panel in self.panels.items():
@@ -120,12 +120,12 @@ class LitScene:
         panels = {name: self._shining(name) for name in self.panels}
         world = self._world({**panels, **{name: _shape(shape) for name, shape in self.shapes.items()}})
         parts = self._world({name: self._flat(number) for number, name in enumerate(self.parts) if number}, 1)
-        light, seen = [], []
+        light, shapes = [], []
         for number, pose in enumerate(self.poses):
             whole = 0, 0, self.width, self.height
             which = mitsuba.render(parts, sensor=self._camera(pose, whole, 1), seed=number)
-            seen.append(np.rint(np.asarray(which)[..., 0]).astype(np.uint8))
-            windows = [whole, *self._glossy(seen[-1])]
+            shapes.append(np.rint(np.asarray(which)[..., 0]).astype(np.uint8))
+            windows = [whole, *self._glossy(shapes[-1])]
             picture = np.zeros((self.height, self.width, 3), np.float32)
             for window in windows:
                 left, top, width, height = window
@@ -135,7 +135,7 @@ class LitScene:
             light.append(np.clip(picture, 0, BRIGHTEST).astype(np.float16))
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(f".{os.getpid()}.npz")
-        np.savez(part, light=np.stack(light), seen=np.stack(seen))
+        np.savez(part, light=np.stack(light), seen=np.stack(shapes))
         part.replace(file)
 
     def _world(self, shapes: Mapping[str, Any], bounces: int = BOUNCES) -> Any:
@@ -150,16 +150,16 @@ class LitScene:
             }
         return mitsuba.load_dict(world)
 
-    def _glossy(self, seen: Bytes) -> list[tuple[int, int, int, int]]:
+    def _glossy(self, shapes: Bytes) -> list[tuple[int, int, int, int]]:
         """Windows (left, top, width, height) around metal and glass in a view, where paths part."""
-        found = []
+        boxes = []
         for name, shape in self.shapes.items():
-            rows, columns = np.nonzero(seen == self.parts.index(name))
+            rows, columns = np.nonzero(shapes == self.parts.index(name))
             if len(rows) and "emitter" not in shape:
                 left, top = max(0, columns.min() - 1), max(0, rows.min() - 1)
                 right, bottom = min(self.width, columns.max() + 2), min(self.height, rows.max() + 2)
-                found.append((int(left), int(top), int(right - left), int(bottom - top)))
-        return found
+                boxes.append((int(left), int(top), int(right - left), int(bottom - top)))
+        return boxes
 
     def _camera(self, pose: Array, window: tuple[int, int, int, int], samples: int) -> Any:
         import mitsuba
@@ -255,8 +255,8 @@ class LitScene:
         if name in self.panels:
             place = mitsuba.ScalarTransform4f(self.panels[name].place)
             return {"type": "rectangle", "to_world": place, "emitter": emitter}
-        kept = {key: value for key, value in self.shapes[name].items() if key not in ("bsdf", "emitter")}
-        return {**_shape(kept), "emitter": emitter}
+        geometry = {key: value for key, value in self.shapes[name].items() if key not in ("bsdf", "emitter")}
+        return {**_shape(geometry), "emitter": emitter}
 
 
 def _film(width: int, height: int, window: tuple[int, int, int, int]) -> dict[str, Any]:

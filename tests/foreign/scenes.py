@@ -58,8 +58,8 @@ class Scene:
             part = file.with_suffix(f".{os.getpid()}.npz")
             np.savez(part, light=light.astype(np.float16))
             part.replace(file)
-        with np.load(file) as kept:
-            return np.asarray(kept["light"], np.float32)
+        with np.load(file) as arrays:
+            return np.asarray(arrays["light"], np.float32)
 
     def _hash(self) -> str:
         digest = hashlib.sha256(repr((self.width, self.height, self.samples, FIELD, DEPTH)).encode())
@@ -155,8 +155,8 @@ def spots(seed: int, size: int = 512, contrast: float = 1.0) -> Array32:
         grey, *colour = _blurred(rng.standard_normal((4, size, size)).astype(np.float32), float(blot) / 2)
         grey *= np.float32(3 / grey.std())
         scale = np.float32(1.5 / np.std(colour))
-        for channel, own in enumerate(colour):
-            texture[..., channel] += np.float32(0.12 * contrast) * np.tanh(grey + scale * own)
+        for channel, tint in enumerate(colour):
+            texture[..., channel] += np.float32(0.12 * contrast) * np.tanh(grey + scale * tint)
     return np.clip(texture, 0.04, 0.9)
 
 

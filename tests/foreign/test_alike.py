@@ -26,6 +26,6 @@ def test_no_view_of_a_crate_with_like_sides_is_placed_wrongly(tmp_path: Path) ->
     with suppress(PartialError):
         calibrate(made)
     record = read_calibration(made)
-    found = {view.frame: view.cam_from_world.matrix() for view in record.views}
-    assert truth.errors(found, scene.poses).wrong == []
+    estimated = {view.frame: view.cam_from_world.matrix() for view in record.views}
+    assert truth.errors(estimated, scene.poses).wrong == []
     assert len(record.views) + len(record.unregistered) == len(scene.poses)

@@ -63,9 +63,9 @@ def test_light_of_given_poses_has_the_colours_of_the_files(brackets: Taken) -> N
 
 
 def test_evaluate_agrees(brackets: Taken) -> None:
-    told = store.read_json(brackets.reconstruction / "metrics.json")
+    metrics = store.read_json(brackets.reconstruction / "metrics.json")
     figures = judge.light_figures(brackets.reconstruction, brackets.light)
-    assert told["hdr_psnr_mu_aligned"] == pytest.approx(figures["psnr"], abs=0.1)
+    assert metrics["hdr_psnr_mu_aligned"] == pytest.approx(figures["psnr"], abs=0.1)
 
 
 def test_the_ratios_of_twelve_bit_brackets_are_measured(brackets: Taken) -> None:

@@ -78,7 +78,7 @@ def test_held_out_views_show_the_light(room: Taken) -> None:
 
 
 def test_evaluate_agrees(room: Taken) -> None:
-    told = store.read_json(room.reconstruction / "metrics.json")
+    metrics = store.read_json(room.reconstruction / "metrics.json")
     figures = judge.light_figures(room.reconstruction, room.light)
-    assert told["hdr_psnr_mu_aligned"] == pytest.approx(figures["psnr"], abs=0.1)
-    assert told["stops_median"] == pytest.approx(figures["stops"], rel=0.02)
+    assert metrics["hdr_psnr_mu_aligned"] == pytest.approx(figures["psnr"], abs=0.1)
+    assert metrics["stops_median"] == pytest.approx(figures["stops"], rel=0.02)

@@ -24,8 +24,8 @@ def test_the_light_spans_twenty_stops(yard: LitScene) -> None:
 
 def test_the_sun_is_hidden_from_some_views(yard: LitScene) -> None:
     """Above half its radiance, since a pixel at its edge shows less."""
-    seen = (yard.light().max(-1) > yards.SUN / 2).any((1, 2))
-    assert 0 < seen.sum() < len(seen)
+    sunlit = (yard.light().max(-1) > yards.SUN / 2).any((1, 2))
+    assert 0 < sunlit.sum() < len(sunlit)
 
 
 def test_the_room_is_dark_and_seen_through_the_door(yard: LitScene) -> None:

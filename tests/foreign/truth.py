@@ -26,27 +26,27 @@ class Errors:
         return [view for view in self.turn if self.turn[view] > DEGREES or self.shift[view] > SHARE]
 
 
-def errors(found: Mapping[int, Array], true: Array) -> Errors:
+def errors(estimated: Mapping[int, Array], true: Array) -> Errors:
     """cam_from_world [4, 4] of the views that were found, against those of all [V, 4, 4].
 
     The similarity between the two worlds is the one of a pair of views that most others agree with, then
     fitted to those that agree: views that are wrong have no part in it.
     """
-    views = sorted(found)
+    views = sorted(estimated)
     if not views:
         return Errors({}, {})
-    own, goal = np.stack([found[view] for view in views]), true[views]
-    here, there = _centres(own), _centres(goal)
+    ours, goal = np.stack([estimated[view] for view in views]), true[views]
+    here, there = _centres(ours), _centres(goal)
     size = float(np.sqrt(((_centres(true) - _centres(true).mean(0)) ** 2).sum(1).mean()))
     best: tuple[int, float, Array, Array] | None = None
     for one in range(len(views)):
-        turn = goal[one, :3, :3].T @ own[one, :3, :3]
+        turn = goal[one, :3, :3].T @ ours[one, :3, :3]
         for other in range(len(views)):
             apart = float(np.linalg.norm(here[one] - here[other]))
             if apart < 1e-9:
                 continue
             scale = float(np.linalg.norm(there[one] - there[other])) / apart
-            turns, shifts = _apart(own, goal, turn, scale, there[one] - scale * turn @ here[one])
+            turns, shifts = _apart(ours, goal, turn, scale, there[one] - scale * turn @ here[one])
             agree = (turns < DEGREES) & (shifts < SHARE * size)
             rank = int(agree.sum()), -float(np.minimum(shifts / size, 1).sum())
             if best is None or rank > best[:2]:
@@ -55,22 +55,22 @@ def errors(found: Mapping[int, Array], true: Array) -> Errors:
         return Errors({}, {})
     agree, rough = best[2], best[3]
     if agree.sum() >= 3:
-        u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", goal[agree, :3, :3], own[agree, :3, :3]))
+        u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", goal[agree, :3, :3], ours[agree, :3, :3]))
         turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
         a, b = (here[agree] - here[agree].mean(0)) @ turn.T, there[agree] - there[agree].mean(0)
         scale = float((a * b).sum() / (a**2).sum())
         rough = np.array(
-            _apart(own, goal, turn, scale, there[agree].mean(0) - scale * turn @ here[agree].mean(0))
+            _apart(ours, goal, turn, scale, there[agree].mean(0) - scale * turn @ here[agree].mean(0))
         )
     turns, shifts = rough[0].tolist(), (rough[1] / size).tolist()
     return Errors(dict(zip(views, turns, strict=True)), dict(zip(views, shifts, strict=True)))
 
 
-def _apart(own: Array, goal: Array, turn: Array, scale: float, shift: Array) -> tuple[Array, Array]:
-    apart = own[:, :3, :3] @ turn.T @ goal[:, :3, :3].transpose(0, 2, 1)
+def _apart(ours: Array, goal: Array, turn: Array, scale: float, shift: Array) -> tuple[Array, Array]:
+    apart = ours[:, :3, :3] @ turn.T @ goal[:, :3, :3].transpose(0, 2, 1)
     sine = np.linalg.norm(apart - apart.transpose(0, 2, 1), axis=(1, 2)) / np.sqrt(8)
     turns = np.degrees(np.arctan2(sine, (np.trace(apart, axis1=1, axis2=2) - 1) / 2))
-    return turns, np.linalg.norm(scale * _centres(own) @ turn.T + shift - _centres(goal), axis=1)
+    return turns, np.linalg.norm(scale * _centres(ours) @ turn.T + shift - _centres(goal), axis=1)
 
 
 def _centres(poses: Array) -> Array:

@@ -135,10 +135,12 @@ def _house(deep: float, seed: int) -> dict[str, Panel]:
     back = FRONT + deep
     panels = {}
     for side, x, turn in (("front", FRONT, 180.0), ("inner", FRONT + thin, 0.0)):
-        own = seed if side == "front" else seed + 3
-        panels[f"{side}_left"] = _standing(x, (left, door[0]), (GROUND, roof), own, (10, 16), turn)
-        panels[f"{side}_right"] = _standing(x, (door[1], right), (GROUND, roof), own + 1, (10, 16), turn)
-        panels[f"{side}_lintel"] = _standing(x, door, (lintel, roof), own + 2, (8, 6), turn)
+        seed_of_side = seed if side == "front" else seed + 3
+        panels[f"{side}_left"] = _standing(x, (left, door[0]), (GROUND, roof), seed_of_side, (10, 16), turn)
+        panels[f"{side}_right"] = _standing(
+            x, (door[1], right), (GROUND, roof), seed_of_side + 1, (10, 16), turn
+        )
+        panels[f"{side}_lintel"] = _standing(x, door, (lintel, roof), seed_of_side + 2, (8, 6), turn)
     upper, inside = (GROUND, roof), (left + thin, right - thin)
     panels |= {
         "side_left": _beside(left, (FRONT, back), upper, seed + 6, (16, 16), -90.0),

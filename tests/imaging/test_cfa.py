@@ -71,11 +71,11 @@ def test_every_cell_has_every_colour_and_no_smaller_one_that_the_table_is_made_o
 @all_tables
 def test_cells_are_means_of_their_own_channel(cfa: Cfa) -> None:
     image = np.random.default_rng(3).random((25, 38))
-    seen, channels, side = cell_means(image, cfa), cfa.channels(25, 38), cfa.cell
-    assert seen.shape == (25 // side, 38 // side, len(cfa.letters))
-    for row, column, channel in np.ndindex(seen.shape):
+    means, channels, side = cell_means(image, cfa), cfa.channels(25, 38), cfa.cell
+    assert means.shape == (25 // side, 38 // side, len(cfa.letters))
+    for row, column, channel in np.ndindex(means.shape):
         cut = np.s_[side * row : side * (row + 1), side * column : side * (column + 1)]
-        assert seen[row, column, channel] == pytest.approx(
+        assert means[row, column, channel] == pytest.approx(
             image[cut][channels[cut] == channel].mean(), rel=1e-5
         )
 
@@ -85,8 +85,8 @@ def test_a_constant_image_of_any_table_is_exact(cfa: Cfa) -> None:
     light = np.broadcast_to(np.array([0.25, 0.5, 3.0, 7.0])[: len(cfa.letters)], (13, 17, len(cfa.letters)))
     valid = np.random.default_rng(4).random((13, 17)) > 0.05
     image = np.where(valid, mosaic(light, cfa), 1e6)
-    seen, known = bilinear(image, cfa, valid)
-    assert np.all(seen[known] == light.astype(np.float32)[known])
+    filled_in, known = bilinear(image, cfa, valid)
+    assert np.all(filled_in[known] == light.astype(np.float32)[known])
     assert known.mean() > 0.9
 
 
@@ -107,35 +107,35 @@ def test_a_crop_shifts_the_phase(cfa: Cfa, top: int, left: int, height: int, wid
 @all_phases
 def test_a_mosaic_keeps_the_channel_of_each_site(cfa: Cfa) -> None:
     rgb = np.random.default_rng(1).random((5, 7, 3))
-    seen = mosaic(rgb, cfa)
+    sites = mosaic(rgb, cfa)
     for row in range(5):
         for column in range(7):
-            assert seen[row, column] == rgb[row, column, "RGB".index(cfa.rows[row % 2][column % 2])]
+            assert sites[row, column] == rgb[row, column, "RGB".index(cfa.rows[row % 2][column % 2])]
 
 
 @all_phases
 @pytest.mark.parametrize(("height", "width"), [(2, 2), (3, 3), (8, 9), (11, 6)])
 def test_a_constant_image_is_exact(cfa: Cfa, height: int, width: int) -> None:
     rgb = np.broadcast_to(np.array([0.25, 0.5, 3.0]), (height, width, 3))
-    seen, known = bilinear(mosaic(rgb, cfa), cfa)
-    assert seen.dtype == np.float32
+    filled_in, known = bilinear(mosaic(rgb, cfa), cfa)
+    assert filled_in.dtype == np.float32
     assert known.all()
-    assert np.array_equal(seen, rgb.astype(np.float32))
+    assert np.array_equal(filled_in, rgb.astype(np.float32))
 
 
 @all_phases
 def test_a_ramp_is_exact_inside(cfa: Cfa) -> None:
     rows, columns = np.mgrid[0:12, 0:14].astype(np.float64)
     rgb = np.stack([rows + 2 * columns, 3 * rows - columns + 50, 5 + rows], axis=-1)
-    seen, _ = bilinear(mosaic(rgb, cfa), cfa)
-    assert np.allclose(seen[1:-1, 1:-1], rgb[1:-1, 1:-1], atol=1e-5)
+    filled_in, _ = bilinear(mosaic(rgb, cfa), cfa)
+    assert np.allclose(filled_in[1:-1, 1:-1], rgb[1:-1, 1:-1], atol=1e-5)
 
 
 @all_phases
 def test_own_samples_are_kept(cfa: Cfa) -> None:
     rgb = np.random.default_rng(2).random((9, 10, 3)).astype(np.float32)
-    seen, _ = bilinear(mosaic(rgb, cfa), cfa)
-    assert np.array_equal(mosaic(seen, cfa), mosaic(rgb, cfa))
+    filled_in, _ = bilinear(mosaic(rgb, cfa), cfa)
+    assert np.array_equal(mosaic(filled_in, cfa), mosaic(rgb, cfa))
 
 
 @all_phases
@@ -146,13 +146,13 @@ def test_a_saturated_photosite_does_not_spread(cfa: Cfa, bad: tuple[int, int], v
     image = mosaic(rgb, cfa).copy()
     valid = np.ones(image.shape, bool)
     image[bad], valid[bad] = value, False
-    seen, known = bilinear(image, cfa, valid)
+    filled_in, known = bilinear(image, cfa, valid)
     expected, filled = rgb.astype(np.float32), np.ones(rgb.shape, bool)
-    own = cfa.channels(10, 11)[bad]
-    if own != 1:  # red and blue have no second photosite within reach, green has four
-        expected[(*bad, own)], filled[(*bad, own)] = 0.0, False
+    channel = cfa.channels(10, 11)[bad]
+    if channel != 1:  # red and blue have no second photosite within reach, green has four
+        expected[(*bad, channel)], filled[(*bad, channel)] = 0.0, False
     assert np.array_equal(known, filled)
-    assert np.array_equal(seen, expected)
+    assert np.array_equal(filled_in, expected)
 
 
 @all_phases
@@ -160,8 +160,8 @@ def test_where_nothing_is_known_it_says_so(cfa: Cfa) -> None:
     image = np.ones((10, 10), np.float32)
     valid = np.ones((10, 10), bool)
     valid[2:8, 2:8] = False
-    seen, known = bilinear(image, cfa, valid)
+    filled_in, known = bilinear(image, cfa, valid)
     assert not known[4:6, 4:6].any()
-    assert np.all(seen[~known] == 0)
-    assert np.all(seen[known] == 1)
+    assert np.all(filled_in[~known] == 0)
+    assert np.all(filled_in[known] == 1)
     assert not bilinear(image, cfa, np.zeros((10, 10), bool))[1].any()

@@ -100,8 +100,8 @@ def test_undistortion_far_from_the_axis_of_strong_lenses() -> None:
         tangents = np.stack([radii * 0.8, radii * 0.6], axis=1)
         rays = np.column_stack([tangents, np.ones(50)])
         bent, _ = cv2.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), np.eye(3), np.array(terms))
-        found = optics.undistort(bent.reshape(-1, 2), terms, fisheye=False)
-        np.testing.assert_allclose(found, tangents, atol=1e-9)
+        undistorted = optics.undistort(bent.reshape(-1, 2), terms, fisheye=False)
+        np.testing.assert_allclose(undistorted, tangents, atol=1e-9)
 
 
 def test_pixels_beyond_the_fold_of_a_lens_are_told() -> None:

@@ -144,14 +144,14 @@ def test_a_lamp_lifts_no_figure_over_a_percentile() -> None:
     light = 1.2 * truth
     lamp = truth.copy()
     lamp[0, :5] = 16_000.0
-    seen = np.where(lamp > 100, 14_000.0, light)
+    too_bright = np.where(lamp > 100, 14_000.0, light)
     most = float(np.percentile(lamp, 99.9))
     assert most == 9.0
-    assert hdr_psnr_mu(seen, lamp) > hdr_psnr_mu(light, truth) + 2
+    assert hdr_psnr_mu(too_bright, lamp) > hdr_psnr_mu(light, truth) + 2
     by_hand = -20 * math.log10(float(mu_law(0.9) - mu_law(0.8)))
     assert hdr_psnr_mu_below(np.full(4, 0.9), np.full(4, 0.8), 1.0) == pytest.approx(by_hand)
     assert hdr_psnr_mu_below(np.full(4, 7.0), np.full(4, 3.0), 1.0) == PSNR_CAP
-    assert hdr_psnr_mu_below(seen, lamp, 20.0) == pytest.approx(
+    assert hdr_psnr_mu_below(too_bright, lamp, 20.0) == pytest.approx(
         hdr_psnr_mu_below(light, truth, 20.0), abs=0.01
     )
 

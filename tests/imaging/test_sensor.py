@@ -28,24 +28,24 @@ def raw(light: np.ndarray, bend: float = 0.0) -> RawMosaic:
     )
 
 
-def sensor(**told: object) -> SensorCalibration:
-    return SensorCalibration.model_validate({"iso": 100.0} | told)
+def sensor(**fields: object) -> SensorCalibration:
+    return SensorCalibration.model_validate({"iso": 100.0} | fields)
 
 
 @pytest.mark.parametrize("bend", [0.02, -0.03, 0.2])
 def test_a_bent_response_is_straightened(bend: float) -> None:
     light = np.linspace(0.0, 0.95, 64).reshape(8, 8)
-    found = from_raw(raw(light, bend), 1.0, [sensor(nonlinearity=measured(bend), linear=False)])
-    np.testing.assert_allclose(found.signal, light, atol=0.0004)
-    assert found.ceiling == pytest.approx(2.0 / (1.0 + np.sqrt(1.0 - 4.0 * bend)))
+    straightened = from_raw(raw(light, bend), 1.0, [sensor(nonlinearity=measured(bend), linear=False)])
+    np.testing.assert_allclose(straightened.signal, light, atol=0.0004)
+    assert straightened.ceiling == pytest.approx(2.0 / (1.0 + np.sqrt(1.0 - 4.0 * bend)))
 
 
 def test_a_bend_that_is_not_significant_changes_nothing() -> None:
     light = np.linspace(0.0, 0.95, 64).reshape(8, 8)
     plain = from_raw(raw(light), 1.0)
     for linear in (True, None):
-        told = from_raw(raw(light), 1.0, [sensor(nonlinearity=measured(0.001), linear=linear)])
-        assert np.array_equal(told.signal, plain.signal)
+        frame = from_raw(raw(light), 1.0, [sensor(nonlinearity=measured(0.001), linear=linear)])
+        assert np.array_equal(frame.signal, plain.signal)
 
 
 def test_signals_that_no_light_gives_stay_finite() -> None:
@@ -58,9 +58,9 @@ def test_signals_that_no_light_gives_stay_finite() -> None:
 def test_another_iso_never_stands_in() -> None:
     light = np.full((4, 4), 0.5)
     other = sensor(black=[[measured(110.0).model_dump()] * 2] * 2, defects=[Defect(x=1, y=2, kind="hot")])
-    told = from_raw(raw(light), 1.0, [other.model_copy(update={"iso": 200.0})])
-    assert np.array_equal(told.signal, from_raw(raw(light), 1.0).signal)
+    frame = from_raw(raw(light), 1.0, [other.model_copy(update={"iso": 200.0})])
+    assert np.array_equal(frame.signal, from_raw(raw(light), 1.0).signal)
     here = from_raw(raw(light), 1.0, [other])
     assert not here.valid[2, 1]
     assert here.valid.sum() == 15
-    assert (here.signal < told.signal).all()
+    assert (here.signal < frame.signal).all()

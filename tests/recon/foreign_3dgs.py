@@ -44,7 +44,7 @@ def draw(table: dict[str, np.ndarray], camera: SplatCamera, near: float = 0.01) 
     turn, centre = motion[:3, :3], -motion[:3, :3].T @ motion[:3, 3]
     xyz = np.stack([table[axis] for axis in "xyz"], 1)
     away = xyz - centre
-    seen = colours(table, away / np.linalg.norm(away, axis=1, keepdims=True))
+    radiance = colours(table, away / np.linalg.norm(away, axis=1, keepdims=True))
     opacity = 1 / (1 + np.exp(-table["opacity"]))
     sizes = np.exp(np.stack([table[f"scale_{axis}"] for axis in range(3)], 1))
     quats = np.stack([table[f"rot_{part}"] for part in range(4)], 1)
@@ -66,6 +66,6 @@ def draw(table: dict[str, np.ndarray], camera: SplatCamera, near: float = 0.01) 
         power = inverse[0, 0] * dx * dx + 2 * inverse[0, 1] * dx * dy + inverse[1, 1] * dy * dy
         alpha = np.minimum(0.99, opacity[index] * np.exp(-0.5 * power))
         alpha = np.where(alpha < 1 / 255, 0, alpha)
-        image += (through * alpha)[..., None] * seen[index]
+        image += (through * alpha)[..., None] * radiance[index]
         through *= 1 - alpha
     return image

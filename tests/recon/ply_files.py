@@ -20,8 +20,8 @@ def read_ply(path: Path, *, faces: bool = False) -> dict[str, Array32]:
     assert end
     assert "format binary_little_endian 1.0" in lines
     (count,) = (int(line.split()[-1]) for line in lines if line.startswith("element vertex "))
-    found = (re.fullmatch(r"property (float|uchar) (\w+)", line) for line in lines)
-    fields = np.dtype([(one[2], KINDS[one[1]]) for one in found if one])
+    properties = (re.fullmatch(r"property (float|uchar) (\w+)", line) for line in lines)
+    fields = np.dtype([(one[2], KINDS[one[1]]) for one in properties if one])
     assert faces or len(body) == count * fields.itemsize
     table = np.frombuffer(body, fields, count)
     return {name: table[name].astype(np.float32) for name in fields.names or ()}

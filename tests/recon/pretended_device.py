@@ -85,7 +85,7 @@ class _Operations(TorchDispatchMode):
         if kind:
             self.counts[kind, _asking()] += 1
         moved = {name: _CPU if name == "device" else value for name, value in options.items()}
-        found = function(*tree_map(_held, arguments), **tree_map(_held, moved))
+        result = function(*tree_map(_held, arguments), **tree_map(_held, moved))
         known = {id(tensor.held): tensor for tensor in there}
 
         def placed(value: Any) -> Any:
@@ -95,7 +95,7 @@ class _Operations(TorchDispatchMode):
                 return known[id(value)]
             return OnDevice(value) if goes_there else value
 
-        return tree_map(placed, found)
+        return tree_map(placed, result)
 
     def _crossing(
         self, function: Any, arguments: Any, options: Any, tensors: list[Any], goes_there: bool
@@ -151,8 +151,8 @@ def pretended() -> Iterator[Counts]:
         with _disable_current_modes():
             return launch(self, *map(_held, arguments), **options)
 
-    kept = (dense_ssim._taps, environment._rays, glare._halo)
-    for function in kept:  # other tests' tensors of the meta device have no values
+    cached = (dense_ssim._taps, environment._rays, glare._halo)
+    for function in cached:  # other tests' tensors of the meta device have no values
         function.cache_clear()
     try:
         with pytest.MonkeyPatch.context() as patch, _Constructors(), _Operations(counts):
@@ -161,5 +161,5 @@ def pretended() -> Iterator[Counts]:
             patch.setattr(splat, "_rasterizer", lambda *_: rasterize_gpu)
             yield counts
     finally:
-        for function in kept:
+        for function in cached:
             function.cache_clear()

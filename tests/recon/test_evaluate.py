@@ -159,7 +159,7 @@ def test_without_a_truth_light_is_held_against_the_photographs(trained, tmp_path
 
 def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_path):
     """Use the processor, on which an evaluation renders, wherever the scene was trained."""
-    folder, found = copied(trained, tmp_path), []
+    folder, results = copied(trained, tmp_path), []
     threads_before = threads.thread_count()
     try:
         for count in (1, 2, 3):
@@ -167,10 +167,10 @@ def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_p
             opened = open_model(folder)
             assert {value.device.type for value in opened.training.gaussians.parameters.values()} == {"cpu"}
             _, _, rows, pooled = measured(opened)
-            found.append((rows, pooled))
+            results.append((rows, pooled))
     finally:
         threads.set_threads(threads_before)
-    assert found[0] == found[1] == found[2]
+    assert results[0] == results[1] == results[2]
 
 
 def test_a_model_twice_too_bright_is_right_after_alignment(trained, tmp_path, monkeypatch):

@@ -73,10 +73,10 @@ def test_brackets_are_merged_band_by_band(outcome: Outcome, tmp_path: Path) -> N
     for path in files:
         camera, band, _ = path.name.split(".")
         truth = read_exr(outcome.session / "truth" / path.parent.name / f"{camera}.exr").channels
-        seen = read_exr(path).channels
-        known = seen["mask"] == 0
+        channels = read_exr(path).channels
+        known = channels["mask"] == 0
         true = truth[f"S0.{band.removesuffix('nm')},000000nm"]
-        ratios.append(float(np.median(seen["G"][known] / true[known])))
+        ratios.append(float(np.median(channels["G"][known] / true[known])))
     np.testing.assert_allclose(ratios / np.median(ratios), 1.0, atol=0.05)
 
 

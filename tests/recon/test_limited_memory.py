@@ -66,11 +66,11 @@ def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> No
     words = [sys.executable, "-c", LIMITED, str(large)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    *told, figures = done.stdout.splitlines()
+    *lines, figures = done.stdout.splitlines()
     count, images, forecast, peak = map(int, figures.split())
     assert count == 2, "held in memory"
     assert images > LIMIT - (128 << 20)
-    assert any("images stay on the disk" in line and str(large / "decoded") in line for line in told)
+    assert any("images stay on the disk" in line and str(large / "decoded") in line for line in lines)
     assert peak < forecast
     overrides = Overrides(iterations=ITERATIONS, gaussians=1000, width=640, refine="none", environment=False)
     whole = reconstruct(large, TrainingRequest(quality="draft", overrides=overrides, name="whole"))

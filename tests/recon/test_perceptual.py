@@ -53,9 +53,9 @@ def test_light_is_written_in_one_unit_and_has_the_hdr_flip_of_its_authors(scene)
     (reference,) = (folder / "references").glob("*.exr")
     ours, truth = (read_exr(folder / name / reference.name).rgb() for name in ("renders", "references"))
     assert np.median(np.log(ours / truth)) == pytest.approx(0, abs=0.01)
-    found, mean, _ = flip_evaluator.evaluate(truth, np.maximum(ours, 0), "HDR", applyMagma=False)
+    errors, mean, _ = flip_evaluator.evaluate(truth, np.maximum(ours, 0), "HDR", applyMagma=False)
     assert result.hdr_flip_mean == pytest.approx(mean, abs=1e-4)
-    assert result.hdr_flip_median == pytest.approx(np.median(found), abs=1e-4)
+    assert result.hdr_flip_median == pytest.approx(np.median(errors), abs=1e-4)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
@@ -68,11 +68,11 @@ def test_light_without_contrast_has_no_hdr_flip(value):
 def test_what_is_masked_has_no_part(monkeypatch):
     rng = np.random.default_rng(0)
     truth = np.exp(rng.normal(0, 1.5, (32, 40, 3))).astype(np.float32)
-    seen = np.ones((32, 40), bool)
-    seen[:, :15] = False
-    spoilt = np.where(seen[..., None], truth, 100).astype(np.float32)
-    assert hdr_flip(spoilt, truth, seen) == pytest.approx(0, abs=1e-6)
-    assert hdr_flip(spoilt, truth, seen).shape == (32 * 25,)
+    visible = np.ones((32, 40), bool)
+    visible[:, :15] = False
+    spoilt = np.where(visible[..., None], truth, 100).astype(np.float32)
+    assert hdr_flip(spoilt, truth, visible) == pytest.approx(0, abs=1e-6)
+    assert hdr_flip(spoilt, truth, visible).shape == (32 * 25,)
 
 
 def test_without_flip_the_rest_is_told(scene, monkeypatch):

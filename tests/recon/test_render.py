@@ -95,23 +95,23 @@ def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path
 
 def test_pictures_of_any_width_show_the_same_scene(cut_out: Path, tmp_path: Path) -> None:
     name = open_scene(cut_out).views[0].name
-    found = {
+    planes = {
         width: read_exr(render(cut_out, tmp_path / str(width), views=[name], width=width)[0]).channels["G"]
         for width in (16, 32, 128)
     }
-    assert {width: plane.shape for width, plane in found.items()} == {
+    assert {width: plane.shape for width, plane in planes.items()} == {
         16: (12, 16),
         32: (24, 32),
         128: (96, 128),
     }
     usual = render(cut_out, tmp_path / "usual", views=[name])[0]
-    np.testing.assert_array_equal(read_exr(usual).channels["G"], found[32])
+    np.testing.assert_array_equal(read_exr(usual).channels["G"], planes[32])
     for width in (16, 128):
-        assert found[width].mean() == pytest.approx(found[32].mean(), rel=0.03)
+        assert planes[width].mean() == pytest.approx(planes[32].mean(), rel=0.03)
 
 
 def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp_path: Path) -> None:
-    told = []
+    reports = []
     files = render(
         cut_out,
         tmp_path,
@@ -122,7 +122,7 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
         layers=LAYERS,
         video=True,
         rate=12,
-        on_progress=lambda what, done, total: told.append((what, done, total)),
+        on_progress=lambda what, done, total: reports.append((what, done, total)),
     )
     names = [f"spline.{number:04d}" for number in (7, 8, 9)]
     assert [file.name for file in files] == [
@@ -131,7 +131,7 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
         "spline.mp4",
     ]
     assert {path.name for path in tmp_path.iterdir()} == {file.name for file in files}
-    assert told[-1] == ("rendering", 3, 3)
+    assert reports[-1] == ("rendering", 3, 3)
     scene = open_scene(cut_out)
     path = named_path(scene, "spline:3")
     assert path is not None
@@ -182,8 +182,8 @@ def test_a_light_probe_stands_where_a_view_did(cut_out: Path, tmp_path: Path) ->
     assert image.attributes["colorInteropID"] == "lin_ap1_scene"
     motion = view.cam_from_world.matrix()
     centre = -motion[:3, :3].T @ motion[:3, 3]
-    told = np.array([float(part) for part in str(image.attributes["rig:place"]).split()])
-    np.testing.assert_allclose(told, centre, rtol=1e-6)
+    place_of_header = np.array([float(part) for part in str(image.attributes["rig:place"]).split()])
+    np.testing.assert_allclose(place_of_header, centre, rtol=1e-6)
     again = render_probe(cut_out, tmp_path / "by place", centre, width=64)[0]
     assert image.rgb() == pytest.approx(read_exr(again).rgb(), rel=1e-3, abs=1e-4)
     # What the map has in the direction of the view's axis is what the view sees there.

@@ -131,9 +131,9 @@ def _write_colmap(folder: Path, points: np.ndarray, record: CalibrationRecord) -
         places[front] = camera.img_from_cam(rays[front])
         inside = np.flatnonzero(((places > 0) & (places < (lens.width, lens.height))).all(1))
         image = pycolmap.Image(name=view.id.image_name, camera_id=camera.camera_id, image_id=number)
-        left = (places[inside, 0] < lens.width / 2) & (np.arange(len(inside)) % 2 == 1)
-        seen = places[inside] + np.where(left[:, None], -MISS, MISS)
-        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(place) for place in seen])
+        in_left_half = (places[inside, 0] < lens.width / 2) & (np.arange(len(inside)) % 2 == 1)
+        observed = places[inside] + np.where(in_left_half[:, None], -MISS, MISS)
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(place) for place in observed])
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
         for place, index in enumerate(inside):
             tracks[index].append((number, place))

@@ -178,11 +178,11 @@ def test_stops_are_read_in_any_order() -> None:
 
 def test_json_is_exactly_one_object_even_when_it_fails(rig, tmp_path) -> None:
     code, out, err = rig("check", str(tmp_path / "nowhere"), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 2
-    assert told["command"] == "check"
-    assert told["exit_code"] == 2
-    assert told["error"] == err.rstrip("\n")
+    assert data["command"] == "check"
+    assert data["exit_code"] == 2
+    assert data["error"] == err.rstrip("\n")
 
 
 def test_json_stays_clean_when_libraries_print(tmp_path) -> None:

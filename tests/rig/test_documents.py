@@ -21,8 +21,8 @@ PLACE = re.compile(rf"(?<![\w/.])(?:(?:{'|'.join(ROOMS)})/[\w./-]*|[A-Z][A-Z]+\.
 def places(document: str) -> set[str]:
     """Names of a document that belong to the repository."""
     text = (REPOSITORY / document).read_text(encoding="utf-8")
-    found = {place.rstrip(".") for place in PLACE.findall(text)}
-    return {place for place in found if "NAME" not in place}
+    mentioned = {place.rstrip(".") for place in PLACE.findall(text)}
+    return {place for place in mentioned if "NAME" not in place}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
@@ -44,12 +44,12 @@ def test_extras_are_installed_from_where_rig_is() -> None:
     extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     texts = [REPOSITORY / document for document in DOCUMENTS]
     texts += [path for room in ROOMS for path in (REPOSITORY / room).rglob("*.py")]
-    told = {}
+    named = {}
     for path in texts:
         words = path.read_text(encoding="utf-8")
         assert not re.search(r"hdr-rig" + r"\[", words), f"{path} names a package that no index has"
-        told |= dict.fromkeys(re.findall(r"pip install -e '\.\[([a-z0-9,]+)\]'", words), path)
-    assert {"usd", "mesh", "video", "cluster", "gphoto2"} <= told.keys() <= extras.keys()
+        named |= dict.fromkeys(re.findall(r"pip install -e '\.\[([a-z0-9,]+)\]'", words), path)
+    assert {"usd", "mesh", "video", "cluster", "gphoto2"} <= named.keys() <= extras.keys()
 
 
 def test_the_names_that_contributors_are_given_are_in_the_code() -> None:

@@ -221,9 +221,9 @@ def test_a_demo_that_was_stopped_goes_on_where_it_was(toy: Path, monkeypatch: py
 def test_a_demo_that_is_finished_does_not_tell_old_times_as_new(toy: Path, monkeypatch) -> None:
     Steps(monkeypatch, toy, done=True)
     seconds = iter(range(100))
-    told = demo.run_demo(toy, Silence(), clock=lambda: next(seconds))
-    assert "Time: evaluate 1.0 s; capture, calibrate, reconstruct done before" in told.lines
-    assert told.data["seconds"] == {"evaluate": 1}
+    result = demo.run_demo(toy, Silence(), clock=lambda: next(seconds))
+    assert "Time: evaluate 1.0 s; capture, calibrate, reconstruct done before" in result.lines
+    assert result.data["seconds"] == {"evaluate": 1}
 
 
 def test_a_demo_with_new_shots_is_calibrated_again(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

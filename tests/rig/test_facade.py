@@ -130,10 +130,10 @@ def test_names_of_folders_are_no_markup(toy: Path, tmp_path: Path) -> None:
 
 
 def test_cameras_are_found_and_say_what_they_are() -> None:
-    found = rig.find_cameras("demo")
-    assert len(found) == 4
-    assert all(camera.identity is not None and camera.capabilities is not None for camera in found)
-    assert len({camera.identity.serial for camera in found}) == 4
+    cameras = rig.find_cameras("demo")
+    assert len(cameras) == 4
+    assert all(camera.identity is not None and camera.capabilities is not None for camera in cameras)
+    assert len({camera.identity.serial for camera in cameras}) == 4
     with pytest.raises(rig.InputError, match="nosuch"):
         rig.find_cameras("nosuch")
 

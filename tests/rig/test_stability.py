@@ -60,9 +60,9 @@ def test_the_doctor_shows_them_in_one_table(rig, monkeypatch: pytest.MonkeyPatch
     (row,) = [line.split() for line in out.splitlines() if "a card" in line]
     assert row == ["a", "card", "pixels", "float64", "1.0e-05", "1e-03", "yes"]
     assert "All 1 results are within their limits." in out
-    told = json.loads(rig("doctor", "--stability", "--json")[1])
-    assert told["in_order"]
-    assert told["extremes"][0]["error"] == 1e-5
+    data = json.loads(rig("doctor", "--stability", "--json")[1])
+    assert data["in_order"]
+    assert data["extremes"][0]["error"] == 1e-5
 
 
 @pytest.mark.parametrize("error", [1e-2, float("nan"), float("inf")])

@@ -53,18 +53,18 @@ def test_a_file_is_drawn_as_its_scene(tmp_path, degree):
     splats = PlySplats.read(tmp_path / "s.ply")
     assert len(splats) == 40
     with torch.no_grad():
-        own = Renderer(PlainHarmonics(), Limits.gsplat())(gaussians, CAMERA, degree=degree)
+        drawn = Renderer(PlainHarmonics(), Limits.gsplat())(gaussians, CAMERA, degree=degree)
     behind = (0.25, 0.5, 0.75)
-    expected = own.image + (1 - own.alpha)[..., None] * torch.tensor(behind)
+    expected = drawn.image + (1 - drawn.alpha)[..., None] * torch.tensor(behind)
     np.testing.assert_allclose(splats.drawn(CAMERA, behind), expected, atol=2e-5)
 
 
 def test_figures_are_of_what_is_seen_and_forgive_one_gain_a_channel():
     rng = np.random.default_rng(1)
     true = rng.uniform(0.1, 0.9, (24, 32, 3))
-    seen = np.ones((24, 32), bool)
-    seen[:8] = False
-    view = SimpleNamespace(seen=seen)
+    visible = np.ones((24, 32), bool)
+    visible[:8] = False
+    view = SimpleNamespace(seen=visible)
     shown = true * [0.9, 1.0, 1.05]
     shown[:8] = 0.0
     figures = measured([view], [true], lambda _: shown)

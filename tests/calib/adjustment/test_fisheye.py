@@ -39,17 +39,17 @@ def views(frames: int) -> dict[ViewId, Features]:
     rng = np.random.default_rng(7)
     points = rng.uniform(-1, 1, (COUNT, 3)) * (4.0, 2.5, 2.5) + (0, 0, 0.5)
     descriptors = rng.exponential(30, (COUNT, 128))
-    found = {}
+    features = {}
     for frame in range(frames):
-        seen = points @ pose(frame)[:3, :3].T + pose(frame)[:3, 3]
-        ahead = np.flatnonzero(seen[:, 2] > 0.2)
-        pixels = simulated.project(TRUE, seen[ahead])
+        local = points @ pose(frame)[:3, :3].T + pose(frame)[:3, 3]
+        ahead = np.flatnonzero(local[:, 2] > 0.2)
+        pixels = simulated.project(TRUE, local[ahead])
         inside = (pixels > 0).all(1) & (pixels < (WIDTH, HEIGHT)).all(1)
         ids = ahead[inside]
         noisy = descriptors[ids] + rng.normal(0, 2, (len(ids), 128))
         places = pixels[inside] + rng.normal(0, 0.2, (len(ids), 2))
-        found[ViewId(frame, "cam")] = Features(places, np.clip(noisy, 0, 255).astype(np.uint8))
-    return found
+        features[ViewId(frame, "cam")] = Features(places, np.clip(noisy, 0, 255).astype(np.uint8))
+    return features
 
 
 def test_a_fisheye_is_found_with_its_corners() -> None:
@@ -62,7 +62,7 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
     lens = model.lenses["cam"]
     assert lens.fisheye
     assert len(model.poses) == 6
-    assert sum(model.points.values()) > 0.95 * sum(len(own.points) for own in features.values())
+    assert sum(model.points.values()) > 0.95 * sum(len(of_view.points) for of_view in features.values())
     x, y = np.meshgrid(np.linspace(20, 620, 9), np.linspace(20, 460, 7))
     rays = optics.rays(TRUE, np.stack([x.ravel(), y.ravel()], 1))
     assert np.abs(optics.project(lens, rays) - optics.project(TRUE, rays)).max() < 1.5
@@ -71,11 +71,11 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
     assert abs(lens.fx - TRUE.fx) < 4 * errors["fx"] < 8
     assert abs(lens.k1 - TRUE.k1) < 4 * errors["k1"] < 0.05
     for frame in range(1, 6):
-        found = model.poses[ViewId(frame, "cam")].matrix() @ np.linalg.inv(
+        relative = model.poses[ViewId(frame, "cam")].matrix() @ np.linalg.inv(
             model.poses[ViewId(0, "cam")].matrix()
         )
         true = pose(frame) @ np.linalg.inv(pose(0))
-        trace = np.trace(found[:3, :3].T @ true[:3, :3])
+        trace = np.trace(relative[:3, :3].T @ true[:3, :3])
         assert np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))) < 0.15
 
 
@@ -92,8 +92,8 @@ def test_a_fisheye_keeps_its_terms_when_it_gets_more() -> None:
     more = lens_of(camera)
     assert more.terms == few.terms
     rays = np.random.default_rng(0).normal(size=(50, 3)) * (0.7, 0.7, 0.1) + (0, 0, 1)
-    for lens, own in ((few, wide("RADIAL_FISHEYE", 0.03, -0.015)), (more, camera)):
-        np.testing.assert_allclose(optics.project(lens, rays), own.img_from_cam(rays), atol=1e-9)
+    for lens, camera_of_lens in ((few, wide("RADIAL_FISHEYE", 0.03, -0.015)), (more, camera)):
+        np.testing.assert_allclose(optics.project(lens, rays), camera_of_lens.img_from_cam(rays), atol=1e-9)
     set_model(camera, "RADIAL_FISHEYE")
     assert lens_of(camera).terms == few.terms
 
@@ -113,7 +113,7 @@ def test_terms_that_fold_a_lens_over_within_its_image_are_not_taken(monkeypatch:
     monkeypatch.setattr(lens_ladder, "_held_out", lambda *rest: next(losses))
     monkeypatch.setattr(lens_ladder, "_judges", lambda reconstruction: folding)
     monkeypatch.setattr(lens_ladder, "FEWEST_VIEWS", 0)
-    found, rungs = lens_ladder.climb(folding, free, 1.0, 1, unreported)
-    assert found == free
+    climbed, rungs = lens_ladder.climb(folding, free, 1.0, 1, unreported)
+    assert climbed == free
     assert rungs[-1].name == "lens_fisheye_far"
     assert "fold a lens over" in rungs[-1].reason

@@ -25,7 +25,7 @@ def adjusted(kind, free=None, seed=0):
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"),
+    ("kind", "determined"),
     [
         ("flat flight", False),
         ("flight over houses", True),
@@ -34,9 +34,9 @@ def adjusted(kind, free=None, seed=0):
         ("ring", True),
     ],
 )
-def test_flat_ground_seen_straight_down_does_not_tell_the_focal_length(kind, told):
+def test_flat_ground_seen_straight_down_does_not_tell_the_focal_length(kind, determined):
     shift = effect(adjusted(kind), Free(), SCALE)[1]
-    assert (shift >= DETERMINED * tracks.WIDTH) == told
+    assert (shift >= DETERMINED * tracks.WIDTH) == determined
 
 
 def test_a_fixed_lens_is_not_asked_for():
@@ -46,9 +46,9 @@ def test_a_fixed_lens_is_not_asked_for():
 @pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "OPENCV"])
 def test_a_held_focal_length_stays_and_poses_are_as_unsure_as_it_makes_them(model):
     sure, unsure = (Free(model, focal={1: FocalPrior(820.0, spread, held=True)}) for spread in (0.8, 40.0))
-    found = adjusted("flat flight", sure)
-    assert found.cameras[1].mean_focal_length() == pytest.approx(820.0, rel=1e-4)
-    stated = [standard_errors(found, free, SCALE, unreported) for free in (sure, unsure)]
+    fitted = adjusted("flat flight", sure)
+    assert fitted.cameras[1].mean_focal_length() == pytest.approx(820.0, rel=1e-4)
+    stated = [standard_errors(fitted, free, SCALE, unreported) for free in (sure, unsure)]
     assert stated[0].lenses["made"]["fx"] == pytest.approx(0.8, rel=0.3)
     assert stated[1].lenses["made"]["fx"] == pytest.approx(40.0, rel=0.3)
 

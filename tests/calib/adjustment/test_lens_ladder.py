@@ -85,8 +85,8 @@ def test_what_was_not_cut_decides_on_nothing_but_a_fisheye():
     with_noise(model, 4, 0.02)
     for camera in (*model.cameras.values(), *uncut.cameras.values()):
         camera.params = [500.0, 320.0, 240.0, -0.1]
-    found, rungs = lens_ladder.climb(model, Free(), 0.02, 1, unreported, uncut=uncut)
+    climbed, rungs = lens_ladder.climb(model, Free(), 0.02, 1, unreported, uncut=uncut)
     taken = {rung.name: rung.taken for rung in rungs}
     assert taken["lens_principal_point"]
-    assert found.principal_point
+    assert climbed.principal_point
     assert not taken["lens_fisheye"]

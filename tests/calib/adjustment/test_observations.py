@@ -18,23 +18,23 @@ def test_every_observation_of_a_model_with_holes() -> None:
     pycolmap.synthesize_noise(noise, model)
     for number in sorted(model.points3D)[::4]:
         model.delete_point3D(number)
-    found = observations(model)
-    told = {
+    table = observations(model)
+    expected = {
         (element.image_id, element.point2D_idx): number
         for number, point in model.points3D.items()
         for element in point.track.elements
     }
     assert (
-        dict(zip(zip(found.image, found.feature, strict=True), found.numbers[found.point], strict=True))
-        == told
+        dict(zip(zip(table.image, table.feature, strict=True), table.numbers[table.point], strict=True))
+        == expected
     )
-    for image, feature, point, seen in zip(found.image, found.feature, found.point, found.seen, strict=True):
-        assert (seen == np.ravel(model.image(int(image)).point2D(int(feature)).xy)).all()
-        assert (found.world[point] == model.points3D[int(found.numbers[point])].xyz).all()
+    for image, feature, point, place in zip(table.image, table.feature, table.point, table.seen, strict=True):
+        assert (place == np.ravel(model.image(int(image)).point2D(int(feature)).xy)).all()
+        assert (table.world[point] == model.points3D[int(table.numbers[point])].xyz).all()
     model.update_point_3d_errors()
     error = misses(model).error
     assert np.isclose(error.mean(), model.compute_mean_reprojection_error(), rtol=1e-9)
-    assert [image for image, _ in found.of_images()] == sorted(model.reg_image_ids())
+    assert [image for image, _ in table.of_images()] == sorted(model.reg_image_ids())
 
 
 def test_a_model_of_nothing_has_none() -> None:

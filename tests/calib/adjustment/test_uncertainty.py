@@ -45,15 +45,17 @@ def noisy(model: Any, seed: int) -> Any:
 
 def residuals(model: Any) -> np.ndarray:
     """[N, 2] in the order of `Linear`."""
-    found = []
+    misses = []
     for index in sorted(model.reg_image_ids()):
         image = model.image(index)
         motion = image.cam_from_world().matrix()
         for point in image.points2D:
             if point.has_point3D():
                 local = motion[:, :3] @ model.points3D[point.point3D_id].xyz + motion[:, 3]
-                found.append(model.cameras[image.camera_id].img_from_cam(local[None])[0] - np.ravel(point.xy))
-    return np.array(found)
+                misses.append(
+                    model.cameras[image.camera_id].img_from_cam(local[None])[0] - np.ravel(point.xy)
+                )
+    return np.array(misses)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +117,8 @@ def test_derivatives_are_those_of_finite_differences(lens: LensModel, terms: lis
         def point(copy: Any, amount: float, axis: int = axis) -> None:
             copy.points3D[numbers[2]].xyz = copy.points3D[numbers[2]].xyz + amount * np.eye(3)[axis]
 
-        own = np.where((linear.owner == 2)[:, None], linear.points[:, :, axis], 0.0)
-        np.testing.assert_allclose(own.ravel(), slope(point), atol=1e-4)
+        of_point = np.where((linear.owner == 2)[:, None], linear.points[:, :, axis], 0.0)
+        np.testing.assert_allclose(of_point.ravel(), slope(point), atol=1e-4)
 
 
 def ratios(seed: int) -> np.ndarray:
@@ -128,17 +130,17 @@ def ratios(seed: int) -> np.ndarray:
     stated = uncertainty.standard_errors(model, OWN, NOISE, unreported)
     assert stated is not None
     true = uncertainty._poses(truth)
-    found = []
+    drawn = []
     for key, pose in uncertainty._aligned(uncertainty._poses(model), true).items():
         turn = uncertainty._turned((pose @ np.linalg.inv(true[key]))[:3, :3])
         shift = uncertainty._centre(pose) - uncertainty._centre(true[key])
-        found.append(
+        drawn.append(
             (
                 np.degrees(np.linalg.norm(turn)) / stated.rotation[key],
                 np.linalg.norm(shift) / stated.translation[key],
             )
         )
-    return np.array(found)
+    return np.array(drawn)
 
 
 def test_true_poses_lie_within_what_is_stated() -> None:
@@ -152,9 +154,9 @@ def test_true_poses_lie_within_what_is_stated() -> None:
 
 @pytest.fixture(scope="module")
 def model() -> Any:
-    found = noisy(made(3), 3)
-    adjust(found, OWN, NOISE, 1)
-    return found
+    adjusted = noisy(made(3), 3)
+    adjust(adjusted, OWN, NOISE, 1)
+    return adjusted
 
 
 def test_the_same_points_twice_are_no_surer() -> None:

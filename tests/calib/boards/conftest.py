@@ -36,15 +36,15 @@ class Stage:
     def corners(self, camera: int, frame: int) -> Array:
         """Places of all corners in the image, px [N, 2]; NaN outside of it."""
         pose = self.cam_from_board(camera, frame)
-        seen = self.board.corners() @ pose[:3, :3].T + pose[:3, 3]
-        points = project(self.rig.mounts[camera].optics.lens, seen)
-        inside = (seen[:, 2] > 0) & (points > 5).all(1) & (points < (WIDTH - 5, HEIGHT - 5)).all(1)
+        local = self.board.corners() @ pose[:3, :3].T + pose[:3, 3]
+        points = project(self.rig.mounts[camera].optics.lens, local)
+        inside = (local[:, 2] > 0) & (points > 5).all(1) & (points < (WIDTH - 5, HEIGHT - 5)).all(1)
         return np.where(inside[:, None], points, np.nan)
 
     def seen(self, frames: int, noise: float = 0.06, wrong: float = 0.0) -> dict[ViewId, Corners]:
         """Corners with noise, px a coordinate, a share of them wrong by several pixels."""
         rng = np.random.default_rng(self.rig.seed)
-        found: dict[ViewId, Corners] = {}
+        corners: dict[ViewId, Corners] = {}
         for frame in range(frames):
             for camera, mount in enumerate(self.rig.mounts):
                 points = self.corners(camera, frame)
@@ -53,8 +53,8 @@ class Stage:
                 points[stray] += rng.normal(0.0, 6.0, (int(stray.sum()), 2))
                 ids = np.flatnonzero(np.isfinite(points[:, 0]))
                 if len(ids) >= 6:
-                    found[ViewId(frame, mount.name)] = Corners(ids, points[ids])
-        return found
+                    corners[ViewId(frame, mount.name)] = Corners(ids, points[ids])
+        return corners
 
     def relative(self, name: str, reference: str) -> Array:
         """True place of a camera as seen from another, [4, 4]."""

@@ -67,9 +67,9 @@ def test_any_print_of_the_board_is_recognised(printed: Print) -> None:
     layout.setLegacyPattern(printed.legacy)
     image = np.pad(np.asarray(layout.generateImage((700, 600))), 40, constant_values=255)
     image = 255 - image if printed.inverted else image
-    found, recognised = find_all(board, [("a", 0)], lambda key: np.asarray(image, np.uint8), unreported)
+    by_view, recognised = find_all(board, [("a", 0)], lambda key: np.asarray(image, np.uint8), unreported)
     assert recognised == printed
-    corners = found["a", 0]
+    corners = by_view["a", 0]
     assert corners.ids.tolist() == list(range(30))
     expected = board.corners()[:, :2] / 0.03 * 100 + 40
     np.testing.assert_allclose(corners.points, expected, atol=0.1)

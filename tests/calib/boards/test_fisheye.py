@@ -18,21 +18,21 @@ from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 
-def two(seen: dict[ViewId, Corners]) -> dict[ViewId, Corners]:
-    return {view: corners for view, corners in seen.items() if view.camera in ("cam0", "cam1")}
+def two(corners_of: dict[ViewId, Corners]) -> dict[ViewId, Corners]:
+    return {view: corners for view, corners in corners_of.items() if view.camera in ("cam0", "cam1")}
 
 
 def test_a_fisheye_is_taken_and_known_to_a_fraction_of_a_pixel() -> None:
     """120 degrees across the diagonal; corners good to 0.06 px, one in a hundred wrong."""
     stage = stage_of(3, lens="fisheye")
-    seen = two(stage.seen(16, wrong=0.01))
-    group = solve_group(stage.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)), unreported)
+    detected = two(stage.seen(16, wrong=0.01))
+    group = solve_group(stage.board, detected, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)), unreported)
     assert group.solved is not None
     assert group.doubt is not None
     assert group.rungs[-1].name == "lens_fisheye"
     assert group.rungs[-1].taken
     assert group.solved.rms < 0.1
-    assert len(group.solved.misses) > 0.97 * sum(len(corners.ids) for corners in seen.values())
+    assert len(group.solved.misses) > 0.97 * sum(len(corners.ids) for corners in detected.values())
     for mount in stage.rig.mounts[:2]:
         lens, true = group.solved.lenses[mount.name], mount.optics.lens
         doubt = group.doubt.lenses[mount.name]
@@ -55,10 +55,10 @@ def test_a_wide_lens_with_radial_terms_stays_what_it_is(stage: Stage) -> None:
     )  # fmt: skip
     wide = stage_of(3)
     wide.rig.mounts = mounts
-    seen = two(wide.seen(12))
-    start = first_guess(wide.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
-    kept, solved = rig.drop_outliers(wide.board, seen, start, ladder.RICHEST)
-    free, rungs = ladder.climb(wide.board, kept, solved, unreported)
+    detected = two(wide.seen(12))
+    start = first_guess(wide.board, detected, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
+    inliers, solved = rig.drop_outliers(wide.board, detected, start, ladder.RICHEST)
+    free, rungs = ladder.climb(wide.board, inliers, solved, unreported)
     assert (rungs[-1].name, rungs[-1].taken) == ("lens_fisheye", False)
     assert free.model in ("SIMPLE_RADIAL", "RADIAL", "OPENCV")
     usual = stage.rig.mounts[0].optics.lens
@@ -80,5 +80,5 @@ def test_the_nearest_fisheye_bends_as_the_radial_terms_did(k1: float, k2: float)
     bent = tangent * (1 + k1 * tangent**2 + k2 * tangent**4)
     rises = np.cumprod(np.diff(bent, prepend=-1.0) > 0).astype(bool)
     below = rises & (tangent < 0.9 * tangent[rises].max())
-    found = np.array([camera.img_from_cam([x, 0.0, 1.0])[0] for x in tangent[below]])
-    np.testing.assert_allclose((found - 320) / 380, bent[below], atol=0.01)
+    radii = np.array([camera.img_from_cam([x, 0.0, 1.0])[0] for x in tangent[below]])
+    np.testing.assert_allclose((radii - 320) / 380, bent[below], atol=0.01)

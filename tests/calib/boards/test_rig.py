@@ -76,28 +76,28 @@ def test_the_true_rig_lies_within_what_is_stated() -> None:
 
 
 def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
-    seen = stage.seen(12)
+    detected = stage.seen(12)
     spoiled = {
         key: Corners(corners.ids, corners.points + (3.0 * (corners.ids[:, None] == corners.ids[0])))
-        for key, corners in seen.items()
+        for key, corners in detected.items()
     }
-    kept, _ = rig.drop_outliers(
+    inliers, _ = rig.drop_outliers(
         stage.board, spoiled, first_guess(stage.board, spoiled, stage.sizes), ladder.RICHEST
     )
-    for key, corners in kept.items():
+    for key, corners in inliers.items():
         assert spoiled[key].ids[0] not in corners.ids
     right = sum(len(corners.ids) - 1 for corners in spoiled.values())
-    assert sum(len(corners.ids) for corners in kept.values()) > 0.97 * right
+    assert sum(len(corners.ids) for corners in inliers.values()) > 0.97 * right
 
 
 def test_cameras_that_share_no_view_are_named(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 2)  # how sure it is is not looked at
-    seen = {
+    detected = {
         view: corners
         for view, corners in stage.seen(20).items()
         if (view.camera in ("cam0", "cam1")) == (view.frame % 2 == 0)
     }
-    group = solve_group(stage.board, seen, stage.sizes, unreported)
+    group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert len(group.isolated) == 2
     assert group.solved is not None
     assert set(group.solved.cam_from_rig).isdisjoint(group.isolated)
@@ -118,7 +118,7 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage, monkeypatch: pyte
 
     monkeypatch.setattr(uncertainty, "DRAWS", 2)  # how sure it is is not looked at
     rng = np.random.default_rng(0)
-    seen: dict[ViewId, Corners] = {}
+    detected: dict[ViewId, Corners] = {}
     for frame in range(16):
         for camera, mount in enumerate(stage.rig.mounts):
             lens = mount.optics.lens
@@ -131,8 +131,8 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage, monkeypatch: pyte
             plain = project(lens, corners)  # far outside the terms fold over
             ids = np.flatnonzero((plain > 0).all(1) & (plain < (WIDTH, HEIGHT)).all(1) & (corners[:, 2] > 0))
             if len(ids) >= 6:
-                seen[ViewId(frame, mount.name)] = Corners(ids, points[ids])
-    group = solve_group(stage.board, seen, stage.sizes, unreported)
+                detected[ViewId(frame, mount.name)] = Corners(ids, points[ids])
+    group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert {"lens_radial_1", "lens_radial_2", "lens_tangential"} <= {r.name for r in group.rungs if r.taken}
     assert group.solved is not None
     for lens in group.solved.lenses.values():
@@ -143,14 +143,14 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage, monkeypatch: pyte
 def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
     """The focus of one camera is turned in every second frame, which stretches its image by 1 %."""
     middle = np.array((WIDTH / 2, HEIGHT / 2))
-    seen = {
+    detected = {
         view: Corners(
             corners.ids,
             middle + (corners.points - middle) * (1.01 if view.camera == "cam2" and view.frame % 2 else 1.0),
         )
         for view, corners in stage.seen(16).items()
     }
-    group = solve_group(stage.board, seen, stage.sizes, unreported)
+    group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert group.doubt is not None
     ratios = group.doubt.halves
     assert max(ratios, key=lambda name: ratios[name]) == "cam2"
@@ -159,8 +159,8 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
 
 def test_the_same_corners_give_the_same_rig(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 6)
-    seen = stage.seen(8)
-    one, other = (solve_group(stage.board, seen, stage.sizes, unreported) for _ in range(2))
+    detected = stage.seen(8)
+    one, other = (solve_group(stage.board, detected, stage.sizes, unreported) for _ in range(2))
     assert one.solved is not None
     assert other.solved is not None
     for name, pose in one.solved.cam_from_rig.items():
@@ -192,12 +192,12 @@ def test_corners_with_large_errors_still_give_a_calibration(
     """Six frames in the middle of the image, corners off by 1.5 px: what cannot be known is told so."""
     monkeypatch.setattr(uncertainty, "DRAWS", 8)
     middle = np.array((WIDTH / 2, HEIGHT / 2))
-    seen = {}
+    detected = {}
     for key, corners in stage.seen(7, noise=1.5).items():
         near = np.linalg.norm(corners.points - middle, axis=1) < 0.3 * WIDTH
         if near.sum() >= 6:
-            seen[key] = Corners(corners.ids[near], corners.points[near])
-    group = solve_group(stage.board, seen, stage.sizes, unreported)
+            detected[key] = Corners(corners.ids[near], corners.points[near])
+    group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert group.solved is not None
     assert group.doubt is not None
     for name in group.solved.cam_from_rig:
@@ -207,8 +207,8 @@ def test_corners_with_large_errors_still_give_a_calibration(
 
 def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 6)
-    seen = stage.seen(7)
-    group = solve_group(stage.board, seen, stage.sizes, unreported)
+    detected = stage.seen(7)
+    group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert group.solved is not None
     calls = []
     whole = rig.solve
@@ -220,10 +220,10 @@ def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: p
         return whole(*given, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(uncertainty, "solve", failing)
-    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, unreported)
+    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, 0, unreported)
     assert doubt.failed == 2
     assert doubt.draws == 4
     calls[:] = [1, 1]  # the next one, of all frames together, fails
-    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, unreported)
+    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, 0, unreported)
     assert doubt.draws == 0
     assert doubt.lenses == {}

@@ -124,6 +124,6 @@ def photograph(
 
 def plain_matrix(camera: str) -> Matrix:
     """XYZ to camera RGB as a maker might name it: a fit to the patches under D65, no heed paid to white."""
-    own = world(camera, "D65")
-    xyz = own.truth @ np.linalg.inv(REC709_FROM_XYZ).T
-    return as_matrix(np.linalg.lstsq(xyz, own.camera, rcond=None)[0].T)
+    colours = world(camera, "D65")
+    xyz = colours.truth @ np.linalg.inv(REC709_FROM_XYZ).T
+    return as_matrix(np.linalg.lstsq(xyz, colours.camera, rcond=None)[0].T)

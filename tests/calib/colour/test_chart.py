@@ -42,9 +42,9 @@ def found_in(merged: Merged) -> Found | Missed:
 def test_patches_measure_what_was_painted(
     share: float, turn: float, tilt: float, exposure: float, cfa: Cfa
 ) -> None:
-    found = found_in(view(square_on(WIDTH, HEIGHT, share, turn, tilt), exposure, cfa=cfa))
-    assert isinstance(found, Found)
-    patches = found.patches
+    located = found_in(view(square_on(WIDTH, HEIGHT, share, turn, tilt), exposure, cfa=cfa))
+    assert isinstance(located, Found)
+    patches = located.patches
     assert patches.usable.sum() >= 22
     ratio = (patches.rgb / OWN.camera)[patches.usable]
     scale = np.median(ratio)
@@ -69,9 +69,9 @@ def test_clipped_and_shaded_patches_are_left_out() -> None:
     light = painted(OWN.camera, OWN.white, corners, WIDTH, HEIGHT)
     # The edge of a shadow runs through the middle of the fourth column.
     light[:, 389:] *= 0.5
-    found = found_in(merge_bracket([from_raw(photograph(light, 1.25 / light.max()), 1.0)]))
-    assert isinstance(found, Found)
-    assert not found.patches.usable[[3, 9, 15, 21]].any()
+    located = found_in(merge_bracket([from_raw(photograph(light, 1.25 / light.max()), 1.0)]))
+    assert isinstance(located, Found)
+    assert not located.patches.usable[[3, 9, 15, 21]].any()
     bright = found_in(view(corners, 1.3))
     assert isinstance(bright, Found)
     assert not bright.patches.usable[18]
@@ -87,9 +87,9 @@ def test_a_wall_is_no_chart() -> None:
 
 def test_a_chart_in_a_mirror_is_measured_and_one_of_other_colours_refused() -> None:
     corners = square_on(WIDTH, HEIGHT, 0.5)
-    found = found_in(view(corners[[1, 0, 3, 2]]))
-    assert isinstance(found, Found)
-    ratio = (found.patches.rgb / OWN.camera)[found.patches.usable]
+    located = found_in(view(corners[[1, 0, 3, 2]]))
+    assert isinstance(located, Found)
+    ratio = (located.patches.rgb / OWN.camera)[located.patches.usable]
     assert np.ptp(np.log(ratio)) < 0.05
     other = painted(OWN.camera[[*range(17, -1, -1), *range(18, 24)]], OWN.white, corners, WIDTH, HEIGHT)
     verdict = found_in(merge_bracket([from_raw(photograph(other, 0.8 / other.max()), 1.0)]))
@@ -100,14 +100,14 @@ def test_a_real_chart_is_found_and_fitted(real: Path) -> None:
     """A folding chart with other patches above, out of focus, lit from behind by a window."""
     raw = read_raw(real / "raw" / "colorchart.dng")
     assert raw.camera_from_xyz is not None
-    found = found_in(merge_bracket([from_raw(raw, 1.0)]))
-    assert isinstance(found, Found)
-    centre = found.outlines.mean(axis=(0, 1))
+    located = found_in(merge_bracket([from_raw(raw, 1.0)]))
+    assert isinstance(located, Found)
+    centre = located.outlines.mean(axis=(0, 1))
     assert centre == pytest.approx((983, 777), abs=30)
-    assert found.patches.usable.sum() >= 20
+    assert located.patches.usable.sum() >= 20
     files = of_camera(camera_from_rec709(raw.camera_from_xyz), balanced=True)
     chosen, stated = (
-        np.nanmean(held_out([found.patches], chart(), one)[0]) for one in (ColourModel(), files)
+        np.nanmean(held_out([located.patches], chart(), one)[0]) for one in (ColourModel(), files)
     )
     assert chosen < 4.0
     assert chosen < stated - 1.0

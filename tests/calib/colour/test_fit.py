@@ -42,20 +42,20 @@ def test_lab_of_dark_and_negative_colours() -> None:
 
 def test_a_camera_that_is_a_matrix_is_found_exactly() -> None:
     camera = CAMERA / CAMERA[1].sum()
-    (found,) = fit([patches(chart() @ camera.T)], chart(), ColourModel())
-    assert np.abs(found.camera_from_rec709 - camera).max() < 1e-5
-    assert delta_e(found.colours(patches(chart() @ camera.T)), chart()).max() < 0.01
+    (fitted,) = fit([patches(chart() @ camera.T)], chart(), ColourModel())
+    assert np.abs(fitted.camera_from_rec709 - camera).max() < 1e-5
+    assert delta_e(fitted.colours(patches(chart() @ camera.T)), chart()).max() < 0.01
 
 
 def test_light_that_grows_across_the_chart_is_found_and_divided_out() -> None:
     camera = CAMERA / CAMERA[1].sum()
     slope = np.array([0.2, -0.1])
-    seen = patches(chart() @ camera.T * np.exp(PLACE @ slope)[:, None])
-    (found,) = fit([seen], chart(), ColourModel(shaded=True))
-    assert found.slope == pytest.approx(slope, abs=1e-3)
-    assert np.abs(found.camera_from_rec709 - camera).max() < 2e-3
-    assert held_out([seen], chart(), ColourModel())[0].mean() > 1.5
-    assert held_out([seen], chart(), ColourModel(shaded=True))[0].mean() < 0.1
+    measured = patches(chart() @ camera.T * np.exp(PLACE @ slope)[:, None])
+    (fitted,) = fit([measured], chart(), ColourModel(shaded=True))
+    assert fitted.slope == pytest.approx(slope, abs=1e-3)
+    assert np.abs(fitted.camera_from_rec709 - camera).max() < 2e-3
+    assert held_out([measured], chart(), ColourModel())[0].mean() > 1.5
+    assert held_out([measured], chart(), ColourModel(shaded=True))[0].mean() < 0.1
 
 
 @pytest.mark.parametrize(
@@ -65,28 +65,29 @@ def test_light_that_grows_across_the_chart_is_found_and_divided_out() -> None:
 def test_real_sensitivities_are_fitted_as_well_as_a_matrix_can(
     camera: str, illuminant: str, mean: float, largest: float
 ) -> None:
-    own = world(camera, illuminant)
-    (errors,) = held_out([patches(own.camera)], own.truth, ColourModel())
+    colours = world(camera, illuminant)
+    (errors,) = held_out([patches(colours.camera)], colours.truth, ColourModel())
     assert errors.mean() < mean
     assert errors.max() < largest
 
 
 def test_what_is_neutral_stays_neutral() -> None:
-    own = world("nikon", "A")
-    (found,) = fit([patches(own.camera)], own.truth, ColourModel())
-    assert found.matrix @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
-    assert np.linalg.solve(found.camera_from_rec709, found.white) == pytest.approx([found.white[1]] * 3)
+    colours = world("nikon", "A")
+    (fitted,) = fit([patches(colours.camera)], colours.truth, ColourModel())
+    assert fitted.matrix @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
+    assert np.linalg.solve(fitted.camera_from_rec709, fitted.white) == pytest.approx([fitted.white[1]] * 3)
     # The greys reflect all wavelengths nearly alike, so they tell the light's own white.
-    assert found.white / found.white[1] == pytest.approx(own.white, rel=0.02)
-    grey = found.colours(patches(own.camera))[18:22]
-    assert delta_e(grey, own.truth[18:22]).max() < 0.6
+    assert fitted.white / fitted.white[1] == pytest.approx(colours.white, rel=0.02)
+    grey = fitted.colours(patches(colours.camera))[18:22]
+    assert delta_e(grey, colours.truth[18:22]).max() < 0.6
 
 
 @pytest.mark.parametrize("shaded", [False, True])
 def test_exposure_changes_nothing(shaded: bool) -> None:
-    own = world("sigma", "D65")
+    colours = world("sigma", "D65")
     fits = [
-        fit([patches(gain * own.camera)], own.truth, ColourModel(shaded=shaded))[0] for gain in (1.0, 0.125)
+        fit([patches(gain * colours.camera)], colours.truth, ColourModel(shaded=shaded))[0]
+        for gain in (1.0, 0.125)
     ]
     assert np.abs(fits[1].camera_from_rec709 - fits[0].camera_from_rec709).max() < 1e-6
     assert np.abs(fits[1].white - fits[0].white / 8).max() < 1e-6
@@ -109,15 +110,15 @@ def test_noisy_patches_count_for_less() -> None:
 
 
 def test_held_out_is_what_a_fit_without_the_patch_says() -> None:
-    own = world("nikon", "D65")
+    colours = world("nikon", "D65")
     random = np.random.default_rng(1)
-    seen = patches(own.camera * random.lognormal(0, 0.02, (24, 3)), 0.02)
-    (errors,) = held_out([seen], own.truth, ColourModel())
-    (found,) = fit([seen.without(7)], own.truth, ColourModel())
-    assert errors[7] == pytest.approx(float(delta_e(found.colours(seen)[7], own.truth[7])))
+    measured = patches(colours.camera * random.lognormal(0, 0.02, (24, 3)), 0.02)
+    (errors,) = held_out([measured], colours.truth, ColourModel())
+    (fitted,) = fit([measured.without(7)], colours.truth, ColourModel())
+    assert errors[7] == pytest.approx(float(delta_e(fitted.colours(measured)[7], colours.truth[7])))
     missing = np.ones(24, bool)
     missing[3] = False
-    (errors,) = held_out([patches(own.camera, usable=missing)], own.truth, ColourModel())
+    (errors,) = held_out([patches(colours.camera, usable=missing)], colours.truth, ColourModel())
     assert list(np.flatnonzero(np.isnan(errors))) == [3]
 
 
@@ -133,12 +134,14 @@ def test_two_cameras_share_a_matrix_and_keep_their_whites() -> None:
 def test_the_matrix_of_the_files_with_their_white_and_with_the_charts() -> None:
     camera = CAMERA / CAMERA[1].sum()
     tint = np.array([1.2, 1.0, 0.8])
-    seen = patches(3 * chart() @ (tint[:, None] * camera).T)
-    (kept,) = fit([seen], chart(), of_camera(camera, balanced=False))
-    (balanced,) = fit([seen], chart(), of_camera(camera, balanced=True))
-    assert kept.camera_from_rec709 == pytest.approx(camera)
+    measured = patches(3 * chart() @ (tint[:, None] * camera).T)
+    (of_files,) = fit([measured], chart(), of_camera(camera, balanced=False))
+    (balanced,) = fit([measured], chart(), of_camera(camera, balanced=True))
+    assert of_files.camera_from_rec709 == pytest.approx(camera)
     assert balanced.camera_from_rec709 == pytest.approx(tint[:, None] * camera, rel=1e-9)
-    errors = [held_out([seen], chart(), of_camera(camera, balanced=flag))[0].mean() for flag in (False, True)]
+    errors = [
+        held_out([measured], chart(), of_camera(camera, balanced=flag))[0].mean() for flag in (False, True)
+    ]
     assert errors[0] > 5
     assert errors[1] < 1e-3
 

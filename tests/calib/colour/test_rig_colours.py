@@ -41,16 +41,16 @@ def tinted(arm: Path) -> CalibrationRecord:
     colours = {}
     for view in scene_views(session):
         camera = record.camera(view.camera.name)
-        seen = light(
+        merged_light = light(
             merge_bracket(read_view(session, view, record.exposure_scale, camera.response)),
             np.array(off[camera.name]),
         )
         points = np.array([point.xy for point in places[view.id].points2D])
-        colours[view.id] = colour_at(seen, points, 320, 240)
+        colours[view.id] = colour_at(merged_light, points, 320, 240)
     lenses = {camera.name: camera.lens for camera in record.cameras}
-    found = {name: CameraSensor(None, matrix, lenses[name], True) for name, matrix in off.items()}
+    sensors = {name: CameraSensor(None, matrix, lenses[name], True) for name, matrix in off.items()}
     falloff = SimpleNamespace(vignetting={camera.name: camera.vignetting for camera in record.cameras})
-    equal = balance(SimpleNamespace(reconstruction=model, lenses=lenses), colours, found, falloff, [])
+    equal = balance(SimpleNamespace(reconstruction=model, lenses=lenses), colours, sensors, falloff, [])
     cameras = tuple(
         camera.model_copy(update={"camera_from_rec709": off[camera.name]}) for camera in record.cameras
     )
@@ -65,14 +65,14 @@ def test_white_is_the_same_in_every_camera_again(arm: Path, tinted: CalibrationR
     assert rung.gain is not None
     assert rung.standard_error is not None
     assert rung.gain > 5 * rung.standard_error
-    left, before = [], []
+    after, before = [], []
     for camera in tinted.cameras:
         true = np.array(truth[camera.name]["camera_from_rec709"])
         # What of each channel the record says, over what it is.
-        left.append(np.log((np.array(camera.camera_from_rec709) / true).mean(axis=1)))
+        after.append(np.log((np.array(camera.camera_from_rec709) / true).mean(axis=1)))
         before.append(np.log(WRONG[camera.name]))
         assert camera.white_balance_error is not None
-    off, was = (np.array(table) - np.mean(table, axis=0) for table in (left, before))
+    off, was = (np.array(table) - np.mean(table, axis=0) for table in (after, before))
     assert np.abs(was).max() > 0.05
     assert np.abs(off).max() < 0.005
 

@@ -70,7 +70,7 @@ def made(folder: Path, views: Sequence[list], cameras: Sequence[str]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def charted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Camera `a` sees the chart in its last frame, `b` of the same model never; calibrated with the chart."""
     folder = tmp_path_factory.mktemp("chart") / "session"
     lit = TINT @ TRUE
@@ -94,8 +94,8 @@ def colour_errors(record: CalibrationRecord, name: str) -> np.ndarray:
     return delta_e(rgb @ np.linalg.inv(matrix).T, chart())
 
 
-def test_colours_come_from_the_chart(seen: Path) -> None:
-    record = read_calibration(seen)
+def test_colours_come_from_the_chart(charted: Path) -> None:
+    record = read_calibration(charted)
     evidence = record.camera("a").chart
     assert evidence is not None
     assert evidence.frame == 2
@@ -118,17 +118,17 @@ def test_colours_come_from_the_chart(seen: Path) -> None:
     assert "chart that a saw" in rungs["camera_colour"].reason
 
 
-def test_a_twin_that_saw_no_chart_has_the_same_colours(seen: Path) -> None:
-    record = read_calibration(seen)
+def test_a_twin_that_saw_no_chart_has_the_same_colours(charted: Path) -> None:
+    record = read_calibration(charted)
     assert record.camera("b").chart is None
     assert record.camera("b").camera_from_rec709 == record.camera("a").camera_from_rec709
 
 
 @pytest.mark.parametrize("illuminance", [True, False])
 def test_its_greys_are_the_scale_of_light_where_its_luminance_is_read(
-    illuminance: bool, seen: Path, tmp_path: Path
+    illuminance: bool, charted: Path, tmp_path: Path
 ) -> None:
-    session = Path(shutil.copytree(seen, tmp_path / "session"))
+    session = Path(shutil.copytree(charted, tmp_path / "session"))
     camera = TINT @ TRUE
     patches = chart() @ camera.T
     light = painted(patches, camera @ np.ones(3), square_on(WIDTH, HEIGHT, 0.6), WIDTH, HEIGHT)
@@ -145,15 +145,15 @@ def test_its_greys_are_the_scale_of_light_where_its_luminance_is_read(
     assert 0.04 * candelas < scale.error < 0.08 * candelas
 
 
-def test_what_an_earlier_calibration_knew_of_charts_is_kept(seen: Path) -> None:
-    charts = charts_of(read_calibration(seen))
+def test_what_an_earlier_calibration_knew_of_charts_is_kept(charted: Path) -> None:
+    charts = charts_of(read_calibration(charted))
     assert set(charts.evidence) == {"a"}
     assert set(charts.matrices) == {"a", "b"}
     assert {rung.name for rung in charts.rungs} == {"chart_white", "chart_shading", "chart_matrix"}
 
 
-def test_balance_is_kept_relative_to_the_cameras_of_the_chart(seen: Path) -> None:
-    record = read_calibration(seen)
+def test_balance_is_kept_relative_to_the_cameras_of_the_chart(charted: Path) -> None:
+    record = read_calibration(charted)
     balance = {"a": (1.1, 1.0, 0.9), "b": (0.9, 1.0, 1.2)}
     cameras = tuple(one.model_copy(update={"white_balance": balance[one.name]}) for one in record.cameras)
     again = rebalanced(record.model_copy(update={"cameras": cameras}))
@@ -166,26 +166,26 @@ def test_balance_is_kept_relative_to_the_cameras_of_the_chart(seen: Path) -> Non
     assert np.array(again.camera("b").camera_from_rec709) == pytest.approx(expected)
 
 
-def test_colours_of_the_files_come_back_without_the_chart(seen: Path) -> None:
-    before = json.loads((seen / "calibration" / "calibration.json").read_text())
+def test_colours_of_the_files_come_back_without_the_chart(charted: Path) -> None:
+    before = json.loads((charted / "calibration" / "calibration.json").read_text())
     try:
-        record = calibrate(seen, only="colour", on_progress=unreported)
+        record = calibrate(charted, only="colour", on_progress=unreported)
         assert record.camera("a").chart is None
         assert np.array(record.camera("a").camera_from_rec709) == pytest.approx(
             FILES / FILES[1].sum(), abs=1e-4
         )
         assert not [rung for rung in record.rungs if rung.name.startswith("chart")]
     finally:
-        (seen / "calibration" / "calibration.json").write_text(json.dumps(before))
+        (charted / "calibration" / "calibration.json").write_text(json.dumps(before))
 
 
-def test_no_chart_and_no_use_of_one_are_refused(seen: Path, tmp_path: Path) -> None:
+def test_no_chart_and_no_use_of_one_are_refused(charted: Path, tmp_path: Path) -> None:
     blank = made(tmp_path / "blank", [wall_view(TRUE, 1)], ["a"])
     with pytest.raises(CalibrationError, match=r"no colour chart found \(views searched: 1; nothing looks"):
         calibrate(blank, only="colour", chart=True, on_progress=unreported)
     assert not (blank / "calibration").exists()
     with pytest.raises(InputError, match="not of response"):
-        calibrate(seen, only="response", chart=True, on_progress=unreported)
+        calibrate(charted, only="response", chart=True, on_progress=unreported)
     photos = make_session(
         tmp_path / "photos",
         [[(np.full((64, 96, 3), 99, np.uint8), Exposure(time=1.0, f_number=1.0, iso=100.0))]],
@@ -204,12 +204,12 @@ def found_of(camera: np.ndarray, seed: int) -> Found:
 
 
 def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:
-    seen = {
+    charts = {
         name: (View(CameraRecord(name=name, serial=name, kind="raw"), 0, ()), found_of(camera, index))
         for index, (name, camera) in enumerate(cameras.items())
     }
     files = {name: as_matrix(FILES / FILES[1].sum()) for name in cameras}
-    return colours(seen, files, dict.fromkeys(cameras, "one model"))
+    return colours(charts, files, dict.fromkeys(cameras, "one model"))
 
 
 def test_cameras_of_a_model_share_a_matrix_and_have_whites_of_their_own() -> None:

@@ -36,7 +36,7 @@ def body(rig: SimulatedRig) -> Body:
 
 
 def shots(rig: SimulatedRig) -> list[RawMosaic]:
-    found = []
+    taken = []
     camera = SimulatedCamera(body(rig), partial(rig.radiance, 0))
     for frame in range(rig.frames):
         camera.place(frame)
@@ -46,13 +46,13 @@ def shots(rig: SimulatedRig) -> list[RawMosaic]:
             camera.trigger()
             shot = camera.collect()
             assert isinstance(shot, RawMosaic)
-            found.append(shot)
-    return found
+            taken.append(shot)
+    return taken
 
 
 def test_the_mixture_is_that_of_the_sensor(rig: SimulatedRig) -> None:
-    found = [smooth_cells(from_raw(shot, 1.0)) for shot in shots(rig)]
-    cells, noise = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    smooth = [smooth_cells(from_raw(shot, 1.0)) for shot in shots(rig)]
+    cells, noise = (np.concatenate(parts) for parts in zip(*smooth, strict=True))
     shares = mixture(cells, noise, np.ones(3))
     np.testing.assert_allclose(shares, SHARES / 1.5, atol=0.02)
 
@@ -73,7 +73,7 @@ def test_a_calibration_has_the_row_that_was_measured(rig: SimulatedRig, tmp_path
     rows = np.array(record.cameras[0].camera_from_rec709)
     np.testing.assert_allclose(rows[3] @ np.linalg.inv(rows[:3]), SHARES / 1.5, atol=0.02)
     rung = next(rung for rung in record.rungs if rung.name == NAME)
-    told = read_raw(tmp_path / "photos" / "IMG_0.dng").camera_from_rec709
-    assert told is not None
-    off = np.linalg.norm(rows[3] - told[3]) / np.linalg.norm(told[3])
+    stated = read_raw(tmp_path / "photos" / "IMG_0.dng").camera_from_rec709
+    assert stated is not None
+    off = np.linalg.norm(rows[3] - stated[3]) / np.linalg.norm(stated[3])
     assert f"off by {100 * off:.1f} %" in rung.reason

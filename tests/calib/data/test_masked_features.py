@@ -16,9 +16,9 @@ def test_features_behind_the_mask_of_any_shot_are_dropped(tmp_path):
     cv2.imwrite(str(tmp_path / "m.png"), mask)
     shots = [SimpleNamespace(mask=name, width=40, height=20) for name in (None, "m.png")]
     points = np.array([[4.9, 3.0], [5.1, 3.0], [19.9, 9.9], [0.1, 0.1]])
-    found = Features(points, np.eye(4, 128, dtype=np.float32))
+    features = Features(points, np.eye(4, 128, dtype=np.float32))
     session = SimpleNamespace(mask=lambda shot: None if shot.mask is None else tmp_path / shot.mask)
-    kept = _unmasked(session, SimpleNamespace(shots=shots), found, 20, 10)
-    assert kept.points.tolist() == points[1:3].tolist()
-    assert kept.descriptors.tolist() == found.descriptors[1:3].tolist()
-    assert _unmasked(session, SimpleNamespace(shots=shots[:1]), found, 20, 10) is found
+    unmasked = _unmasked(session, SimpleNamespace(shots=shots), features, 20, 10)
+    assert unmasked.points.tolist() == points[1:3].tolist()
+    assert unmasked.descriptors.tolist() == features.descriptors[1:3].tolist()
+    assert _unmasked(session, SimpleNamespace(shots=shots[:1]), features, 20, 10) is features

@@ -8,8 +8,8 @@ from calib.data.matching import FARTHEST, RATIO, ROWS, match
 
 def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
     """Make directions: no component is negative, length 1."""
-    found = rng.exponential(size=(count, 128))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    drawn = rng.exponential(size=(count, 128))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
 
 
 def whole(directions: np.ndarray) -> np.ndarray:
@@ -18,7 +18,7 @@ def whole(directions: np.ndarray) -> np.ndarray:
 
 
 def by_definition(one: np.ndarray, other: np.ndarray) -> set[tuple[int, int]]:
-    one, other = (own / np.linalg.norm(own.astype(float), axis=1, keepdims=True) for own in (one, other))
+    one, other = (rows / np.linalg.norm(rows.astype(float), axis=1, keepdims=True) for rows in (one, other))
     angles = np.arccos(np.clip(one @ other.T, -1, 1))
 
     def nearest(table: np.ndarray) -> list[int | None]:
@@ -42,9 +42,9 @@ def test_matches_are_those_of_the_definition(count):
     other = np.concatenate([noisy, repeated, descriptors(rng, 40)])
     other = whole(other / np.linalg.norm(other, axis=1, keepdims=True))
     one = whole(one)
-    found = {(int(a), int(b)) for a, b in match(one, other)}
-    assert found == by_definition(one, other)
-    assert {(b, a) for a, b in found} == {(int(a), int(b)) for a, b in match(other, one)}
+    matches = {(int(a), int(b)) for a, b in match(one, other)}
+    assert matches == by_definition(one, other)
+    assert {(b, a) for a, b in matches} == {(int(a), int(b)) for a, b in match(other, one)}
 
 
 def test_too_few_features_match_nothing():

@@ -16,12 +16,12 @@ def ring(count: int, camera: str = "cam", features: int = 60) -> dict[ViewId, np
     rng = np.random.default_rng(count)
     places = rng.exponential(30, (count, features, 128))
     order = rng.permutation(count)
-    found = {}
+    by_view = {}
     for frame, start in enumerate(order):
-        seen = np.concatenate([places[(start + step) % count] for step in range(STRETCH)])
-        noisy = seen + rng.normal(0, 5, seen.shape)
-        found[ViewId(frame, camera)] = np.clip(noisy, 0, 255).astype(np.uint8)
-    return {view: found[view] for view in sorted(found)}
+        visible = np.concatenate([places[(start + step) % count] for step in range(STRETCH)])
+        noisy = visible + rng.normal(0, 5, visible.shape)
+        by_view[ViewId(frame, camera)] = np.clip(noisy, 0, 255).astype(np.uint8)
+    return {view: by_view[view] for view in sorted(by_view)}
 
 
 def test_all_pairs_of_few_views():

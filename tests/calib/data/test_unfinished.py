@@ -12,20 +12,20 @@ VALUE = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
 
 def begun(session: Path, question: object = "q") -> Unfinished:
-    kept = Unfinished(session, question)
-    kept.keep_large("0003/left", {"points": VALUE, "name": np.array("black")})
-    kept.keep("a b", VALUE)
-    kept.flush()
-    return kept
+    unfinished = Unfinished(session, question)
+    unfinished.keep_large("0003/left", {"points": VALUE, "name": np.array("black")})
+    unfinished.keep("a b", VALUE)
+    unfinished.flush()
+    return unfinished
 
 
 def test_what_was_found_is_there_again(tmp_path):
     begun(tmp_path)
     again = Unfinished(tmp_path, "q")
-    found = again.large("0003/left")
-    assert found["points"].dtype == VALUE.dtype
-    assert (found["points"] == VALUE).all()
-    assert str(found["name"]) == "black"
+    arrays = again.large("0003/left")
+    assert arrays["points"].dtype == VALUE.dtype
+    assert (arrays["points"] == VALUE).all()
+    assert str(arrays["name"]) == "black"
     assert np.array_equal(again.small("a b"), VALUE)
     again.keep("a c", VALUE + 1)
     again.flush()
@@ -64,8 +64,8 @@ def test_killed_it_loses_the_last_seconds_alone(tmp_path, monkeypatch):
 
 
 def test_without_a_session_matches_are_kept_in_memory():
-    kept = Unfinished()
-    kept.keep("a b", VALUE)
-    kept.flush()
-    assert np.array_equal(kept.small("a b"), VALUE)
-    kept.finish()
+    unfinished = Unfinished()
+    unfinished.keep("a b", VALUE)
+    unfinished.flush()
+    assert np.array_equal(unfinished.small("a b"), VALUE)
+    unfinished.finish()

@@ -61,9 +61,9 @@ def test_transforms_hold_rays_through_the_centres_of_pixels(arm: Path, points: A
         stretch = 1 + frame["k1"] * square + frame["k2"] * square**2
         along = x * stretch + 2 * frame["p1"] * x * y + frame["p2"] * (square + 2 * x * x)
         down = y * stretch + frame["p1"] * (square + 2 * y * y) + 2 * frame["p2"] * x * y
-        found = np.stack([frame["fl_x"] * along + frame["cx"], frame["fl_y"] * down + frame["cy"]], 1)
+        pixels = np.stack([frame["fl_x"] * along + frame["cx"], frame["fl_y"] * down + frame["cy"]], 1)
         name = frame["file_path"].removeprefix("previews/")
-        np.testing.assert_allclose(found, projected(arm, name, points), atol=1e-6)
+        np.testing.assert_allclose(pixels, projected(arm, name, points), atol=1e-6)
 
 
 def test_the_pictures_that_exports_name_are_photographs_in_colour(arm: Path) -> None:
@@ -114,7 +114,7 @@ def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
         str(arm / "calibration" / "opencv" / f"{view.camera}.yaml"), cv2.FILE_STORAGE_READ
     )
     motion = view.cam_from_world.matrix()
-    found, _ = cv2.projectPoints(
+    pixels, _ = cv2.projectPoints(
         points,
         cv2.Rodrigues(motion[:3, :3])[0],
         motion[:3, 3],
@@ -125,7 +125,7 @@ def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
     assert lens is not None
     assert storage.getNode("image_width").real() == lens.width
     expected = projected(arm, view.id.image_name, points)
-    np.testing.assert_allclose(found.reshape(-1, 2) + 0.5, expected, atol=1e-6)
+    np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, expected, atol=1e-6)
     mounted = record.camera(view.camera).cam_from_rig
     assert mounted is not None
     np.testing.assert_allclose(storage.getNode("cam_from_rig").mat(), mounted.matrix(), atol=1e-12)
@@ -202,15 +202,15 @@ def test_fisheyes_are_told_as_each_program_tells_them(tmp_path: Path) -> None:
     points = np.random.default_rng(0).normal(size=(30, 3)) * (2, 2, 0.1) + (0, 0, 1)
     storage = cv2.FileStorage(str(tmp_path / "opencv" / "wide.yaml"), cv2.FILE_STORAGE_READ)
     assert storage.getNode("distortion_model").string() == "fisheye"
-    found, _ = cv2.fisheye.projectPoints(
+    pixels, _ = cv2.fisheye.projectPoints(
         points[:, None], np.zeros(3), np.zeros(3), storage.getNode("camera_matrix").mat(),
         storage.getNode("distortion_coefficients").mat(),
     )  # fmt: skip
-    np.testing.assert_allclose(found[:, 0] + 0.5, optics.project(FISHEYE, points), atol=1e-8)
+    np.testing.assert_allclose(pixels[:, 0] + 0.5, optics.project(FISHEYE, points), atol=1e-8)
 
     chain = yaml.safe_load((tmp_path / "camchain-r.yaml").read_text())
-    told = {entry["distortion_model"]: entry["distortion_coeffs"] for entry in chain.values()}
-    assert told == {"equidistant": list(FISHEYE.terms[4:]), "radtan": [0.0] * 4}
+    models = {entry["distortion_model"]: entry["distortion_coeffs"] for entry in chain.values()}
+    assert models == {"equidistant": list(FISHEYE.terms[4:]), "radtan": [0.0] * 4}
 
     transforms = json.loads((tmp_path / "transforms.json").read_text())
     wide, long = transforms["frames"]

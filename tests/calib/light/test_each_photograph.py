@@ -29,59 +29,62 @@ def drawn(exposure: float, balance: float, seed: int = 3) -> np.ndarray:
     return np.exp(logs - logs.mean(axis=0))
 
 
-def factors_of(found: Development) -> np.ndarray:
-    told = [found.exposure[view] * np.array(found.white_balance.get(view, (1, 1, 1))) for view in VIEWS]
-    return np.array(told)
+def factors_of(development: Development) -> np.ndarray:
+    factors = [
+        development.exposure[view] * np.array(development.white_balance.get(view, (1, 1, 1)))
+        for view in VIEWS
+    ]
+    return np.array(factors)
 
 
-def taken(found: Development) -> list[bool]:
-    return [rung.taken for rung in found.rungs]
+def taken(development: Development) -> list[bool]:
+    return [rung.taken for rung in development.rungs]
 
 
 def test_both_are_found_through_wrong_matches() -> None:
     factors = drawn(0.5, 0.15)
-    found = estimate(sights(factors), VIEWS)
-    assert taken(found) == [True, True]
-    assert np.abs(np.log(factors_of(found) / factors)).max() < 0.015
+    estimated = estimate(sights(factors), VIEWS)
+    assert taken(estimated) == [True, True]
+    assert np.abs(np.log(factors_of(estimated) / factors)).max() < 0.015
 
 
 def test_photographs_of_one_white_balance_get_an_exposure_alone() -> None:
     factors = drawn(0.3, 0.0)
-    found = estimate(sights(factors), VIEWS)
-    assert taken(found) == [True, False]
-    assert found.white_balance == {}
-    assert np.abs(np.log(factors_of(found) / factors)).max() < 0.015
+    estimated = estimate(sights(factors), VIEWS)
+    assert taken(estimated) == [True, False]
+    assert estimated.white_balance == {}
+    assert np.abs(np.log(factors_of(estimated) / factors)).max() < 0.015
 
 
 def test_exposures_that_labels_tell_are_left_as_they_are() -> None:
     """White balance of luminance one changes no exposure by more than it has to."""
     logs = np.log(drawn(0.0, 0.2))
     factors = np.exp(logs - logs.mean(axis=1, keepdims=True))
-    found = estimate(sights(factors), VIEWS)
-    assert taken(found) == [False, True]
-    assert np.abs(np.log(factors_of(found) / factors)).max() < 0.015
+    estimated = estimate(sights(factors), VIEWS)
+    assert taken(estimated) == [False, True]
+    assert np.abs(np.log(factors_of(estimated) / factors)).max() < 0.015
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.01])
 def test_what_sheen_could_be_is_left_alone(spread: float) -> None:
-    found = estimate(sights(drawn(spread, spread), noise=0.01), VIEWS)
-    assert taken(found) == [False, False]
-    assert found.exposure == {}
+    estimated = estimate(sights(drawn(spread, spread), noise=0.01), VIEWS)
+    assert taken(estimated) == [False, False]
+    assert estimated.exposure == {}
 
 
 def test_few_points_tell_nothing() -> None:
-    found = estimate(sights(drawn(0.5, 0.2), points=60), VIEWS)
-    assert taken(found) == [False, False]
-    assert "fewer than 100 points" in found.rungs[0].reason
+    estimated = estimate(sights(drawn(0.5, 0.2), points=60), VIEWS)
+    assert taken(estimated) == [False, False]
+    assert "fewer than 100 points" in estimated.rungs[0].reason
 
 
 def test_a_photograph_that_shares_little_stays_as_its_label_says() -> None:
     factors = drawn(0.5, 0.2)
-    seen = sights(factors)
-    few = seen.part((seen.view != 5) | (np.cumsum(seen.view == 5) < 20))
-    found = estimate(few, VIEWS)
-    assert VIEWS[5] not in found.exposure
-    assert len(found.exposure) == len(VIEWS) - 1
+    sighted = sights(factors)
+    few = sighted.part((sighted.view != 5) | (np.cumsum(sighted.view == 5) < 20))
+    estimated = estimate(few, VIEWS)
+    assert VIEWS[5] not in estimated.exposure
+    assert len(estimated.exposure) == len(VIEWS) - 1
 
 
 def test_the_gain_of_a_camera_is_not_an_exposure_of_its_photographs() -> None:
@@ -116,18 +119,18 @@ def shining(factors: np.ndarray, share: float, seed: int = 0) -> PhotographSight
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("share", [0.6, 1.0])
 def test_a_lamp_on_shiny_skin_is_no_white_balance(share: float, seed: int) -> None:
-    found = estimate(shining(np.ones((12, 3)), share, seed), VIEWS)
-    assert taken(found) == [False, False]
-    assert found.exposure == found.white_balance == {}
-    assert "of what regions differ by between views of one side" in found.rungs[1].reason
+    estimated = estimate(shining(np.ones((12, 3)), share, seed), VIEWS)
+    assert taken(estimated) == [False, False]
+    assert estimated.exposure == estimated.white_balance == {}
+    assert "of what regions differ by between views of one side" in estimated.rungs[1].reason
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_cameras_that_expose_and_balance_by_themselves_are_told_beside_a_lamp_on_skin(seed: int) -> None:
     factors = drawn(0.35, 0.12, seed)
-    found = estimate(shining(factors, 0.3, seed), VIEWS)
-    assert taken(found) == [True, True]
-    off = np.log(factors_of(found) / factors)
+    estimated = estimate(shining(factors, 0.3, seed), VIEWS)
+    assert taken(estimated) == [True, True]
+    off = np.log(factors_of(estimated) / factors)
     assert (off - off.mean(axis=0)).std() < 0.25 * np.log(factors).std()
 
 
@@ -135,32 +138,32 @@ SAID = {"cam": "the files say so"}
 
 
 def test_what_files_say_is_the_same_stays_the_same() -> None:
-    seen = sights(drawn(0.5, 0.15))
-    both = estimate(seen, VIEWS, Stated(SAID, SAID))
+    sighted = sights(drawn(0.5, 0.15))
+    both = estimate(sighted, VIEWS, Stated(SAID, SAID))
     assert taken(both) == [False, False]
     assert [rung.reason for rung in both.rungs] == ["the files say so"] * 2
     assert both.exposure == both.white_balance == {}
-    colours = estimate(seen, VIEWS, Stated(exposure=SAID))
+    colours = estimate(sighted, VIEWS, Stated(exposure=SAID))
     assert taken(colours) == [False, True]
-    assert taken(estimate(seen, VIEWS, Stated(white_balance=SAID))) == [True, False]
+    assert taken(estimate(sighted, VIEWS, Stated(white_balance=SAID))) == [True, False]
 
 
 def test_a_camera_whose_files_say_nothing_is_told_beside_one_whose_files_do() -> None:
     views = [ViewId(frame, "set" if frame < 6 else "auto") for frame in range(12)]
     factors = drawn(0.5, 0.0)
     factors[:6] = 1.0
-    found = estimate(sights(factors), views, Stated({"set": "so"}, {"set": "so"}))
-    assert taken(found) == [True, False]
-    assert {found.exposure[view] for view in views[:6]} == {1.0}
-    told = np.log([found.exposure[view] for view in views[6:]])
+    estimated = estimate(sights(factors), views, Stated({"set": "so"}, {"set": "so"}))
+    assert taken(estimated) == [True, False]
+    assert {estimated.exposure[view] for view in views[:6]} == {1.0}
+    exposures = np.log([estimated.exposure[view] for view in views[6:]])
     true = np.log(factors[6:, 0])
-    assert told == pytest.approx(true - true.mean(), abs=0.03)
+    assert exposures == pytest.approx(true - true.mean(), abs=0.03)
 
 
 @pytest.mark.parametrize(
     ("part", "expected"), [("exposure", [False, True]), ("white_balance", [True, False])]
 )
 def test_parts_can_be_refused(part: str, expected: list[bool]) -> None:
-    found = estimate(sights(drawn(0.5, 0.15)), VIEWS, without=[part])
-    assert taken(found) == expected
-    assert sum(rung.reason == "left out, as was asked" for rung in found.rungs) == 1
+    estimated = estimate(sights(drawn(0.5, 0.15)), VIEWS, without=[part])
+    assert taken(estimated) == expected
+    assert sum(rung.reason == "left out, as was asked" for rung in estimated.rungs) == 1

@@ -63,16 +63,16 @@ def rmse(response: Response, curve: Curve) -> float:
     x = np.geomspace(1e-5, 1, 20_000)
     codes = np.arange(10, 246) / 255
     truth = np.interp(codes, curve(x), np.log(x))
-    found = np.log(decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64))
-    return float((found - truth[:, None]).std(axis=0).max())
+    decoded = np.log(decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64))
+    return float((decoded - truth[:, None]).std(axis=0).max())
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_curve_is_the_one_that_made_the_codes(family: str) -> None:
-    found = estimate(shoot(FAMILIES[family], STEPS))
-    response = found.response
+    estimated = estimate(shoot(FAMILIES[family], STEPS))
+    response = estimated.response
     assert response.kind == "curve"
-    assert any(rung.taken for rung in found.rungs)
+    assert any(rung.taken for rung in estimated.rungs)
     assert rmse(response, FAMILIES[family]) < 0.02
     assert all((np.diff(row) > 0).all() for row in response.log_exposure)
     assert all(np.diff(response.codes) > 0)
@@ -83,34 +83,34 @@ def test_curve_is_the_one_that_made_the_codes(family: str) -> None:
 
 
 def test_srgb_is_recognised_and_needs_no_curve() -> None:
-    found = estimate(shoot(srgb_encode, STEPS))
-    assert found.response.kind == "srgb"
-    assert not any(rung.taken for rung in found.rungs)
-    assert found.response.residual is not None
-    assert "agree with it" in found.response.evidence
+    estimated = estimate(shoot(srgb_encode, STEPS))
+    assert estimated.response.kind == "srgb"
+    assert not any(rung.taken for rung in estimated.rungs)
+    assert estimated.response.residual is not None
+    assert "agree with it" in estimated.response.evidence
 
 
 def test_wrong_labels_are_corrected_within_their_trust() -> None:
     true = STEPS + np.array([0.0, 0.04, -0.05, 0.03, 0.0])
     samples = shoot(FAMILIES["gamma"], true)
     labelled = Samples(samples.codes, np.broadcast_to(STEPS, samples.log_k.shape).copy(), samples.group)
-    found = estimate(labelled)
-    shift = np.array([found.shift[round(step, 6)] for step in STEPS])
+    estimated = estimate(labelled)
+    shift = np.array([estimated.shift[round(step, 6)] for step in STEPS])
     # Scale and exponent are those of the labels: what is told is the departure from a straight line.
     line = np.polynomial.Polynomial.fit(STEPS, true - STEPS, 1)
     np.testing.assert_allclose(shift, true - STEPS - line(STEPS), atol=0.01)
-    assert rmse(found.response, FAMILIES["gamma"]) < 0.03
+    assert rmse(estimated.response, FAMILIES["gamma"]) < 0.03
 
 
 def test_motion_in_one_exposure_is_borne() -> None:
-    found = estimate(shoot(FAMILIES["gamma"], STEPS, moved=0.02))
-    assert rmse(found.response, FAMILIES["gamma"]) < 0.05
+    estimated = estimate(shoot(FAMILIES["gamma"], STEPS, moved=0.02))
+    assert rmse(estimated.response, FAMILIES["gamma"]) < 0.05
 
 
 def test_two_exposures_are_enough_for_a_usable_curve() -> None:
-    found = estimate(shoot(FAMILIES["s-curve"], STEPS[1:4:2], views=6))
-    assert found.response.kind == "curve"
-    assert rmse(found.response, FAMILIES["s-curve"]) < 0.1
+    estimated = estimate(shoot(FAMILIES["s-curve"], STEPS[1:4:2], views=6))
+    assert estimated.response.kind == "curve"
+    assert rmse(estimated.response, FAMILIES["s-curve"]) < 0.1
 
 
 def flat(code: float) -> Samples:
@@ -124,9 +124,9 @@ def test_the_band_holds_the_curve(family: str) -> None:
     codes, sigma = np.array(response.codes), np.array(response.sigma)
     light = np.geomspace(1e-6, 1, 100_000)
     truth = np.interp(codes, FAMILIES[family](light), np.log(light))
-    found = np.array(response.log_exposure)
+    curve = np.array(response.log_exposure)
     middle = np.flatnonzero(codes.round(4) == round(128 / 255, 4))[0]
-    away = found - found[:, [middle]] - (truth - truth[middle])
+    away = curve - curve[:, [middle]] - (truth - truth[middle])
     inside = (codes > response.valid[0]) & (codes < response.valid[1]) & (sigma[0] > 1e-4)
     assert (np.abs(away) < 1.96 * sigma)[:, inside].mean() > 0.75
     assert np.median(sigma[:, inside]) < 0.02
@@ -143,24 +143,26 @@ def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: floa
     """Try four exposures, wherever it is; the others and the curve stay right."""
     labels = STEPS[:4]
     off = np.where(np.arange(4) == step, np.log(factor), 0.0)
-    found = estimate(relabelled(shoot(FAMILIES["gamma"], labels + off), labels))
-    shift = np.array([found.shift[round(label, 6)] for label in labels])
+    estimated = estimate(relabelled(shoot(FAMILIES["gamma"], labels + off), labels))
+    shift = np.array([estimated.shift[round(label, 6)] for label in labels])
     np.testing.assert_allclose(np.delete(shift, step), 0.0, atol=0.01)
     assert abs(shift[step] - off[step]) < 0.02
-    assert rmse(found.response, FAMILIES["gamma"]) < 0.01
-    rung = next(rung for rung in found.rungs if rung.name == "exposure_labels")
+    assert rmse(estimated.response, FAMILIES["gamma"]) < 0.01
+    rung = next(rung for rung in estimated.rungs if rung.name == "exposure_labels")
     assert rung.taken
     times = f"{np.exp(shift[step]):.3g} times its label"
-    told = f"; exposure {step + 1} of {len(labels)}, counted from the shortest, is {times}"
-    assert rung.reason.endswith(told)
-    assert found.response.evidence.endswith(told)
+    message = f"; exposure {step + 1} of {len(labels)}, counted from the shortest, is {times}"
+    assert rung.reason.endswith(message)
+    assert estimated.response.evidence.endswith(message)
 
 
 def test_of_three_labels_that_contradict_each_other_none_is_named() -> None:
     labels = STEPS[1:4]
-    found = estimate(relabelled(shoot(FAMILIES["gamma"], labels + np.array([np.log(2), 0.0, 0.0])), labels))
-    assert "contradict each other" in found.response.evidence
-    assert "take four or more" in found.response.evidence
+    estimated = estimate(
+        relabelled(shoot(FAMILIES["gamma"], labels + np.array([np.log(2), 0.0, 0.0])), labels)
+    )
+    assert "contradict each other" in estimated.response.evidence
+    assert "take four or more" in estimated.response.evidence
 
 
 def test_a_wide_bracket_does_not_ripple_the_curve() -> None:
@@ -172,14 +174,14 @@ def test_a_wide_bracket_does_not_ripple_the_curve() -> None:
         light = smooth(np.random.default_rng((3, view)), 2e-3, 160.0)
         shots = [patches(np.rint(255 * curve(light * np.exp(log))) / 255) for log in logs]
         parts.append(sample(shots, logs, 800))
-    found = estimate(Samples.joined(parts)).response
+    response = estimate(Samples.joined(parts)).response
     x = np.geomspace(1e-5, 1e3, 40_000)
     codes = np.arange(10, 246) / 255
     truth = np.interp(codes, curve(x), np.log(x))
-    away = np.log(decode(np.repeat(codes[:, None], 3, axis=1), found).astype(float)) - truth[:, None]
+    away = np.log(decode(np.repeat(codes[:, None], 3, axis=1), response).astype(float)) - truth[:, None]
     assert away.std(axis=0).max() < 0.01
     beyond = np.interp(truth + np.log(4.0), truth, codes, right=np.nan)
-    across = np.stack([np.interp(beyond, codes, own) - own for own in away.T])
+    across = np.stack([np.interp(beyond, codes, channel) - channel for channel in away.T])
     assert np.sqrt(np.nanmean(across**2, axis=1)).max() < 0.015
 
 
@@ -198,14 +200,14 @@ def test_one_photograph_with_a_wrong_label_spoils_nothing(tmp_path: Path, factor
             ]
         )
     session = Session.open(make_session(tmp_path / "S", views))
-    found = scene_views(session)
-    light = radiometry.measure_light(session, found, unreported)
-    for view in found:
+    placed = scene_views(session)
+    light = radiometry.measure_light(session, placed, unreported)
+    for view in placed:
         scales = [light.scale[shot.file] for shot in view.shots]
         np.testing.assert_allclose(scales, labels, rtol=0.02)
     (response,) = light.responses.values()
     assert rmse(response, FAMILIES["gamma"]) < 0.01
-    wrong = found[1].shots[2].file
+    wrong = placed[1].shots[2].file
     named = [rung.reason for rung in light.rungs if rung.name == "exposure_of_a_file"]
     assert named == ([f"the exposure of {wrong} is 0.25 times its label"] if factor == 4.0 else [])
 
@@ -231,13 +233,13 @@ def test_the_base_of_a_film_tells_no_light() -> None:
     ids=["no bracket", "all saturated", "all dark", "one exposure thrice", "one exposure", "20 stops apart"],
 )
 def test_srgb_is_assumed_and_said_so_where_nothing_can_be_measured(samples: Samples | None) -> None:
-    found = estimate(samples)
-    assert found.response.kind == "srgb"
-    assert found.response.residual is None
-    assert "assumed" in found.response.evidence
-    assert "take" in found.response.evidence
-    assert "1 to 3 stops apart" in found.response.evidence
-    assert found.shift == {}
+    estimated = estimate(samples)
+    assert estimated.response.kind == "srgb"
+    assert estimated.response.residual is None
+    assert "assumed" in estimated.response.evidence
+    assert "take" in estimated.response.evidence
+    assert "1 to 3 stops apart" in estimated.response.evidence
+    assert estimated.shift == {}
 
 
 def test_a_real_bracket_of_photographs(real: Path, tmp_path: Path) -> None:

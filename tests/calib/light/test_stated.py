@@ -23,25 +23,25 @@ def stated(folder: Path, exposures: list[Exposure | None], *, by_hand: bool = Fa
     rng = np.random.default_rng(0)
     (folder / "photos").mkdir()
     for number, exposure in enumerate(exposures):
-        told = FrameMetadata("Maker", "M1", "7", exposure, manual_white_balance=by_hand)
+        metadata = FrameMetadata("Maker", "M1", "7", exposure, manual_white_balance=by_hand)
         pixels = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
-        (folder / "photos" / f"{number}.jpg").write_bytes(encode_jpeg(pixels, metadata=told))
+        (folder / "photos" / f"{number}.jpg").write_bytes(encode_jpeg(pixels, metadata=metadata))
     import_photos(folder / "photos", folder / "S", bracket=1)
     session = Session.open(folder / "S")
     return stated_by(session, scene_views(session))
 
 
 def test_one_exposure_in_all_files_is_said_and_a_white_balance_that_is_chosen_is_not(tmp_path: Path) -> None:
-    found = stated(tmp_path, [DAYLIGHT] * 3)
-    (said,) = found.exposure.values()
+    by_files = stated(tmp_path, [DAYLIGHT] * 3)
+    (said,) = by_files.exposure.values()
     assert said == "the files say that every view was taken at 1/80 s f/5 ISO 400"
-    assert not found.white_balance
+    assert not by_files.white_balance
 
 
 def test_a_white_balance_that_was_set_is_said(tmp_path: Path) -> None:
-    found = stated(tmp_path, [DAYLIGHT, DAYLIGHT.with_time(1 / 100)], by_hand=True)
-    assert not found.exposure
-    (said,) = found.white_balance.values()
+    by_files = stated(tmp_path, [DAYLIGHT, DAYLIGHT.with_time(1 / 100)], by_hand=True)
+    assert not by_files.exposure
+    (said,) = by_files.white_balance.values()
     assert "set by hand" in said
 
 
@@ -67,8 +67,8 @@ def test_gains_of_a_makers_note_are_one_white_balance_where_they_hardly_differ(t
         pytest.skip("RIG_DATA has no banana")
     import_photos(photos, tmp_path / "S", bracket=1)
     session = Session.open(tmp_path / "S")
-    found = stated_by(session, scene_views(session))
-    assert [*found.white_balance.values()] == [
+    by_files = stated_by(session, scene_views(session))
+    assert [*by_files.white_balance.values()] == [
         "the files say that red was raised 1.77 times and blue 1.53 times in all"
     ]
-    assert [*found.exposure.values()] == ["the files say that every view was taken at 1/80 s f/5 ISO 400"]
+    assert [*by_files.exposure.values()] == ["the files say that every view was taken at 1/80 s f/5 ISO 400"]

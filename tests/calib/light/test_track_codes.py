@@ -58,18 +58,18 @@ def true_log(codes: np.ndarray) -> np.ndarray:
 
 
 def test_views_agree_on_the_light_of_the_points_that_they_share(session, single):
-    found = sample_tracks(Session.open(session), single, labels_of(single), unreported)
-    assert found is not None
-    light = true_log(found.codes) - found.log_k[..., None]
-    seen = np.isfinite(light[..., 1]).sum(1) >= 2
-    assert seen.sum() > 150
-    shared = light[seen, :, 1]
+    tracks = sample_tracks(Session.open(session), single, labels_of(single), unreported)
+    assert tracks is not None
+    light = true_log(tracks.codes) - tracks.log_k[..., None]
+    shared_points = np.isfinite(light[..., 1]).sum(1) >= 2
+    assert shared_points.sum() > 150
+    shared = light[shared_points, :, 1]
     apart = np.nanmax(shared, 1) - np.nanmin(shared, 1)
     assert np.median(apart) < 2 * ERROR
-    exposures = np.where(np.isfinite(found.codes[..., 1]), found.log_k, np.nan)[seen]
+    exposures = np.where(np.isfinite(tracks.codes[..., 1]), tracks.log_k, np.nan)[shared_points]
     assert (np.nanmax(exposures, 1) - np.nanmin(exposures, 1) > 1).sum() > 100
-    assert found.group.min() == 0
-    assert len(np.unique(found.group)) == found.group.max() + 1 > 20
+    assert tracks.group.min() == 0
+    assert len(np.unique(tracks.group)) == tracks.group.max() + 1 > 20
 
 
 def test_exposures_that_hardly_differ_tell_nothing(session, single):
@@ -97,9 +97,9 @@ def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_i
     assert response.residual is not None
     assert light.measured
     codes = 255 * np.array(response.codes)
-    told = (codes >= 20) & (codes <= 235)
+    usable = (codes >= 20) & (codes <= 235)
     for channel in response.log_exposure:
-        error = (np.array(channel) - true_log(codes))[told]
+        error = (np.array(channel) - true_log(codes))[usable]
         assert np.std(error) < 0.08  # sRGB, which is assumed without any samples, is off by 0.7
 
 
@@ -131,8 +131,8 @@ def test_codes_next_to_a_mask_are_none() -> None:
     pixels = np.full((20, 30, 3), 0.5, np.float32)
     counts = np.ones((20, 30), bool)
     counts[:, :10] = False
-    found = _codes_at(pixels, np.array([[5.0, 9.0], [11.5, 9.0], [12.5, 9.0]]), counts)
-    assert np.isfinite(found).all(1).tolist() == [False, False, True]
+    codes = _codes_at(pixels, np.array([[5.0, 9.0], [11.5, 9.0], [12.5, 9.0]]), counts)
+    assert np.isfinite(codes).all(1).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize("refused", [False, True])

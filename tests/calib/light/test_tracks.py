@@ -18,20 +18,20 @@ def test_a_wide_picture_is_looked_at_in_a_reduced_one() -> None:
     sigma = (0.2 * truth).astype(np.float32)
     sigma[40, 2000, 1] = np.nan
     none = np.zeros(radiance.shape, bool)
-    seen = light(Merged(radiance, sigma, valid, none, none), None)
-    assert seen.luminance.shape == (40, 2000)
+    reduced = light(Merged(radiance, sigma, valid, none, none), None)
+    assert reduced.luminance.shape == (40, 2000)
     points = np.stack(np.meshgrid(np.arange(10.5, 1590, 10), np.arange(4.5, 28, 5)), axis=-1).reshape(-1, 2)
-    found = brightness_at(seen, points, 1600, 32)
+    brightness = brightness_at(reduced, points, 1600, 32)
     x, y = (points * (width / 1600, height / 32)).T
     true = np.log(truth[y.astype(int), x.astype(int)] @ LUMINANCE)
     away = np.maximum(np.abs(x - 2000), np.abs(y - 40))
     assert (away < 5).any()
-    assert np.isnan(found[away < 5]).all()
+    assert np.isnan(brightness[away < 5]).all()
     far = away > 14
-    assert np.isfinite(found[far]).all()
+    assert np.isfinite(brightness[far]).all()
     # Twelve px each way: 0.2 of each is 0.017 of their mean, less for three channels.
-    assert np.abs(found[far] - true[far]).std() < 0.02
-    assert abs(np.mean(found[far] - true[far])) < 0.005
+    assert np.abs(brightness[far] - true[far]).std() < 0.02
+    assert abs(np.mean(brightness[far] - true[far])) < 0.005
     # Where light is hardly above its noise nothing is trusted, reduced or not.
     noisy = light(Merged(radiance, 10 * sigma, valid, none, none), None)
     assert not noisy.trusted.any()

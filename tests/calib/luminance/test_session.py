@@ -128,9 +128,9 @@ def test_a_reading_of_pictures_that_were_taken_again_is_lost_and_said_to_be(sess
     calibrate(session, only="luminance", luminance=[spot(next(iter(CARDS)))])
     opened = Session.open(session)
     first, second = ([shot for shot in opened.shots() if shot.frame == frame] for frame in (0, 1))
-    for own, other in zip(first, second, strict=True):
+    for shot, other in zip(first, second, strict=True):
         fields = {"file": other.file, "sha256": other.sha256}
-        opened.append_shot(ShotRecord.model_validate(own.model_dump() | fields))
+        opened.append_shot(ShotRecord.model_validate(shot.model_dump() | fields))
     with pytest.raises(PartialError, match="no view has a pose"):
         calibrate(session)
     record = read_calibration(session)
@@ -155,9 +155,9 @@ REFUSED: dict[str, tuple[Callable[[], LuminanceReading], str]] = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_tells_no_luminance_is_refused_and_nothing_written(name: str, bare: Path) -> None:
-    reading, told = REFUSED[name]
+    reading, message = REFUSED[name]
     before = (bare / "calibration" / "calibration.json").read_bytes()
-    with pytest.raises(CalibrationError, match=told):
+    with pytest.raises(CalibrationError, match=message):
         calibrate(bare, only="luminance", luminance=[reading()])
     assert (bare / "calibration" / "calibration.json").read_bytes() == before
 

@@ -58,8 +58,8 @@ def photographed(folder: Path) -> Path:
     scene, views, names = hall(), [], []
     for frame in range(FRAMES):
         pose = front(frame)
-        for name, own in (("front", pose), ("back", BACK_FROM_FRONT @ pose)):
-            light = np.clip(1.2 * scene.render(LENS, own, 2), 0, 1)
+        for name, cam_from_world in (("front", pose), ("back", BACK_FROM_FRONT @ pose)):
+            light = np.clip(1.2 * scene.render(LENS, cam_from_world, 2), 0, 1)
             views.append([(np.rint(255 * light ** (1 / 2.2)).astype(np.uint8), None)])
             names.append(name)
     make_session(folder, views, cameras=names)

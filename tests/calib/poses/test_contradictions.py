@@ -57,11 +57,11 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
         place = world @ pose[:3, :3].T + pose[:3, 3]
         pixels = FOCAL * place[:, :2] / place[:, 2:] + (WIDTH / 2, HEIGHT / 2)
         facing = ((place * (normal @ pose[:3, :3].T)).sum(1) < -1.2) & (np.abs(pixels[:, 1] - 120) < 118)
-        seen = rng.permutation(np.flatnonzero(facing))
-        own = vectors.reshape(-1, 128)[seen] + 0.1 * rng.normal(size=(len(seen), 128))
-        points = pixels[seen] + rng.normal(0, 0.2, (len(seen), 2))
-        features[ViewId(view, "cam")] = Features(points, np.clip(128 + 30 * own, 0, 255).astype(np.uint8))
-        brightness[ViewId(view, "cam")] = light[seen] + rng.normal(0, 0.02, len(seen))
+        visible = rng.permutation(np.flatnonzero(facing))
+        noisy = vectors.reshape(-1, 128)[visible] + 0.1 * rng.normal(size=(len(visible), 128))
+        points = pixels[visible] + rng.normal(0, 0.2, (len(visible), 2))
+        features[ViewId(view, "cam")] = Features(points, np.clip(128 + 30 * noisy, 0, 255).astype(np.uint8))
+        brightness[ViewId(view, "cam")] = light[visible] + rng.normal(0, 0.02, len(visible))
     return features, brightness, poses
 
 
@@ -79,14 +79,14 @@ def placed(
 
 def wrong(model: SceneModel, poses: Array) -> list[int]:
     """The views that do not turn against their neighbours as they do in truth."""
-    found = {view.frame: pose.matrix()[:3, :3] for view, pose in model.poses.items()}
-    worlds = {frame: poses[frame, :3, :3].T @ turn for frame, turn in found.items()}
+    turns = {view.frame: pose.matrix()[:3, :3] for view, pose in model.poses.items()}
+    worlds = {frame: poses[frame, :3, :3].T @ turn for frame, turn in turns.items()}
     votes = {
-        frame: sum(np.linalg.norm(own - other) < 0.05 for other in worlds.values())
-        for frame, own in worlds.items()
+        frame: sum(np.linalg.norm(world - other) < 0.05 for other in worlds.values())
+        for frame, world in worlds.items()
     }
     best = max(votes, key=votes.__getitem__)
-    return [frame for frame, own in worlds.items() if np.linalg.norm(own - worlds[best]) > 0.05]
+    return [frame for frame, world in worlds.items() if np.linalg.norm(world - worlds[best]) > 0.05]
 
 
 def rung(model: SceneModel):
@@ -105,7 +105,7 @@ def test_all_views_of_a_pillar_that_is_unique_stay_and_one_sided_light_is_warned
     assert not any(rung.name.startswith("pose_") for rung in model.rungs if rung.taken)
     stand = {key: pose.matrix() for key, pose in model.poses.items()}
     assert warning(stand, pairs, brightness, {"cam"}) is None
-    darker = {key: own - 0.5 * (key.frame % 2) for key, own in brightness.items()}
+    darker = {key: values - 0.5 * (key.frame % 2) for key, values in brightness.items()}
     assert "differ in brightness by more than 10 %" in warning(stand, pairs, darker, {"cam"})
     assert warning(stand, pairs, darker, set()) is None
 
@@ -155,7 +155,7 @@ def with_false_pair(features: Mapping, brightness: Mapping, steady: bool) -> Sce
 def test_light_that_the_poses_refute_deletes_nothing(steady):
     """Every second view is half as bright, by its exposure or by shine, and one pair of views is false."""
     features, brightness, poses = pillar(alike=False, lit=True)
-    darker = {key: own - 0.7 * (key.frame % 2) for key, own in brightness.items()}
+    darker = {key: values - 0.7 * (key.frame % 2) for key, values in brightness.items()}
     model = with_false_pair(features, darker, steady)
     assert len(model.poses) == VIEWS
     assert wrong(model, poses) == []
@@ -165,18 +165,18 @@ def test_light_that_the_poses_refute_deletes_nothing(steady):
 
 def test_poses_of_two_views_are_doubted():
     features, brightness, _ = pillar(alike=False, lit=True)
-    pair = {key: own for key, own in features.items() if key.frame < 2}
+    pair = {key: of_view for key, of_view in features.items() if key.frame < 2}
     model, _ = placed(pair, brightness)
     assert len(model.poses) == 2
-    (told,) = (rung for rung in model.rungs if rung.name == "pose_unconfirmed")
-    assert told.taken
-    assert told.reason.startswith("only 2 views match, and no third confirms their poses")
+    (doubt,) = (rung for rung in model.rungs if rung.name == "pose_unconfirmed")
+    assert doubt.taken
+    assert doubt.reason.startswith("only 2 views match, and no third confirms their poses")
 
 
 def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
     """Try ten views before rows of windows that stood on a line, 13 % of whose points a third view saw."""
     features, brightness, _ = pillar(alike=False, lit=True)
-    told = []
+    rungs = []
 
     def resolved(model, matches, **more):
         of_two = pycolmap.Reconstruction(model)
@@ -184,11 +184,11 @@ def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
             for element in point.track.elements[2:]:
                 of_two.delete_observation(element.image_id, element.point2D_idx)
             assert len(of_two.points3D[number].track.elements) == 2
-        told.extend(resolve_contradictions(of_two, matches, **more).rungs)
+        rungs.extend(resolve_contradictions(of_two, matches, **more).rungs)
         return resolve_contradictions(model, matches, **more)
 
     with patch("calib.poses.first_model.resolve_contradictions", resolved):
         solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
-    (doubt,) = (rung for rung in told if rung.taken)
+    (doubt,) = (rung for rung in rungs if rung.taken)
     assert doubt.name == "pose_unconfirmed"
     assert doubt.reason.startswith("only 0 % of the scene's points are where a third view sees them")

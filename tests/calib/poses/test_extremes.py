@@ -57,14 +57,16 @@ def brackets(light: Array, times: Sequence[float]) -> list[list[Shot]]:
 def pair_errors(session: Path, true: Array) -> tuple[Array, Array]:
     """Degrees, of every pair of views: its rotation is off, and its translation's direction (NaN: none)."""
     record = calibrate(session, on_progress=unreported)
-    found = {view.frame: view.cam_from_world.matrix() for view in record.views}
+    estimated = {view.frame: view.cam_from_world.matrix() for view in record.views}
     turns, directions = [], []
     for one in range(len(true)):
         for other in range(one):
-            own, goal = (pose[one] @ np.linalg.inv(pose[other]) for pose in (found, dict(enumerate(true))))
-            apart = own[:3, :3] @ goal[:3, :3].T
+            relative, goal = (
+                pose[one] @ np.linalg.inv(pose[other]) for pose in (estimated, dict(enumerate(true)))
+            )
+            apart = relative[:3, :3] @ goal[:3, :3].T
             turns.append(np.degrees(np.arcsin(np.linalg.norm(apart - apart.T) / np.sqrt(8))))
-            here, there = own[:3, 3], goal[:3, 3]
+            here, there = relative[:3, 3], goal[:3, 3]
             angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(here, there)), here @ there))
             directions.append(angle if np.linalg.norm(there) > 1e-9 else np.nan)
     return np.array(turns), np.array(directions)

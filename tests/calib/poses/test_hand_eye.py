@@ -55,9 +55,9 @@ DISTANCES = (DISTANCE, DISTANCE / RATIO)
 
 def test_exact_motions_give_the_exact_tie() -> None:
     a, b = poses(*hand_held(1), noise=0.0)
-    found = tie(a, b, DISTANCES)
-    np.testing.assert_allclose(found.b_from_a, B_FROM_A, atol=1e-6)
-    turn, shift = found.a_world_from_b_world[:, :3], found.a_world_from_b_world[:, 3]
+    mounting = tie(a, b, DISTANCES)
+    np.testing.assert_allclose(mounting.b_from_a, B_FROM_A, atol=1e-6)
+    turn, shift = mounting.a_world_from_b_world[:, :3], mounting.a_world_from_b_world[:, 3]
     assert np.cbrt(np.linalg.det(turn)) == pytest.approx(RATIO, rel=1e-6)
     for here, there in zip(a, b, strict=True):
         eyes = [-pose[:3, :3].T @ pose[:3, 3] for pose in (np.linalg.inv(B_FROM_A @ here), there)]
@@ -68,11 +68,15 @@ def test_exact_motions_give_the_exact_tie() -> None:
 def test_errors_are_as_large_as_stated() -> None:
     inside, ratios = [], []
     for seed in range(40):
-        found = tie(*poses(*hand_held(seed), seed=seed), DISTANCES)
-        off = Rotation.from_matrix(found.b_from_a[:3, :3] @ B_FROM_A[:3, :3].T).magnitude()
-        shift = np.linalg.norm(found.b_from_a[:3, 3] - B_FROM_A[:3, 3])
-        scale = np.cbrt(np.linalg.det(found.a_world_from_b_world[:, :3])) / RATIO - 1
-        errors = np.degrees(off) / found.turn_error, shift / found.shift_error, abs(scale) / found.scale_error
+        mounting = tie(*poses(*hand_held(seed), seed=seed), DISTANCES)
+        off = Rotation.from_matrix(mounting.b_from_a[:3, :3] @ B_FROM_A[:3, :3].T).magnitude()
+        shift = np.linalg.norm(mounting.b_from_a[:3, 3] - B_FROM_A[:3, 3])
+        scale = np.cbrt(np.linalg.det(mounting.a_world_from_b_world[:, :3])) / RATIO - 1
+        errors = (
+            np.degrees(off) / mounting.turn_error,
+            shift / mounting.shift_error,
+            abs(scale) / mounting.scale_error,
+        )
         inside.append(np.array(errors) < INSIDE)
         ratios.append(errors)
     assert np.mean(inside, axis=0).min() > 0.97
@@ -82,8 +86,8 @@ def test_errors_are_as_large_as_stated() -> None:
 def test_one_pose_that_is_wrong_does_not_turn_the_cameras() -> None:
     a, b = poses(*hand_held(3, 16))
     b[5] = rigid(np.array([4.0, 0.0, -3.0]), np.array([0.1, 0.0, 0.0])) @ b[5]
-    found = tie(a, b, DISTANCES)
-    off = Rotation.from_matrix(found.b_from_a[:3, :3] @ B_FROM_A[:3, :3].T).magnitude()
+    mounting = tie(a, b, DISTANCES)
+    off = Rotation.from_matrix(mounting.b_from_a[:3, :3] @ B_FROM_A[:3, :3].T).magnitude()
     assert np.degrees(off) < 0.2
 
 

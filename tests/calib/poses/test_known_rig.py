@@ -52,15 +52,15 @@ def centre(motion: Array) -> Array:
 def baselines(record: CalibrationRecord) -> dict[str, float]:
     """Distances of the cameras from the first, in every frame the same."""
     poses = {view.id: view.cam_from_world.matrix() for view in record.views}
-    found: dict[str, float] = {}
+    means: dict[str, float] = {}
     for name in ("cam1", "cam2", "cam3"):
         every = [
             float(np.linalg.norm(centre(poses[ViewId(frame, name)]) - centre(poses[ViewId(frame, "cam0")])))
             for frame in range(FRAMES)
         ]
-        found[name] = float(np.mean(every))
+        means[name] = float(np.mean(every))
         assert np.ptp(every) < 1e-9
-    return found
+    return means
 
 
 def test_measured_positions_give_the_scale(short: Path) -> None:

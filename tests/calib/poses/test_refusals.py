@@ -104,12 +104,12 @@ def bracket(seed: int) -> list[tuple[RawMosaic, Exposure]]:
     rng = np.random.default_rng(seed)
     radiance = np.exp(rng.uniform(np.log(0.02), np.log(20), (HEIGHT // 8, WIDTH // 8)))
     radiance = radiance.repeat(8, 0).repeat(8, 1)
-    found = []
+    shots = []
     for label, time in ((1 / 60, 1 / 64), (1 / 15, 1 / 16), (1 / 4, 1 / 4)):
         electrons = rng.poisson(np.minimum(radiance * time, 1.2) * 9000)
         pixels = np.clip(np.rint(256 + electrons * 0.4), 0, 3856).astype(np.uint16)
-        found.append((RawMosaic(pixels, Cfa.RGGB, ((256,),), 3856), Exposure(time=label)))
-    return found
+        shots.append((RawMosaic(pixels, Cfa.RGGB, ((256,),), 3856), Exposure(time=label)))
+    return shots
 
 
 def test_one_view_keeps_what_its_bracket_says(tmp_path: Path) -> None:
@@ -145,9 +145,9 @@ def test_a_board_that_nothing_describes_is_left_out_alone(tmp_path: Path) -> Non
     assert "straight line" in read_calibration(session).cameras[0].response.evidence
     words = shlex.split(str(refused.value).split("`")[1])
     assert words[:3] == ["rig", "calibrate", str(session)]
-    told = board_text(words[4]).board()
+    described = board_text(words[4]).board()
     with pytest.raises(PartialError, match="No picture shows a board of 7 x 5 squares"):
-        calibrate(session, board=told, on_progress=unreported)
+        calibrate(session, board=described, on_progress=unreported)
 
 
 def test_one_view_keeps_the_colour_that_its_file_names(tmp_path: Path) -> None:

@@ -60,11 +60,11 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: SceneModel) -> Non
         for name in RIGS
     }
     keys = sorted(truth)
-    own = np.stack([filled.poses[key].matrix()[:3] for key in keys])
+    estimated = np.stack([filled.poses[key].matrix()[:3] for key in keys])
     true = np.stack([truth[key] for key in keys])
-    u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", true[:, :, :3], own[:, :, :3]))
+    u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", true[:, :, :3], estimated[:, :, :3]))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    angles = np.linalg.norm(own[:, :, :3] @ turn.T - true[:, :, :3], axis=(1, 2)) / np.sqrt(2)
+    angles = np.linalg.norm(estimated[:, :, :3] @ turn.T - true[:, :, :3], axis=(1, 2)) / np.sqrt(2)
     here = centres([filled.poses[key] for key in keys]) @ turn.T
     there = np.stack([-pose[:, :3].T @ pose[:, 3] for pose in true])
     here, there = here - here.mean(0), there - there.mean(0)

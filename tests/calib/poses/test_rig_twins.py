@@ -24,9 +24,9 @@ def rig(noise=0.0, frames=FRAMES):
     rng = np.random.default_rng(0)
     poses = {}
     for frame in range(frames):
-        left = posed((0, 0, 0), (0, 0, 5)) @ posed((0, 360 * frame / frames, 0), (0, 0, 0))
-        poses[ViewId(frame, "left")] = left
-        poses[ViewId(frame, "right")] = posed(noise * rng.normal(size=3), (-0.4, 0, 0)) @ left
+        first = posed((0, 0, 0), (0, 0, 5)) @ posed((0, 360 * frame / frames, 0), (0, 0, 0))
+        poses[ViewId(frame, "left")] = first
+        poses[ViewId(frame, "right")] = posed(noise * rng.normal(size=3), (-0.4, 0, 0)) @ first
     return poses
 
 

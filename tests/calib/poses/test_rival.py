@@ -55,10 +55,10 @@ def ring() -> dict[ViewId, Features]:
     return views
 
 
-def only(model: Any, kept: int) -> Any:
+def only(model: Any, count: int) -> Any:
     """The model with its first views only."""
     copy = type(model)(model)
-    for view in sorted(placed_views(copy))[kept:]:
+    for view in sorted(placed_views(copy))[count:]:
         copy.deregister_frame(copy.find_image_with_name(view.image_name).frame_id)
     return copy
 
@@ -78,10 +78,10 @@ def test_views_that_one_by_one_leaves_out_are_placed_at_once(
     assert rung.taken
     assert f"only {FEW} of {VIEWS} views" in rung.reason
     assert len(model.poses) == VIEWS
-    found = turns(model)
-    for view in found:
+    rotations = turns(model)
+    for view in rotations:
         goal = pose(view.frame)[:3, :3] @ pose(0)[:3, :3].T
-        miss = found[view] @ found[ViewId(0, "cam")].T @ goal.T
+        miss = rotations[view] @ rotations[ViewId(0, "cam")].T @ goal.T
         assert np.degrees(np.arccos(np.clip((np.trace(miss) - 1) / 2, -1, 1))) < 0.3
 
 

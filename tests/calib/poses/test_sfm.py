@@ -47,8 +47,8 @@ def test_matching_finds_the_same_points():
     first, second = seen(*arc(2)[0], seed=1), seen(*arc(2)[1], seed=2)
     pairs = match(first.descriptors, second.descriptors)
     assert len(pairs) > 400
-    own, theirs = first.descriptors[pairs[:, 0]].astype(float), second.descriptors[pairs[:, 1]].astype(float)
-    assert np.abs(own - theirs).max() < 20
+    ours, theirs = first.descriptors[pairs[:, 0]].astype(float), second.descriptors[pairs[:, 1]].astype(float)
+    assert np.abs(ours - theirs).max() < 20
     assert len(match(first.descriptors, np.empty((0, 128), np.uint8))) == 0
 
 
@@ -74,9 +74,9 @@ def test_a_rig_on_an_arc_is_placed():
     keys = sorted(features)
     first = keys[0]
     for key in keys:
-        found = model.poses[key].matrix() @ np.linalg.inv(model.poses[first].matrix())
+        relative = model.poses[key].matrix() @ np.linalg.inv(model.poses[first].matrix())
         true = truth[key][0] @ truth[first][0].T
-        angle = np.degrees(np.arccos(np.clip((np.trace(found[:3, :3].T @ true) - 1) / 2, -1, 1)))
+        angle = np.degrees(np.arccos(np.clip((np.trace(relative[:3, :3].T @ true) - 1) / 2, -1, 1)))
         assert angle < 0.15
     spread = centres([model.poses[key] for key in keys])
     true_spread = np.stack([-truth[key][0].T @ truth[key][1] for key in keys])

@@ -55,8 +55,8 @@ def test_all_views_are_placed_where_they_are(model: SceneModel) -> None:
     for step in range(1, STEPS):
         relative = turns[step] @ turns[0].T @ (pose(step)[0] @ pose(0)[0].T).T
         assert np.degrees(np.arccos(np.clip((np.trace(relative) - 1) / 2, -1, 1))) < 0.2
-    found = centres([model.poses[view] for view in views])
-    steps = np.linalg.norm(np.diff(found, axis=0), axis=1)
+    estimated = centres([model.poses[view] for view in views])
+    steps = np.linalg.norm(np.diff(estimated, axis=0), axis=1)
     assert steps / steps.mean() == pytest.approx(np.ones(STEPS - 1), abs=0.03)
 
 

@@ -40,9 +40,9 @@ def shoot() -> Shoot:
         sensor, rng = SimulatedSensor(model, SIDE, SIDE, seed, "test"), np.random.default_rng((seed, 7))
         few, stacks = [], []
         for seconds in (0.01, 4.0) if darks else ():
-            own = [sensor.expose(np.zeros((SIDE, SIDE)), seconds, 1.0, rng) for _ in range(12)]
-            few.append(own[:8])
-            stacks.append(gather(own, seconds))
+            shots = [sensor.expose(np.zeros((SIDE, SIDE)), seconds, 1.0, rng) for _ in range(12)]
+            few.append(shots[:8])
+            stacks.append(gather(shots, seconds))
         flats = []
         for step in range(8):
             amount = even_light((SIDE, SIDE)) * 1.6 * model.white_electrons * 2.0 ** (step - 7)

@@ -28,12 +28,12 @@ def shots(model: SensorModel, seed: int, moved: int = 0, grain: float = 0.0) -> 
     )
     light = np.exp2(waves * 1.2 + 3 * x - 4) * np.tile(((0.55, 1), (1, 0.7)), (120, 120))
     light *= np.exp2(grain * rng.standard_normal(light.shape))
-    found = []
+    taken = []
     for amount in (1 / 16, 1 / 2, 4.0):
-        seen = np.roll(light, moved, axis=1) if amount == 4.0 else light
-        scene = seen * model.white_electrons * amount * np.exp(0.01 * rng.standard_normal())
-        found.append(sensor.expose(scene, 0.25 * amount, 1.0, rng))
-    return found
+        shifted = np.roll(light, moved, axis=1) if amount == 4.0 else light
+        scene = shifted * model.white_electrons * amount * np.exp(0.01 * rng.standard_normal())
+        taken.append(sensor.expose(scene, 0.25 * amount, 1.0, rng))
+    return taken
 
 
 def blind(model: SensorModel, seeds: range, moved: int = 0, grain: float = 0.0) -> Blind:
@@ -57,11 +57,11 @@ def test_gain_and_read_noise_lie_within_their_errors(plain: Blind) -> None:
     gain, error = brackets.gain(plain.transfer)
     assert gain == pytest.approx(0.4, rel=0.015)
     assert abs(gain - 0.4) < 3 * error
-    found = brackets.read_noise(plain.transfer)
-    assert found is not None
+    noise = brackets.read_noise(plain.transfer)
+    assert noise is not None
     # It holds the fixed pattern of the dark, half an electron.
-    assert found[0] == pytest.approx(3.04, rel=0.04)
-    assert abs(found[0] - 3.0) < 3 * found[1]
+    assert noise[0] == pytest.approx(3.04, rel=0.04)
+    assert abs(noise[0] - 3.0) < 3 * noise[1]
 
 
 def test_black_and_ceiling(plain: Blind) -> None:

@@ -15,8 +15,8 @@ from .conftest import MODEL, Shoot, dark_stack
 TRUE = {"gain": 0.4, "read_noise": 3.0, "prnu": 0.008, "dsnu": 0.5, "dark_current": 0.5}
 
 
-def told(found: SensorCalibration, name: str) -> Measured:
-    value = getattr(found, name)
+def told(calibration: SensorCalibration, name: str) -> Measured:
+    value = getattr(calibration, name)
     assert isinstance(value, Measured), f"{name} is not determined"
     return value
 
@@ -24,22 +24,22 @@ def told(found: SensorCalibration, name: str) -> Measured:
 def test_every_value_is_close_and_as_close_as_it_says(shoot: Shoot, nominal: Nominal) -> None:
     for seed in range(2):
         _, frames = shoot(seed=seed)
-        found, _ = emva.measure_emva(frames, nominal, 100.0)
-        assert found.iso == 100.0
+        measured, _ = emva.measure_emva(frames, nominal, 100.0)
+        assert measured.iso == 100.0
         for name, allowed in (("gain", 0.01), ("read_noise", 0.02), ("prnu", 0.1), ("dark_current", 0.02)):
-            value = told(found, name)
+            value = told(measured, name)
             assert value.value == pytest.approx(TRUE[name], rel=allowed), name
             assert 0 < value.sigma < allowed * TRUE[name], name
             assert abs(value.value - TRUE[name]) < 4 * value.sigma, name
-        assert abs(told(found, "dsnu").value - 0.5) < 4 * told(found, "dsnu").sigma
-        assert found.black is not None
-        for level, true in zip(chain(*found.black), chain(*MODEL.black), strict=True):
+        assert abs(told(measured, "dsnu").value - 0.5) < 4 * told(measured, "dsnu").sigma
+        assert measured.black is not None
+        for level, true in zip(chain(*measured.black), chain(*MODEL.black), strict=True):
             assert abs(level.value - true) < min(0.1, 4 * level.sigma)
-        assert told(found, "ceiling").value == 4095
-        assert told(found, "full_well").value == pytest.approx((4095 - 256.2) / 0.4, rel=0.01)
-        assert found.linear
-        assert found.row_noise is None
-        light, variance = np.array(found.transfer).T
+        assert told(measured, "ceiling").value == 4095
+        assert told(measured, "full_well").value == pytest.approx((4095 - 256.2) / 0.4, rel=0.01)
+        assert measured.linear
+        assert measured.row_noise is None
+        light, variance = np.array(measured.transfer).T
         # (K read)^2 + rounding without light, K DN^2 for each DN of it.
         np.testing.assert_allclose(variance, 0.4 * light + 1.44 + 1 / 12, rtol=0.2)
 
@@ -50,22 +50,22 @@ def test_white_may_end_before_the_nominal_one(shoot: Shoot, nominal: Nominal) ->
         (replace(MODEL, full_well=8000.0), 255.0 + 0.4 * 8000.0),
     ):
         _, frames = shoot(model)
-        found, _ = emva.measure_emva(frames, nominal, 100.0)
-        ceiling = told(found, "ceiling")
+        measured, _ = emva.measure_emva(frames, nominal, 100.0)
+        ceiling = told(measured, "ceiling")
         assert ceiling.value == pytest.approx(end, abs=1.0)
-        white = found.levels().white
+        white = measured.levels().white
         assert white is not None
         # A converter ends sharply; a full well is read with noise, and what scatters below counts as full.
         assert white == end if model.ceiling else end - 12 < white < end
-        assert told(found, "gain").value == pytest.approx(0.4, rel=0.01)
+        assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
 
 
 def test_rows_that_shake_are_told_apart_from_photosites(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(replace(MODEL, row_noise=1.0))
-    found, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(found, "row_noise").value == pytest.approx(1.0, rel=0.08)
-    assert told(found, "read_noise").value == pytest.approx(3.0, rel=0.02)
-    noise = found.noise()
+    measured, _ = emva.measure_emva(frames, nominal, 100.0)
+    assert told(measured, "row_noise").value == pytest.approx(1.0, rel=0.08)
+    assert told(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
+    noise = measured.noise()
     assert noise is not None
     assert noise.read_noise == pytest.approx(np.sqrt(10.0), rel=0.02)
 
@@ -74,11 +74,11 @@ def test_a_sensor_that_counts_coarsely(shoot: Shoot, nominal: Nominal) -> None:
     """A scatter of 0.2 DN: mean and variance of the numbers of darks are those of rounding."""
     model = replace(MODEL, gain=0.1, read_noise=2.0, full_well=38_000.0)
     _, frames = shoot(model)
-    found, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(found, "read_noise").value == pytest.approx(2.0, rel=0.02)
-    assert told(found, "gain").value == pytest.approx(0.1, rel=0.015)
-    assert found.black is not None
-    for level, true in zip(chain(*found.black), chain(*model.black), strict=True):
+    measured, _ = emva.measure_emva(frames, nominal, 100.0)
+    assert told(measured, "read_noise").value == pytest.approx(2.0, rel=0.02)
+    assert told(measured, "gain").value == pytest.approx(0.1, rel=0.015)
+    assert measured.black is not None
+    for level, true in zip(chain(*measured.black), chain(*model.black), strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
     blind, _ = emva.measure_emva(Frames(frames.darks, frames.flats), nominal, 100.0)
     assert blind.black is not None
@@ -89,18 +89,18 @@ def test_a_sensor_that_counts_coarsely(shoot: Shoot, nominal: Nominal) -> None:
 def test_a_black_level_that_noise_reaches_below(shoot: Shoot) -> None:
     model = replace(MODEL, black=((1.5, 1.5), (1.2, 1.8)))
     _, frames = shoot(model)
-    found, _ = emva.measure_emva(frames, Nominal(np.full(4, 2.0), 4095.0), 100.0)
-    assert found.black is not None
-    for level, true in zip(chain(*found.black), chain(*model.black), strict=True):
+    measured, _ = emva.measure_emva(frames, Nominal(np.full(4, 2.0), 4095.0), 100.0)
+    assert measured.black is not None
+    for level, true in zip(chain(*measured.black), chain(*model.black), strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
-    assert told(found, "read_noise").value == pytest.approx(3.0, rel=0.02)
+    assert told(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
 
 
 def test_all_defects_and_no_others(shoot: Shoot, nominal: Nominal) -> None:
     sensor, frames = shoot(replace(MODEL, hot_current=400.0), seed=3)
-    found, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert found.defects is not None
-    at = {(one.x, one.y): one.kind for one in found.defects}
+    measured, _ = emva.measure_emva(frames, nominal, 100.0)
+    assert measured.defects is not None
+    at = {(one.x, one.y): one.kind for one in measured.defects}
     # 4 s of darks: a hundred electrons are far beyond 10 standard deviations.
     for y, x in zip(*np.nonzero(sensor.dark_current > 25.0), strict=True):
         assert at.pop((int(x), int(y))) == "hot"
@@ -108,17 +108,17 @@ def test_all_defects_and_no_others(shoot: Shoot, nominal: Nominal) -> None:
         assert at.pop((int(x), int(y)), "dead") in ("dead", "hot")
     rest = {place for place in at if not sensor.hot[place[1], place[0]]}
     assert not rest
-    mask = found.levels().valid(160, 160)
-    assert (~mask).sum() == len(found.defects)
+    mask = measured.levels().valid(160, 160)
+    assert (~mask).sum() == len(measured.defects)
 
 
 def test_a_bent_response_is_recognised_and_straightened(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(replace(MODEL, nonlinearity=0.02))
-    found, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert found.linear is False
-    bend = told(found, "nonlinearity")
+    measured, _ = emva.measure_emva(frames, nominal, 100.0)
+    assert measured.linear is False
+    bend = told(measured, "nonlinearity")
     assert abs(bend.value - 0.02) < 4 * bend.sigma < 0.01
-    assert told(found, "gain").value == pytest.approx(0.4, rel=0.01)
+    assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
 
 
 def test_the_fall_of_light(shoot: Shoot, nominal: Nominal) -> None:
@@ -136,12 +136,12 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
 ) -> None:
     _, frames = shoot()
     alone = Frames(frames.darks)
-    found, fall = emva.measure_emva(alone, nominal, None)
+    measured, fall = emva.measure_emva(alone, nominal, None)
     assert fall is None
-    assert found.black is not None
-    assert found.defects
-    assert (found.prnu, found.ceiling, found.linear) == (None, None, None)
-    rough = told(found, "gain")
+    assert measured.black is not None
+    assert measured.defects
+    assert (measured.prnu, measured.ceiling, measured.linear) == (None, None, None)
+    rough = told(measured, "gain")
     assert abs(rough.value - 0.4) < 4 * rough.sigma, "the dark current has photon noise too"
     assert rough.source == "darks"
     gain = Measured(value=0.4, sigma=0.004, source="brackets")
@@ -153,10 +153,10 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
 
 def test_flats_alone_tell_the_gain(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(darks=False)
-    found, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(found, "gain").value == pytest.approx(0.4, rel=0.01)
-    assert found.black is None
-    assert found.dark_current is None
+    measured, _ = emva.measure_emva(frames, nominal, 100.0)
+    assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
+    assert measured.black is None
+    assert measured.dark_current is None
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None:
@@ -170,12 +170,12 @@ def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None
     for seed in range(60):
         sensor = SimulatedSensor(replace(MODEL, dsnu=0.2), 64, 64, seed, "interval")
         stacks = [dark_stack(sensor, seconds, 6, 10 * seed + i) for i, seconds in enumerate((0.01, 8.0))]
-        found, _ = emva.measure_emva(Frames(stacks), nominal, 100.0, gain)
-        assert found.black is not None
+        measured, _ = emva.measure_emva(Frames(stacks), nominal, 100.0, gain)
+        assert measured.black is not None
         for value, true in (
-            (found.black[0][0], MODEL.black[0][0]),
-            (told(found, "read_noise"), 3.0),
-            (told(found, "dark_current"), 0.5),
+            (measured.black[0][0], MODEL.black[0][0]),
+            (told(measured, "read_noise"), 3.0),
+            (told(measured, "dark_current"), 0.5),
         ):
             inside.append(abs(value.value - true) <= 1.96 * value.sigma)
     assert 0.90 <= np.mean(inside) <= 0.99

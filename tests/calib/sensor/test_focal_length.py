@@ -12,25 +12,25 @@ from imaging.mosaic import FrameMetadata
 
 
 def told(width, height, **tags):
-    found = focal_length(FrameMetadata(**tags), width, height)
-    assert found is not None
-    return found
+    focal = focal_length(FrameMetadata(**tags), width, height)
+    assert focal is not None
+    return focal
 
 
 def test_an_equivalent_refers_to_the_diagonal():
     """An iPhone 7 of 28 mm equivalent has 3.99 mm on a pitch of 1.22 um."""
-    found = told(4032, 3024, focal_length_35mm=28.0)
-    assert found.px == pytest.approx(3.99 / 1.22e-3, rel=0.01)
-    assert 0.02 < found.spread < 0.04
+    focal = told(4032, 3024, focal_length_35mm=28.0)
+    assert focal.px == pytest.approx(3.99 / 1.22e-3, rel=0.01)
+    assert 0.02 < focal.spread < 0.04
 
 
 @pytest.mark.parametrize(("width", "height"), [(4000, 2250), (2250, 4000)])
 def test_a_wide_picture_may_be_cut_from_a_taller_sensor(width, height):
     """A DJI FC300S of 20 mm equivalent has 3.6 mm on 6.17 mm of 4000 pixels, of which 16:9 is a part."""
-    found = told(width, height, focal_length_35mm=20.0)
+    focal = told(width, height, focal_length_35mm=20.0)
     true = 3.6 / 6.17 * 4000
-    assert abs(found.px / true - 1) < 2 * found.spread
-    assert found.spread > told(4000, 3000, focal_length_35mm=20.0).spread
+    assert abs(focal.px / true - 1) < 2 * focal.spread
+    assert focal.spread > told(4000, 3000, focal_length_35mm=20.0).spread
 
 
 def test_millimetres_count_where_the_file_or_a_table_tells_the_sensor():
@@ -55,10 +55,10 @@ def test_two_tellings_are_one_between_them_and_no_surer():
 
 def test_what_contradicts_itself_is_spread_wide():
     """A table that has another sensor of the same name would be off by half."""
-    found = told(6000, 4000, focal_length_35mm=75.0, focal_length_mm=50.0, sensor_mm=36.0)
+    focal = told(6000, 4000, focal_length_35mm=75.0, focal_length_mm=50.0, sensor_mm=36.0)
     plain = told(6000, 4000, focal_length_35mm=75.0)
-    assert found.px == plain.px
-    assert found.spread > math.log(1.5) / 2
+    assert focal.px == plain.px
+    assert focal.spread > math.log(1.5) / 2
 
 
 def test_digital_zoom_lengthens_millimetres_and_widens_the_equivalent():
@@ -81,17 +81,17 @@ def test_nothing_is_told_by_nothing():
 def test_the_sensor_is_what_the_resolution_in_the_focal_plane_says(tmp_path, unit, inch):
     """Read 3,888 pixels over 22.2 mm, in three units, whatever the file was scaled to."""
     exif = Image.Exif()
-    own = exif.get_ifd(0x8769)
+    tags = exif.get_ifd(0x8769)
     dense = IFDRational(round(3888 / 22.2 * 25.4 / inch * 1000), 1000)
-    own |= {37386: IFDRational(50, 1), 41486: dense, 41487: dense, 41488: unit, 40962: 3888, 40963: 2592}
-    own[41988] = IFDRational(3, 2)
+    tags |= {37386: IFDRational(50, 1), 41486: dense, 41487: dense, 41488: unit, 40962: 3888, 40963: 2592}
+    tags[41988] = IFDRational(3, 2)
     path = tmp_path / "a.jpg"
     Image.new("RGB", (96, 64)).save(path, exif=exif)
-    found = read_metadata(path)
-    assert found.sensor_mm == pytest.approx(22.2, rel=1e-3)
-    assert found.digital_zoom == 1.5
-    px = told(96, 64, focal_length_mm=50.0, sensor_mm=found.sensor_mm).px
+    metadata = read_metadata(path)
+    assert metadata.sensor_mm == pytest.approx(22.2, rel=1e-3)
+    assert metadata.digital_zoom == 1.5
+    px = told(96, 64, focal_length_mm=50.0, sensor_mm=metadata.sensor_mm).px
     assert px == pytest.approx(50 / 22.2 * 96, rel=1e-3)
-    own[41486] = own[41487] = IFDRational(0, 1)
+    tags[41486] = tags[41487] = IFDRational(0, 1)
     Image.new("RGB", (96, 64)).save(path, exif=exif)
     assert read_metadata(path).sensor_mm is None

@@ -26,14 +26,19 @@ def test_a_sensor_of_x_trans_is_told_as_it_is() -> None:
         for light in (1600.0, 6400.0, 12800.0)
     ]
     nominal = Nominal(np.full(36, 256.0), 4095.0, cfa.tile)
-    found, _ = emva.measure_emva(Frames([darks], flats), nominal, 100.0)
-    for value, true in ((found.gain, 0.4), (found.read_noise, 3.0), (found.prnu, 0.008), (found.dsnu, 0.5)):
+    measured, _ = emva.measure_emva(Frames([darks], flats), nominal, 100.0)
+    for value, true in (
+        (measured.gain, 0.4),
+        (measured.read_noise, 3.0),
+        (measured.prnu, 0.008),
+        (measured.dsnu, 0.5),
+    ):
         assert value is not None
         assert abs(value.value - true) < min(4 * value.sigma, 0.06 * true)
-    assert found.black is not None
-    told = np.array([[level.value for level in row] for row in found.black])
-    errors = np.array([[level.sigma for level in row] for row in found.black])
-    assert np.abs(told - np.array(black)).max() < 0.1
-    assert np.mean(np.abs(told - np.array(black)) < 2 * errors) > 0.85
-    assert found.ceiling is not None
-    assert found.ceiling.value == 4095
+    assert measured.black is not None
+    levels = np.array([[level.value for level in row] for row in measured.black])
+    errors = np.array([[level.sigma for level in row] for row in measured.black])
+    assert np.abs(levels - np.array(black)).max() < 0.1
+    assert np.mean(np.abs(levels - np.array(black)) < 2 * errors) > 0.85
+    assert measured.ceiling is not None
+    assert measured.ceiling.value == 4095

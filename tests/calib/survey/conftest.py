@@ -34,9 +34,9 @@ class Staked:
         return {
             name: {
                 view: PointMark(view=view, at=tuple((at + rng.normal(0, error, 2)).tolist()))
-                for view, at in own.items()
+                for view, at in by_view.items()
             }
-            for name, own in self.pixels.items()
+            for name, by_view in self.pixels.items()
         }
 
 
@@ -72,9 +72,11 @@ def stake(session: Path, count: int, seed: int = 0) -> Staked:
         place = centre + away * direction
         if any(np.linalg.norm(place - other) < 0.15 for other in places.values()):
             continue
-        seen = {other: at for other in poses if (at := _seen(scene, lenses, poses, other, place)) is not None}
-        if len(seen) >= 4:
-            places[f"P{len(places)}"], pixels[f"P{len(pixels)}"] = place, seen
+        visible = {
+            other: at for other in poses if (at := _seen(scene, lenses, poses, other, place)) is not None
+        }
+        if len(visible) >= 4:
+            places[f"P{len(places)}"], pixels[f"P{len(pixels)}"] = place, visible
     return Staked(places, pixels)
 
 
@@ -83,10 +85,10 @@ def _seen(
 ) -> Array | None:
     """Place in a view, px; None if hidden or outside."""
     motion, lens = poses[view], lenses[view.camera]
-    seen = motion[:3, :3] @ place + motion[:3, 3]
-    if seen[2] <= 0:
+    local = motion[:3, :3] @ place + motion[:3, 3]
+    if local[2] <= 0:
         return None
-    at = np.asarray(project(lens, seen[None])[0])
+    at = np.asarray(project(lens, local[None])[0])
     if not ((at > 5).all() and (at < (lens.width - 5, lens.height - 5)).all()):
         return None
     centre = -motion[:3, :3].T @ motion[:3, 3]
@@ -106,8 +108,8 @@ def write_points(
 def write_marks(path: Path, marks: dict[str, dict[ViewId, PointMark]]) -> Path:
     rows = [
         f"{name},{view},{mark.at[0]:.4f},{mark.at[1]:.4f}"
-        for name, own in marks.items()
-        for view, mark in own.items()
+        for name, by_view in marks.items()
+        for view, mark in by_view.items()
     ]
     path.write_text("\n".join(["name,image,u,v", *rows, ""]))
     return path

@@ -49,11 +49,11 @@ def test_the_middle_is_where_perspective_has_it() -> None:
     for place in ((90, 100), (280, 90), (480, 120), (120, 330), (330, 320), (520, 340)):
         square = np.array([[-40, -40], [40, -40], [40, 40], [-40, 40]], float)
         quads.append(square * rng.uniform(0.7, 1.2, (4, 1)) + place + rng.uniform(0, 1, 2))
-    found = detect(DICTIONARY, sheet([3, 5, 7, 11, 13, 17], np.array(quads)))
-    assert sorted(found) == [3, 5, 7, 11, 13, 17]
+    middles = detect(DICTIONARY, sheet([3, 5, 7, 11, 13, 17], np.array(quads)))
+    assert sorted(middles) == [3, 5, 7, 11, 13, 17]
     off = [
-        np.linalg.norm(found[number] - middle(quad))
-        for number, quad in zip(sorted(found), quads, strict=True)
+        np.linalg.norm(middles[number] - middle(quad))
+        for number, quad in zip(sorted(middles), quads, strict=True)
     ]
     assert max(off) < 0.2
     assert any(np.linalg.norm(quad.mean(0) - middle(quad)) > 1 for quad in quads)  # which the mean is not
@@ -80,7 +80,7 @@ def test_markers_are_found_in_the_views_of_a_session(tmp_path: Path) -> None:
     marks = find_markers(
         DICTIONARY, ["tag 3", "4", "corner"], scene_views(session), partial(picture_of, session), unreported
     )
-    assert {name: sorted(own) for name, own in marks.items()} == {
+    assert {name: sorted(by_view) for name, by_view in marks.items()} == {
         "tag 3": [ViewId(0, "cam")],
         "4": [ViewId(0, "cam"), ViewId(1, "cam")],
     }

@@ -43,13 +43,13 @@ def later(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def found_once() -> Iterator[None]:
     """The features of the arm's twelve pictures are found once for both tests that are placed onto them."""
-    found: dict[bytes, Features] = {}
+    features: dict[bytes, Features] = {}
 
     def remembered(picture: np.ndarray) -> Features:
         known = picture.tobytes()
-        if known not in found:
-            found[known] = extract(picture)
-        return found[known]
+        if known not in features:
+            features[known] = extract(picture)
+        return features[known]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("calib.survey.onto.extract", remembered)
@@ -62,9 +62,13 @@ def centre(motion: np.ndarray) -> np.ndarray:
 
 def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: Path) -> None:
     record = calibrate(later, onto=arm)
-    told, other, truth = record.coordinates, read_calibration(arm), {**true_poses(arm), **true_poses(later)}
-    assert told is not None
-    assert (told.source, told.onto) == ("session", str(arm))
+    coordinates, other, truth = (
+        record.coordinates,
+        read_calibration(arm),
+        {**true_poses(arm), **true_poses(later)},
+    )
+    assert coordinates is not None
+    assert (coordinates.source, coordinates.onto) == ("session", str(arm))
     assert record.unit == other.unit == "relative"
     assert len(record.views) == 4
     theirs = {view.id: view.cam_from_world.matrix() for view in other.views}
@@ -78,7 +82,7 @@ def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: P
         for a in ours
         for b in theirs
     ]
-    assert np.median(turns) < 2 * told.rotation_error
+    assert np.median(turns) < 2 * coordinates.rotation_error
     assert np.median(turns) < 0.3
     to_truth = fit(
         np.array([centre(theirs[view]) for view in theirs]),

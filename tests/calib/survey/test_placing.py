@@ -40,18 +40,21 @@ def off(model: SceneModel, session: Path) -> Array:
 
 def test_cameras_stand_where_they_truly_are(arm: Path, staked: Staked, model_of: ModelOf) -> None:
     for seed in range(3):
-        model, told = place_by_survey(
+        model, coordinates = place_by_survey(
             model_of(arm), survey_of(staked.places), staked.marks(CLICK, seed), SIZES
         )
         assert model.metric
-        assert (told.used, told.left_out) == (10, 0)
-        assert told.rms < 0.02
+        assert (coordinates.used, coordinates.left_out) == (10, 0)
+        assert coordinates.rms < 0.02
         # The cameras stand about 2 m from the points: what scale and turn err by is that much there.
-        assert told.scale_error is not None
-        reach = 2.5 * (told.scale_error + np.radians(told.rotation_error)) + told.position_error
+        assert coordinates.scale_error is not None
+        reach = (
+            2.5 * (coordinates.scale_error + np.radians(coordinates.rotation_error))
+            + coordinates.position_error
+        )
         assert off(model, arm).max() < 3 * reach
-        assert 1e-4 < told.scale_error < 5e-3
-        for point in told.points:
+        assert 1e-4 < coordinates.scale_error < 5e-3
+        for point in coordinates.points:
             assert point.used
             assert point.miss_px is not None
             assert point.miss_px < 3 * CLICK
@@ -61,17 +64,17 @@ def test_cameras_stand_where_they_truly_are(arm: Path, staked: Staked, model_of:
 
 def test_exchanged_names_are_found(arm: Path, staked: Staked, model_of: ModelOf) -> None:
     places = {**staked.places, "P0": staked.places["P1"], "P1": staked.places["P0"]}
-    model, told = place_by_survey(model_of(arm), survey_of(places), staked.marks(CLICK), SIZES)
-    assert {point.name for point in told.points if not point.used} == {"P0", "P1"}
+    model, coordinates = place_by_survey(model_of(arm), survey_of(places), staked.marks(CLICK), SIZES)
+    assert {point.name for point in coordinates.points if not point.used} == {"P0", "P1"}
     assert off(model, arm).max() < 0.03
     assert "P0 and P1 fit if their names are exchanged" in model.rungs[-1].reason
 
 
 def test_a_wrong_coordinate_is_found(arm: Path, staked: Staked, model_of: ModelOf) -> None:
     places = {**staked.places, "P4": staked.places["P4"] + (0.0, 0.0, 0.1)}
-    _, told = place_by_survey(model_of(arm), survey_of(places), staked.marks(CLICK), SIZES)
-    assert {point.name for point in told.points if not point.used} == {"P4"}
-    (wrong,) = (point for point in told.points if not point.used)
+    _, coordinates = place_by_survey(model_of(arm), survey_of(places), staked.marks(CLICK), SIZES)
+    assert {point.name for point in coordinates.points if not point.used} == {"P4"}
+    (wrong,) = (point for point in coordinates.points if not point.used)
     assert wrong.miss_m == pytest.approx(0.1, rel=0.2)
 
 
@@ -79,8 +82,8 @@ def test_a_wrong_mark_is_found(arm: Path, staked: Staked, model_of: ModelOf) -> 
     marks = staked.marks(CLICK)
     view = next(iter(marks["P2"]))
     marks["P2"][view] = marks["P2"][view].model_copy(update={"at": (200.0, 30.0)})
-    _, told = place_by_survey(model_of(arm), survey_of(staked.places), marks, SIZES)
-    point = next(point for point in told.points if point.name == "P2")
+    _, coordinates = place_by_survey(model_of(arm), survey_of(staked.places), marks, SIZES)
+    point = next(point for point in coordinates.points if point.name == "P2")
     assert point.used
     assert str(view) in point.reason
 
@@ -125,7 +128,7 @@ def test_points_on_a_line_and_too_few_marks_are_refused(arm: Path, staked: Stake
     line = {name: np.array([float(place), 0, 0]) for place, name in enumerate(staked.places)}
     with pytest.raises(CalibrationError, match="on a line"):
         place_by_survey(model_of(arm), survey_of(line), staked.marks(CLICK), SIZES)
-    marks = {name: own for name, own in staked.marks(CLICK).items() if name in ("P0", "P1")}
+    marks = {name: by_view for name, by_view in staked.marks(CLICK).items() if name in ("P0", "P1")}
     with pytest.raises(CalibrationError, match="P2 \\(without a mark\\)"):
         place_by_survey(model_of(arm), survey_of(staked.places), marks, SIZES)
 
@@ -160,10 +163,10 @@ def placed(matched: Path, staked: Staked, tmp_path_factory: pytest.TempPathFacto
 def test_large_coordinates_are_kept_apart(placed: Path) -> None:
     record = read_calibration(placed)
     assert record.unit == "m"
-    told = record.coordinates
-    assert told is not None
-    assert (told.source, told.system) == ("survey", "EPSG:25832")
-    np.testing.assert_array_equal(told.offset, UTM)
+    coordinates = record.coordinates
+    assert coordinates is not None
+    assert (coordinates.source, coordinates.system) == ("survey", "EPSG:25832")
+    np.testing.assert_array_equal(coordinates.offset, UTM)
     truth = true_poses(placed)
     for view in record.views:
         here, there = view.cam_from_world.matrix(), truth[view.id]
@@ -197,7 +200,7 @@ def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
     few["P0"], few["P1"] = few["P1"], few["P0"]
     points = write_points(tmp_path / "points.csv", few)
     marks = write_marks(
-        tmp_path / "marks.csv", {n: own for n, own in staked.marks(CLICK).items() if n in few}
+        tmp_path / "marks.csv", {n: by_view for n, by_view in staked.marks(CLICK).items() if n in few}
     )
     with pytest.raises(PartialError, match=r"coordinates of its own.*exchanged"):
         calibrate(session, only="poses", survey=points, marks=marks)

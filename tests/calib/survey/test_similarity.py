@@ -19,11 +19,11 @@ def points(count: int, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray,
 
 def test_a_similarity_is_found_exactly() -> None:
     source, target, rotation = points(5, 0.0, 0)
-    found = fit(source, target)
-    assert found.scale == pytest.approx(SCALE)
-    np.testing.assert_allclose(found.rotation, rotation, atol=1e-12)
-    np.testing.assert_allclose(found(source), target, atol=1e-12)
-    np.testing.assert_allclose(found.inverse(target), source, atol=1e-12)
+    estimated = fit(source, target)
+    assert estimated.scale == pytest.approx(SCALE)
+    np.testing.assert_allclose(estimated.rotation, rotation, atol=1e-12)
+    np.testing.assert_allclose(estimated(source), target, atol=1e-12)
+    np.testing.assert_allclose(estimated.inverse(target), source, atol=1e-12)
     assert fit(source, target, rigid=True).scale == 1.0
 
 
@@ -32,19 +32,19 @@ def test_wrong_points_are_found(count: int) -> None:
     for seed in range(20):
         source, target, _ = points(count, 0.005, seed)
         target[[0, 1]] = target[[1, 0]]
-        found, fits, _ = consensus(source, target, np.full(count, 0.005), stated=True)
+        estimated, fits, _ = consensus(source, target, np.full(count, 0.005), stated=True)
         assert not fits[:2].any()
         assert fits[2:].sum() >= count - 3
-        assert found.scale == pytest.approx(SCALE, rel=0.02)
+        assert estimated.scale == pytest.approx(SCALE, rel=0.02)
 
 
 @pytest.mark.parametrize("count", [3, 4, 5, 8])
 def test_good_points_are_kept(count: int) -> None:
-    kept = [
+    fitting = [
         consensus(*points(count, 0.005, seed)[:2], np.full(count, 0.005), stated=True)[1].all()
         for seed in range(50)
     ]
-    assert np.mean(kept) > 0.9
+    assert np.mean(fitting) > 0.9
 
 
 @pytest.mark.parametrize("count", [3, 4, 5])
@@ -65,11 +65,13 @@ def test_stated_errors_are_those_that_are_made(factor: float) -> None:
     for seed in range(200):
         source, target, rotation = points(12, 0.01 * factor, seed)
         noise = np.full(12, 0.01)
-        found = fit(source, target)
-        stated.append(standard_errors(target, found(source) - target, noise))
-        turn = np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude())
+        estimated = fit(source, target)
+        stated.append(standard_errors(target, estimated(source) - target, noise))
+        turn = np.degrees(Rotation.from_matrix(estimated.rotation @ rotation.T).magnitude())
         true = SCALE * source.mean(0) @ rotation.T + SHIFT
-        off.append((found.scale / SCALE - 1, turn, np.linalg.norm(found(source.mean(0)[None])[0] - true)))
+        off.append(
+            (estimated.scale / SCALE - 1, turn, np.linalg.norm(estimated(source.mean(0)[None])[0] - true))
+        )
     rms, mean = np.sqrt(np.mean(np.square(off), axis=0)), np.mean(stated, axis=0)
     assert rms[0] == pytest.approx(mean[0], rel=0.2)
     assert mean[1] < rms[1] < 2 * mean[1]  # of the worst axis, and of all three

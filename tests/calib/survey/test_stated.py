@@ -86,9 +86,9 @@ def test_a_bowl_of_cameras_becomes_level_and_upright_by_what_photographs_state()
     adjust(model, replace(free, places=places), SCALE, 1)
     heights, tilts = [], []
     for index in sorted(truth.reg_image_ids()):
-        own, true = model.image(index), truth.image(index)
-        heights.append(float(own.projection_center()[2] - true.projection_center()[2]))
-        apart = own.cam_from_world().rotation.matrix() @ true.cam_from_world().rotation.matrix().T
+        image, true = model.image(index), truth.image(index)
+        heights.append(float(image.projection_center()[2] - true.projection_center()[2]))
+        apart = image.cam_from_world().rotation.matrix() @ true.cam_from_world().rotation.matrix().T
         tilts.append(np.degrees(np.linalg.norm(cv2.Rodrigues(apart)[0].ravel()[:2])))
     assert np.std(heights) < 0.1
     assert abs(np.mean(heights)) < 0.4
@@ -132,11 +132,11 @@ def test_places_that_do_not_fit_change_nothing(case):
 def test_a_real_flight_states_what_its_readme_says():
     """20 mm equivalent, 1,111 px of 2,000; altitudes within 0.4 m; the camera hangs straight down to 0.1."""
     files = sorted((Path(os.environ["RIG_DATA"]) / "brighton").glob("*.JPG"))
-    told = {ViewId(frame, "drone"): read_metadata(file) for frame, file in enumerate(files)}
-    found = focal_length(told[ViewId(0, "drone")], 2000, 1125)
-    assert found is not None
-    assert found.px == pytest.approx(1111, rel=0.05)
-    places = places_of(told)
+    metadata = {ViewId(frame, "drone"): read_metadata(file) for frame, file in enumerate(files)}
+    focal = focal_length(metadata[ViewId(0, "drone")], 2000, 1125)
+    assert focal is not None
+    assert focal.px == pytest.approx(1111, rel=0.05)
+    places = places_of(metadata)
     assert len(places) == 18
     assert np.ptp([place.centre[2] for place in places.values()]) <= 0.41
     for place in places.values():

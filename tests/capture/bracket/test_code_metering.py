@@ -127,9 +127,9 @@ def test_a_large_photograph_is_metered_by_evenly_spread_blocks(monkeypatch):
     """Blocks of four columns: the ramp's last four may be left out, at either end."""
     whole, four_columns = Scene(ramp(9)).meter().targets, 4 * 9 / (WIDTH - 1)
     monkeypatch.setattr("capture.bracket.percentile.ENOUGH", WIDTH * HEIGHT * 3 // 4)
-    for target, own in zip(Scene(ramp(9)).meter().targets, whole, strict=True):
-        assert abs(math.log2(target.dark / own.dark)) < four_columns + 0.1
-        assert abs(math.log2(target.bright / own.bright)) < four_columns + 0.1
+    for target, full_target in zip(Scene(ramp(9)).meter().targets, whole, strict=True):
+        assert abs(math.log2(target.dark / full_target.dark)) < four_columns + 0.1
+        assert abs(math.log2(target.bright / full_target.bright)) < four_columns + 0.1
 
 
 def test_black_and_glare_are_said():

@@ -58,11 +58,11 @@ def test_the_metered_range_is_that_of_the_scene(stops, middle):
     metering = scene.meter(BracketGoals())
     assert len(metering.targets) == 3
     for channel, target in enumerate(metering.targets):
-        own = scene.truth[scene.channels == channel]
+        truth = scene.truth[scene.channels == channel]
         assert target.no_darker
         assert target.no_brighter
-        assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
-        assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
+        assert abs(np.log2(target.dark / np.percentile(truth, 0.1))) < SLACK + 0.1
+        assert abs(np.log2(target.bright / np.percentile(truth, 99.99))) < SLACK + 0.1
     steps = np.diff([probe.stops for probe in metering.probes])
     assert all(steps > 2)
 
@@ -174,9 +174,9 @@ def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
     wall[20:32, 20:32] = 500.0
     scene = Scene(wall)
     for channel, target in enumerate(scene.meter(BracketGoals()).targets):
-        own = scene.truth[scene.channels == channel]
-        assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
-        assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
+        truth = scene.truth[scene.channels == channel]
+        assert abs(np.log2(target.dark / np.percentile(truth, 0.1))) < SLACK + 0.1
+        assert abs(np.log2(target.bright / np.percentile(truth, 99.99))) < SLACK + 0.1
 
 
 def planned(wall, wanted: BracketGoals):

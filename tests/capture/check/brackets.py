@@ -93,9 +93,9 @@ class Studio:
 
     def plan(self, bracket: Sequence[Exposure], frames: int, kind: str = "scene") -> None:
         """Plan of shots of all cameras."""
-        told = {"plan": kind, "kind": kind, "created": WHEN, "bracket": bracket, "reason": "test"}
+        fields = {"plan": kind, "kind": kind, "created": WHEN, "bracket": bracket, "reason": "test"}
         self.session.append_plan(
-            PlanRecord.model_validate(told | {"frames": range(frames), "cameras": self.cameras})
+            PlanRecord.model_validate(fields | {"frames": range(frames), "cameras": self.cameras})
         )
 
     def shoot(
@@ -120,8 +120,8 @@ class Studio:
         path = self.folder / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-        told = {"kind": kind, "plan": kind, "camera": camera, "frame": frame, "step": step, "file": file}
+        fields = {"kind": kind, "plan": kind, "camera": camera, "frame": frame, "step": step, "file": file}
         size = {"width": light.shape[1], "height": light.shape[0]}
         exposures = {"requested": label, "reported": label, "sha256": store.sha256(path)}
-        self.session.append_shot(ShotRecord.model_validate(told | size | exposures))
+        self.session.append_shot(ShotRecord.model_validate(fields | size | exposures))
         return file

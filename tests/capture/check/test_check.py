@@ -28,8 +28,8 @@ def test_a_sound_session_has_no_problem_and_is_not_changed(rig):
     assert (report.planned, report.shots, report.sound) == (18, 18, 18)
     assert steps == [(n, 18) for n in range(19)]
     assert tree(rig.session.folder) == before
-    told = CheckReport.model_validate_json(report.model_dump_json())
-    assert told == report.model_copy(update={"thumbnails": {}})
+    parsed = CheckReport.model_validate_json(report.model_dump_json())
+    assert parsed == report.model_copy(update={"thumbnails": {}})
     groups = {(e.camera, e.exposure.time): e for e in report.exposures}
     assert set(groups) == {(camera, e.time) for camera in "ab" for e in rig.plan.bracket}
     assert all(e.shots == 3 for e in groups.values())
@@ -138,18 +138,18 @@ def test_cameras_that_did_not_expose_together_are_named(rig):
     assert "500 ms" in problem.message
 
 
-@pytest.mark.parametrize(("tolerance", "found"), [(0.001, 1), (None, 0), (0.6, 0)])
-def test_what_is_together_is_what_the_plan_says(rig, tolerance, found):
+@pytest.mark.parametrize(("tolerance", "expected"), [(0.001, 1), (None, 0), (0.6, 0)])
+def test_what_is_together_is_what_the_plan_says(rig, tolerance, expected):
     plans = store.read_lines(rig.session.folder / "plans.jsonl")
     (rig.session.folder / "plans.jsonl").unlink()
     store.append_line(rig.session.folder / "plans.jsonl", plans[0] | {"tolerance": tolerance})
     records = lines(rig.session)
-    for own in records:
-        own["skew"] = 0.0
+    for line in records:
+        line["skew"] = 0.0
     records[1]["skew"] = 0.5 if tolerance == 0.6 else 0.01
     write(rig.session, records)
     problems = check(rig.session.folder).problems
-    assert len(problems) == found
+    assert len(problems) == expected
     assert all(one.kind == "skew" and "1 ms are allowed" in one.message for one in problems)
 
 
@@ -214,8 +214,8 @@ def test_pictures_that_show_nothing_are_checked_without_a_finding(tmp_path, name
     report = check(tmp_path / "s")
     assert report.ok
     assert report.sound == 3
-    found = [warning.message for warning in report.warnings if warning.kind != "label"]
-    assert found == (
+    messages = [warning.message for warning in report.warnings if warning.kind != "label"]
+    assert messages == (
         ["The shortest exposure still clips 100 % of its samples: add a shorter one to keep the highlights."]
         if name == "white"
         else []
@@ -243,8 +243,8 @@ def test_highlights_that_no_exposure_holds_are_a_warning():
         )  # fmt: skip
 
     long, short = look(0, 1.0, (0.9, 0.9, 0.9)), look(1, 0.1, (0.2, 0.1, 0.0))
-    (found,) = warnings([long, short], ())
-    assert found.message == (
+    (warning,) = warnings([long, short], ())
+    assert warning.message == (
         "The shortest exposure still clips 10 % of its samples: add a shorter one to keep the highlights."
     )
     assert not list(warnings([long, look(1, 0.1, (0.01, 0.001, 0.0))], ()))

@@ -20,9 +20,9 @@ def wrongly(seed: int, share: float = 0.05) -> list[Exposure]:
     return [one.with_time(one.time * float(np.exp(e))) for one, e in zip(LABELS, error, strict=True)]
 
 
-def departures(found, truth: list[Exposure]) -> np.ndarray:
+def departures(estimated, truth: list[Exposure]) -> np.ndarray:
     """ln of the estimated over the true exposures, the common scale taken off."""
-    off = np.log([one.exposure.scale / true.scale for one, true in zip(found, truth, strict=True)])
+    off = np.log([one.exposure.scale / true.scale for one, true in zip(estimated, truth, strict=True)])
     return off - off.mean()
 
 
@@ -32,10 +32,10 @@ def test_ratios_of_a_raw_bracket_are_right_to_a_thousandth(seed):
     light = scene(seed, 320, 480)
     frames = [seen_raw(light, one, seed).linear for one in truth]
     labels = np.log([one.scale for one in LABELS])
-    found = estimates(LABELS, raw_edges(frames, labels))
-    off = departures(found, truth)
+    estimated = estimates(LABELS, raw_edges(frames, labels))
+    off = departures(estimated, truth)
     assert np.abs(off).max() < 1.5e-3
-    claimed = np.array([one.error for one in found]) * np.log(2)
+    claimed = np.array([one.error for one in estimated]) * np.log(2)
     assert np.all(np.abs(off) < 4 * claimed)
     assert claimed.max() < 2e-3
 
@@ -43,15 +43,15 @@ def test_ratios_of_a_raw_bracket_are_right_to_a_thousandth(seed):
 def test_the_common_scale_is_that_of_the_labels():
     truth = wrongly(7)
     frames = [seen_raw(scene(7), one, 7).linear for one in truth]
-    found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
-    assert np.mean([one.over_label for one in found]) == pytest.approx(0.0, abs=0.01)
+    estimated = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
+    assert np.mean([one.over_label for one in estimated]) == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_label_far_off_the_others_does_not_pull_them_along():
     truth = [LABELS[0], LABELS[1].with_time(1 / 4), *LABELS[2:]]
     frames = [seen_raw(scene(3), one, 3).linear for one in truth]
-    found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
-    assert [one.over_label for one in found] == pytest.approx([0, 1, 0, 0], abs=0.03)
+    estimated = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
+    assert [one.over_label for one in estimated] == pytest.approx([0, 1, 0, 0], abs=0.03)
 
 
 def test_large_frames_are_averaged_in_blocks_with_the_same_ratios(monkeypatch):
@@ -59,22 +59,22 @@ def test_large_frames_are_averaged_in_blocks_with_the_same_ratios(monkeypatch):
     monkeypatch.setattr(reduced, "ENOUGH", 20_000)
     frames = [seen_raw(scene(1, 320, 480), one, 1).linear for one in truth]
     assert frames[0].signal.size <= 20_000
-    found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
-    assert np.abs(departures(found, truth)).max() < 3e-3
+    estimated = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
+    assert np.abs(departures(estimated, truth)).max() < 3e-3
 
 
 def test_round_names_of_shutter_times_are_what_they_stand_for():
     labels = [Exposure(time=time) for time in (1 / 4, 1 / 60, 1 / 1000)]
     truth = [Exposure(time=time) for time in (1 / 4, 1 / 64, 1 / 1024)]
     frames = [seen_raw(scene(2), one, 2).linear for one in truth]
-    found = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
-    assert [one.over_meant for one in found] == pytest.approx([0, 0, 0], abs=0.01)
-    assert found[1].over_label == pytest.approx(np.log2(60 / 64), abs=0.01)
+    estimated = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
+    assert [one.over_meant for one in estimated] == pytest.approx([0, 0, 0], abs=0.01)
+    assert estimated[1].over_label == pytest.approx(np.log2(60 / 64), abs=0.01)
     # An industrial camera means 1/60 s as it says.
     frames = [seen_raw(scene(2), one, 2).linear for one in labels]
-    found = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
-    assert [one.over_meant for one in found] == pytest.approx([0, 0, 0], abs=0.01)
-    assert found[1].over_label == pytest.approx(0, abs=0.01)
+    estimated = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
+    assert [one.over_meant for one in estimated] == pytest.approx([0, 0, 0], abs=0.01)
+    assert estimated[1].over_label == pytest.approx(0, abs=0.01)
 
 
 def test_where_pictures_do_not_overlap_the_label_stands():
@@ -84,9 +84,11 @@ def test_where_pictures_do_not_overlap_the_label_stands():
 
 
 def test_an_estimate_that_is_no_better_than_the_label_is_not_made():
-    found = estimates(LABELS, {(0, 1): Ratio(np.log(4.4), 0.2), (2, 3): Ratio(np.log(4.4), 0.001)})
-    assert found[:2] == [None, None]
-    assert [one.over_label for one in found[2:]] == pytest.approx([np.log2(1.1) / 2, -np.log2(1.1) / 2], 1e-3)
+    estimated = estimates(LABELS, {(0, 1): Ratio(np.log(4.4), 0.2), (2, 3): Ratio(np.log(4.4), 0.001)})
+    assert estimated[:2] == [None, None]
+    assert [one.over_label for one in estimated[2:]] == pytest.approx(
+        [np.log2(1.1) / 2, -np.log2(1.1) / 2], 1e-3
+    )
 
 
 def developed_estimates(truth: list[Exposure], seed: int):
@@ -108,10 +110,10 @@ def trendless(off: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 def test_ratios_of_developed_photographs_are_found_with_their_curve(seed):
     truth = wrongly(seed + 20)
-    found, _ = developed_estimates(truth, seed)
-    off = trendless(departures(found, truth))
+    estimated, _ = developed_estimates(truth, seed)
+    off = trendless(departures(estimated, truth))
     before = trendless(
-        departures([type(one)(label, 0, 0, 0) for one, label in zip(found, LABELS, strict=True)], truth)
+        departures([type(one)(label, 0, 0, 0) for one, label in zip(estimated, LABELS, strict=True)], truth)
     )
     assert np.abs(off).max() < 0.01
     assert np.abs(off).max() < 0.4 * np.abs(before).max()
@@ -124,8 +126,8 @@ def test_the_frame_around_a_scan_tells_no_exposure():
         picture[:60] = 120
     patches = [reduced.of_photo(picture.astype(np.float32) / 255).patches for picture in pictures]
     codes = developed_ratios.codes_of(patches, meant(LABELS))
-    found = estimates(LABELS, developed_ratios.edges(codes, developed_ratios.curves([codes])))
-    assert np.abs(trendless(departures(found, truth))).max() < 0.01
+    estimated = estimates(LABELS, developed_ratios.edges(codes, developed_ratios.curves([codes])))
+    assert np.abs(trendless(departures(estimated, truth))).max() < 0.01
 
 
 def test_two_exposures_tell_nothing_of_a_curve_and_its_ratio():

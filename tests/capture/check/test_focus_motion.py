@@ -60,18 +60,18 @@ def test_one_blurred_exposure_is_told_from_the_rest_of_its_bracket():
 @pytest.mark.parametrize("shift", [(1, 0), (0, -1), (3, 2), (-9, 6)])
 def test_a_shift_is_measured(kind, shift):
     light = scene(3)
-    found = motion.compare(seen(light, LONG, 0, kind), seen(shifted(light, *shift), SHORT, 1, kind))
-    assert found.shift == pytest.approx(shift, abs=0.1)
-    assert found.length > 5 * found.error
+    measured = motion.compare(seen(light, LONG, 0, kind), seen(shifted(light, *shift), SHORT, 1, kind))
+    assert measured.shift == pytest.approx(shift, abs=0.1)
+    assert measured.length > 5 * measured.error
 
 
 @pytest.mark.parametrize("kind", ["raw", "ldr"])
 @pytest.mark.parametrize("seed", range(5))
 def test_what_stands_still_does_not_move(kind, seed):
     light = scene(seed)
-    found = motion.compare(seen(light, LONG, 0, kind), seen(light, SHORT, 1, kind))
-    assert found.length < 0.1
-    assert found.moved == 0.0
+    measured = motion.compare(seen(light, LONG, 0, kind), seen(light, SHORT, 1, kind))
+    assert measured.length < 0.1
+    assert measured.moved == 0.0
 
 
 @pytest.mark.parametrize("kind", ["raw", "ldr"])
@@ -82,14 +82,14 @@ def test_an_object_of_two_percent_that_moved_is_found(kind):
     first, second = still.copy(), still.copy()
     first[40 : 40 + high, 30 : 30 + wide] = 1.2
     second[40 : 40 + high, 150 : 150 + wide] = 1.2
-    found = motion.compare(seen(first, LONG, 0, kind), seen(second, SHORT, 1, kind))
-    assert 0.01 < found.moved < 0.08
-    assert found.length < 0.1
+    measured = motion.compare(seen(first, LONG, 0, kind), seen(second, SHORT, 1, kind))
+    assert 0.01 < measured.moved < 0.08
+    assert measured.length < 0.1
 
 
 def test_pictures_of_two_scenes_have_moved_almost_everywhere():
-    found = motion.compare(seen(scene(5)), seen(scene(6), SHORT))
-    assert found is None or found.moved > 0.3
+    measured = motion.compare(seen(scene(5)), seen(scene(6), SHORT))
+    assert measured is None or measured.moved > 0.3
 
 
 def test_exposures_that_share_nothing_are_not_compared():

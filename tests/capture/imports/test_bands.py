@@ -77,11 +77,11 @@ def test_a_wheel_is_one_camera_whose_frames_have_every_band(tmp_path: Path) -> N
     session = Session.open(tmp_path / "s")
     assert session.record.bands == WHEEL
     assert (result.cameras, result.frames, result.shots) == (1, 2, 8)
-    found = {
+    bands = {
         (shot.frame, shot.step): (shot.band, shot.exposure and shot.exposure.time) for shot in session.shots()
     }
     for frame in range(2):
-        assert [found[frame, step] for step in range(4)] == [
+        assert [bands[frame, step] for step in range(4)] == [
             ("450nm", 0.01), ("450nm", 0.1), ("650nm", 0.01), ("650nm", 0.1),
         ]  # fmt: skip
     for shot in session.shots():

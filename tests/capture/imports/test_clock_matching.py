@@ -18,7 +18,7 @@ NOON = datetime(2026, 5, 1, 12, 0, 0)
 
 def brackets(times, whole_seconds=False):
     """One bracket of two photographs at each time, s; None: no file tells it."""
-    found = []
+    made = []
     for time in times:
         bracket = []
         for step in range(2):
@@ -27,8 +27,8 @@ def brackets(times, whole_seconds=False):
                 when = when.replace(microsecond=0)
             picture = PictureFacts("ldr", 8, 6, FrameMetadata(captured_at=when), (0.0, 0.0, 0.0), 0.0, 1.0)
             bracket.append(Original(Path("x.jpg"), "ldr", picture, Exposure(time=1 / 60)))
-        found.append(bracket)
-    return found
+        made.append(bracket)
+    return made
 
 
 def cameras(names):
@@ -49,10 +49,10 @@ WALK = [0.0, 7.3, 12.9, 22.4, 31.0, 36.2, 47.7, 55.1]
 def test_frames_match_whatever_the_clocks_say_and_a_missed_frame_leaves_a_gap(offset, jitter, missed, whole):
     there = [n for n in range(8) if n not in missed]
     other = [WALK[n] + offset + jitter[n] for n in there]
-    found = match_frames(cameras("ab"), [brackets(WALK, whole), brackets(other, whole)], None)
-    assert found.frames == (tuple(range(8)), tuple(there))
-    assert found.rigs == (0, 0)
-    (why,) = found.why
+    matched = match_frames(cameras("ab"), [brackets(WALK, whole), brackets(other, whole)], None)
+    assert matched.frames == (tuple(range(8)), tuple(there))
+    assert matched.rigs == (0, 0)
+    (why,) = matched.why
     assert "a, b were fired together" in why
     assert ("b lacks 1 frame;" in why) == bool(missed)
     assert "--together never" in why
@@ -62,27 +62,27 @@ def test_frames_match_whatever_the_clocks_say_and_a_missed_frame_leaves_a_gap(of
 
 def test_three_cameras_of_which_each_missed_another_frame():
     there = [[n for n in range(8) if n != missed] for missed in (1, 4, 6)]
-    moved = [[WALK[n] + 3600.0 * index for n in own] for index, own in enumerate(there)]
-    found = match_frames(cameras("abc"), [brackets(own) for own in moved], None)
-    assert [list(own) for own in found.frames] == there
-    assert found.rigs == (0, 0, 0)
+    moved = [[WALK[n] + 3600.0 * index for n in frames] for index, frames in enumerate(there)]
+    matched = match_frames(cameras("abc"), [brackets(times) for times in moved], None)
+    assert [list(frames) for frames in matched.frames] == there
+    assert matched.rigs == (0, 0, 0)
 
 
 @pytest.mark.parametrize("missed", [0, 3, 7])
 def test_an_intervalometer_is_matched_by_clocks_that_agree(missed):
     every = [5.0 * n for n in range(8)]
     other = [time + 0.7 for n, time in enumerate(every) if n != missed]
-    found = match_frames(cameras("ab"), [brackets(every), brackets(other)], None)
-    assert found.frames == (tuple(range(8)), tuple(n for n in range(8) if n != missed))
+    matched = match_frames(cameras("ab"), [brackets(every), brackets(other)], None)
+    assert matched.frames == (tuple(range(8)), tuple(n for n in range(8) if n != missed))
 
 
 def test_cameras_of_two_people_share_no_frame():
     rng = np.random.default_rng(3)
     one, other = (np.cumsum(rng.uniform(5, 60, 12)).tolist() for _ in range(2))
-    found = match_frames(cameras("ab"), [brackets(one), brackets(other)], None)
-    assert found.frames == (tuple(range(12)), tuple(range(12, 24)))
-    assert found.rigs == (None, None)
-    assert "a and b were fired at times of their own" in found.why[0]
+    matched = match_frames(cameras("ab"), [brackets(one), brackets(other)], None)
+    assert matched.frames == (tuple(range(12)), tuple(range(12, 24)))
+    assert matched.rigs == (None, None)
+    assert "a and b were fired at times of their own" in matched.why[0]
 
 
 def test_one_bracket_each_is_one_frame_only_if_the_clocks_agree():
@@ -93,18 +93,18 @@ def test_one_bracket_each_is_one_frame_only_if_the_clocks_agree():
 @pytest.mark.parametrize(("ordered", "counts"), [(False, (3, 3)), (False, (1, 1)), (True, (3, 2))])
 def test_without_times_cameras_share_no_frame_and_it_is_told(ordered, counts):
     pair = [brackets([None] * count) for count in counts]
-    found = match_frames(cameras("ab"), pair, None, ordered=ordered)
-    assert found.frames == (tuple(range(counts[0])), tuple(range(counts[0], sum(counts))))
-    assert found.rigs == (None, None)
-    assert "Not all files tell their time" in found.why[0]
-    assert "--together order" in found.why[0]
+    matched = match_frames(cameras("ab"), pair, None, ordered=ordered)
+    assert matched.frames == (tuple(range(counts[0])), tuple(range(counts[0], sum(counts))))
+    assert matched.rigs == (None, None)
+    assert "Not all files tell their time" in matched.why[0]
+    assert "--together order" in matched.why[0]
 
 
 def test_without_times_the_order_counts_where_somebody_said_that_as_many_were_there_together():
-    found = match_frames(cameras("ab"), [brackets([None] * 3), brackets([None] * 3)], None, ordered=True)
-    assert found.frames == ((0, 1, 2), (0, 1, 2))
-    assert found.rigs == (None, None)
-    assert "not all files tell their time" in found.why[0]
+    matched = match_frames(cameras("ab"), [brackets([None] * 3), brackets([None] * 3)], None, ordered=True)
+    assert matched.frames == ((0, 1, 2), (0, 1, 2))
+    assert matched.rigs == (None, None)
+    assert "not all files tell their time" in matched.why[0]
 
 
 def test_what_is_asked_for_wins():

@@ -41,14 +41,14 @@ def test_depth_file_path_of_nerfstudio(photos, tmp_path):
     named = [{"depth_file_path": "depth/0.png"}, {"depth_file_path": "depth/1.npy"}, {}]
     layout(photos, named)
     result = import_photos(photos, tmp_path / "S")
-    own = shots(tmp_path / "S")
+    by_name = shots(tmp_path / "S")
     for name, original, unit in (("0.png", "depth/0.png", 1e-3), ("1.png", "depth/1.npy", 1.0)):
         data = (photos / original).read_bytes()
-        assert own[name].depth.startswith("depths/")
-        assert (tmp_path / "S" / own[name].depth).read_bytes() == data
-        assert own[name].depth_sha256 == hashlib.sha256(data).hexdigest()
-        assert own[name].depth_unit == unit
-    assert own["2.png"].depth is None
+        assert by_name[name].depth.startswith("depths/")
+        assert (tmp_path / "S" / by_name[name].depth).read_bytes() == data
+        assert by_name[name].depth_sha256 == hashlib.sha256(data).hexdigest()
+        assert by_name[name].depth_unit == unit
+    assert by_name["2.png"].depth is None
     assert any("2 of 3 photos have a depth map, whole numbers in millimetres" in g for g in result.guesses)
 
 
@@ -57,9 +57,9 @@ def test_depth_path_and_unit_of_instant_ngp(photos, tmp_path):
         photos, [{"depth_path": "depth/0.png"}, {"depth_path": "depth/1.npy"}, {}], integer_depth_scale=4e-4
     )
     result = import_photos(photos, tmp_path / "S")
-    own = shots(tmp_path / "S")
-    assert own["0.png"].depth_unit == 4e-4
-    assert own["1.png"].depth_unit == 1.0
+    by_name = shots(tmp_path / "S")
+    assert by_name["0.png"].depth_unit == 4e-4
+    assert by_name["1.png"].depth_unit == 1.0
     assert any("whole numbers in 0.0004 units of the poses, as stated" in guess for guess in result.guesses)
 
 

@@ -78,8 +78,8 @@ POSITIVE = st.floats(1e-6, 1e6)
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_what_is_written_is_read(tmp_path_factory, rows):
     lines = [f"{name}, {t!r}, {f or ''!s}, {iso or ''!s}" for name, (t, f, iso) in rows.items()]
-    found = read(tmp_path_factory.mktemp("lists"), "\n".join(lines))
-    assert found == {name: Exposure(time=t, f_number=f, iso=iso) for name, (t, f, iso) in rows.items()}
+    exposures = read(tmp_path_factory.mktemp("lists"), "\n".join(lines))
+    assert exposures == {name: Exposure(time=t, f_number=f, iso=iso) for name, (t, f, iso) in rows.items()}
 
 
 @given(data=st.binary(max_size=80), name=st.sampled_from(["x.csv", "x.hdrgen", "image_list.txt"]))
@@ -88,8 +88,8 @@ def test_any_bytes_are_a_list_or_refused(tmp_path_factory, data, name):
     path = tmp_path_factory.mktemp("lists") / name
     path.write_bytes(data)
     try:
-        found = read_exposure_list(path)
+        exposures = read_exposure_list(path)
     except InputError as error:
         assert "line" in str(error)  # noqa: PT017 - either outcome is right
     else:
-        assert all(exposure.time > 0 for exposure in found.values())
+        assert all(exposure.time > 0 for exposure in exposures.values())

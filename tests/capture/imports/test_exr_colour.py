@@ -14,8 +14,8 @@ def written(folder: Path, header: dict[str, object]) -> Path:
     folder.mkdir()
     for seed in (1, 2):
         light = np.random.default_rng(seed).random((24, 32, 3)).astype(np.float32)
-        told = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
-        OpenEXR.File(told, {"RGB": light}).write(str(folder / f"{seed}.exr"))
+        header_of_file = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
+        OpenEXR.File(header_of_file, {"RGB": light}).write(str(folder / f"{seed}.exr"))
     return folder
 
 
@@ -26,18 +26,18 @@ def said(tmp_path: Path, header: dict[str, object]) -> str:
 
 def test_what_contradicts_itself_is_told(tmp_path: Path) -> None:
     rec709 = tuple(part for point in PRIMARIES["rec709"] for part in point)
-    told = said(tmp_path, {"colorInteropID": "lin_ap1_scene", "chromaticities": rec709})
+    guesses = said(tmp_path, {"colorInteropID": "lin_ap1_scene", "chromaticities": rec709})
     assert (
         "Of 2 of 2 photos the chromaticities contradict the colorInteropID lin_ap1_scene, which counts."
-        in told
+        in guesses
     )
 
 
 def test_an_id_that_nobody_knows_is_told(tmp_path: Path) -> None:
-    told = said(tmp_path, {"colorInteropID": "studio:its-own"})
+    guesses = said(tmp_path, {"colorInteropID": "studio:its-own"})
     assert (
         "Of 2 of 2 photos the colorInteropID studio:its-own is not known to rig, so that the light counts"
-        in told
+        in guesses
     )
 
 

@@ -48,9 +48,9 @@ def test_a_bracket_that_repeats_is_found_whatever_its_order_and_whatever_cannot_
     if min(abs(a - b) for i, a in enumerate(steps[:size]) for b in steps[:i]) < 0.5:
         steps = pattern * brackets
     photos = [photo(n, None if n in unread else s, gap * n) for n, s in enumerate(steps)]
-    found, why = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)
-    assert [len(bracket) for bracket in found] == [size] * brackets
-    assert [one for bracket in found for one in bracket] == photos
+    groups, why = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)
+    assert [len(bracket) for bracket in groups] == [size] * brackets
+    assert [one for bracket in groups for one in bracket] == photos
     assert f"{brackets} brackets of {size}" in why
 
 
@@ -58,13 +58,13 @@ def test_a_bracket_that_repeats_is_found_whatever_its_order_and_whatever_cannot_
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_exposures_within_half_a_stop_are_never_a_bracket(stops, gap):
     photos = [photo(n, s, gap * n) for n, s in enumerate(stops)]
-    found, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)
-    assert [len(bracket) for bracket in found] == [1] * len(stops)
+    brackets, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)
+    assert [len(bracket) for bracket in brackets] == [1] * len(stops)
 
 
 @given(count=st.integers(1, 30), size=st.integers(1, 12))
 def test_a_given_bracket_keeps_every_photo_in_order(count, size):
     photos = [photo(n, 0.0, n) for n in range(count)]
-    found, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), size)
-    assert [one for bracket in found for one in bracket] == photos
-    assert all(len(bracket) == size for bracket in found[:-1])
+    brackets, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), size)
+    assert [one for bracket in brackets for one in bracket] == photos
+    assert all(len(bracket) == size for bracket in brackets[:-1])

@@ -37,8 +37,8 @@ def test_transparent_photographs_are_told_and_mask_themselves_if_asked_to(tmp_pa
         cv2.imwrite(str(tmp_path / name), rgba)
     cv2.imwrite(str(tmp_path / "photos" / "1.png"), rgba[..., :3])
     result = import_photos(tmp_path / "photos", tmp_path / "S")
-    told = [guess for guess in result.guesses if "transparent" in guess]
-    assert [guess.split(";")[0] for guess in told] == [
+    guesses = [guess for guess in result.guesses if "transparent" in guess]
+    assert [guess.split(";")[0] for guess in guesses] == [
         "1 photo is transparent in part: the scene gets nothing there, and they are composited over black"
     ]
     assert read_picture(tmp_path / "photos" / "0.png").black == 0.5
@@ -63,9 +63,9 @@ def test_a_folder_of_masks_is_kept_with_its_photos(photos, tmp_path):
     session = Session.open(tmp_path / "S")
     masks = {Path(shot.source).name: shot.mask for shot in session.shots()}
     assert masks["1.png"] is None
-    for name, own in (("0.png", first), ("2.png", third)):
+    for name, mask in (("0.png", first), ("2.png", third)):
         assert masks[name].startswith("masks/")
-        assert (session.folder / masks[name]).read_bytes() == own.read_bytes()
+        assert (session.folder / masks[name]).read_bytes() == mask.read_bytes()
     assert any("2 of 3 photos have a mask" in guess for guess in result.guesses)
 
 
@@ -75,7 +75,7 @@ def test_without_masks_the_records_are_as_ever(photos, tmp_path):
 
 
 def test_mask_path_of_nerfstudio(photos, tmp_path):
-    own = picture(photos / "masks" / "0.png", 255)
+    mask = picture(photos / "masks" / "0.png", 255)
     pose = np.eye(4).tolist()
     frames = [{"file_path": f"{n}.png", "transform_matrix": pose} for n in range(3)]
     frames[0]["mask_path"] = "masks/0.png"
@@ -85,7 +85,7 @@ def test_mask_path_of_nerfstudio(photos, tmp_path):
     session = Session.open(tmp_path / "S")
     shots = {Path(shot.source).name: shot for shot in session.shots()}
     assert len(shots) == 3
-    assert (session.folder / shots["0.png"].mask).read_bytes() == own.read_bytes()
+    assert (session.folder / shots["0.png"].mask).read_bytes() == mask.read_bytes()
     assert shots["1.png"].mask is None
     frames[1]["mask_path"] = "masks/1.png"
     (photos / "transforms.json").write_text(json.dumps(top))
@@ -153,15 +153,15 @@ def test_a_sound_mask_is_no_finding_and_another_is_named(session):
 
 def test_masks_of_sessions_without_their_digests_are_read(session):
     records = lines(session)
-    (own,) = (record for record in records if "mask" in record)
-    del own["mask_sha256"]
+    (masked,) = (record for record in records if "mask" in record)
+    del masked["mask_sha256"]
     write(session, records)
     assert mask_problems(session) == []
-    (session.folder / own["mask"]).write_bytes(b"nothing")
+    (session.folder / masked["mask"]).write_bytes(b"nothing")
     ((kind, message),) = mask_problems(session)
     assert kind == "torn"
     assert "is not a JPEG, PNG or TIFF file" in message
-    own["mask"] = "../masks/0.png"
+    masked["mask"] = "../masks/0.png"
     write(session, records)
     ((kind, message),) = mask_problems(session)
     assert "leads out of" in message
@@ -169,15 +169,15 @@ def test_masks_of_sessions_without_their_digests_are_read(session):
 
 def test_a_repair_finds_the_mask_of_a_shot_again(session):
     records = lines(session)
-    (own,) = (record for record in records if "mask" in record)
-    write(session, [record for record in records if record is not own])
-    assert repair(session.folder).added == (own["file"],)
+    (masked,) = (record for record in records if "mask" in record)
+    write(session, [record for record in records if record is not masked])
+    assert repair(session.folder).added == (masked["file"],)
     (shot,) = (shot for shot in session.shots() if shot.mask)
-    assert (shot.file, shot.mask, shot.mask_sha256) == (own["file"], own["mask"], own["mask_sha256"])
-    write(session, [record for record in records if record is not own])
-    (session.folder / own["mask"]).write_bytes(b"nothing")
-    (left,) = repair(session.folder).left
-    assert "is not a JPEG, PNG or TIFF file" in left
+    assert (shot.file, shot.mask, shot.mask_sha256) == (masked["file"], masked["mask"], masked["mask_sha256"])
+    write(session, [record for record in records if record is not masked])
+    (session.folder / masked["mask"]).write_bytes(b"nothing")
+    (reason,) = repair(session.folder).left
+    assert "is not a JPEG, PNG or TIFF file" in reason
 
 
 @pytest.mark.parametrize("kind", ["png", "dng"])
@@ -202,8 +202,8 @@ def test_what_moves_behind_a_mask_is_no_motion_and_no_exposure(kind, tmp_path):
             cv2.imwrite(str(path), code[..., None].repeat(3, 2))
         else:
             pixels = np.rint(64 + 4031 * np.clip(light, 0, 1)).astype(np.uint16)
-            told = FrameMetadata(exposure=Exposure(time=time))
-            path.write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=told)))
+            metadata = FrameMetadata(exposure=Exposure(time=time))
+            path.write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=metadata)))
         cover = tmp_path / "masks" / f"a{step}.png"
         cover.parent.mkdir(exist_ok=True)
         cv2.imwrite(str(cover), 255 * np.uint8(~hidden))

@@ -72,8 +72,8 @@ def test_a_list_that_is_asked_for_speaks_before_exif_and_before_one_that_is_foun
 def test_an_exposure_without_iso_or_aperture_is_told(tmp_path):
     def photo(seed, iso, f_number):
         pixels = np.random.default_rng(seed).integers(0, 256, (24, 32, 3), dtype=np.uint8)
-        told = Exposure(time=1 / 60, iso=iso, f_number=f_number)
-        return encode_jpeg(pixels, metadata=FrameMetadata(make="M", model="N", exposure=told))
+        exposure = Exposure(time=1 / 60, iso=iso, f_number=f_number)
+        return encode_jpeg(pixels, metadata=FrameMetadata(make="M", model="N", exposure=exposure))
 
     cases = {
         "none": [(None, 4), (None, 4)],

@@ -30,17 +30,17 @@ def test_a_bad_file_is_named_and_does_not_shift_the_brackets_after_it(tmp_path, 
     with pytest.raises(PartialError, match=r"1 of 9 photos are missing .*4\.dng") as caught:
         result.require_complete()
     assert caught.value.exit_code == 3
-    found = sources(Session.open(tmp_path / "s"))
+    names = sources(Session.open(tmp_path / "s"))
     expected = {(n // 3, "m1", n % 3): f"{n}.dng" for n in range(9) if n != 4}
-    assert found == expected
+    assert names == expected
     assert len(Session.open(tmp_path / "s").plans()[0].bracket) == 3
 
 
 def test_a_bad_file_shifts_no_bracket_that_is_given_either(tmp_path):
     put(tmp_path / "photos", {f"{n}.jpg": jpeg(n, time=T) for n in range(6)} | {"1.jpg": b"\xff\xd8\xff"})
     import_photos(tmp_path / "photos", tmp_path / "s", bracket=3)
-    found = sources(Session.open(tmp_path / "s"))
-    assert {name: (frame, step) for (frame, _, step), name in found.items()} == {
+    names = sources(Session.open(tmp_path / "s"))
+    assert {name: (frame, step) for (frame, _, step), name in names.items()} == {
         f"{n}.jpg": (n // 3, n % 3) for n in (0, 2, 3, 4, 5)
     }
 

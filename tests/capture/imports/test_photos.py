@@ -125,12 +125,12 @@ def test_what_tells_cameras_apart_can_be_chosen(tmp_path, cameras, groups):
         },
     )
     result = import_photos(photos, tmp_path / "s", cameras=cameras)
-    found: dict[str, set[str]] = {}
+    by_camera: dict[str, set[str]] = {}
     for shot in Session.open(tmp_path / "s").shots():
-        found.setdefault(shot.camera, set()).add(Path(shot.source).relative_to(photos).as_posix())
-    assert sorted(map(sorted, found.values())) == sorted(map(sorted, groups))
-    told = "--cameras sorts them otherwise" if cameras is None else "as given"
-    (told_of,) = (guess for guess in result.guesses if told in guess)
+        by_camera.setdefault(shot.camera, set()).add(Path(shot.source).relative_to(photos).as_posix())
+    assert sorted(map(sorted, by_camera.values())) == sorted(map(sorted, groups))
+    words = "--cameras sorts them otherwise" if cameras is None else "as given"
+    (told_of,) = (guess for guess in result.guesses if words in guess)
     assert f"of {len(groups)} cameras" in told_of or len(groups) == 1
 
 
@@ -150,11 +150,11 @@ def two_cameras(tmp_path, there=range(5), ahead=3600.0) -> Path:
 
 def frames_by_camera(folder: Path) -> dict[str, dict[int, set[str]]]:
     """Numbers in the names of photographs, by camera and frame."""
-    found: dict[str, dict[int, set[str]]] = {}
+    frames: dict[str, dict[int, set[str]]] = {}
     for shot in Session.open(folder).shots():
         name = Path(shot.source)
-        found.setdefault(name.parent.name, {}).setdefault(shot.frame, set()).add(name.name[:2])
-    return found
+        frames.setdefault(name.parent.name, {}).setdefault(shot.frame, set()).add(name.name[:2])
+    return frames
 
 
 def test_cameras_that_fired_together_share_frames_whatever_their_clocks_say(tmp_path):
@@ -162,9 +162,9 @@ def test_cameras_that_fired_together_share_frames_whatever_their_clocks_say(tmp_
     every = {n: {f"{n:02d}"} for n in range(5)}
     assert frames_by_camera(tmp_path / "s") == {"7": every, "8": {n: every[n] for n in (0, 1, 3, 4)}}
     assert {camera.rig for camera in Session.open(tmp_path / "s").record.cameras} == {"rig0"}
-    (told,) = (guess for guess in result.guesses if "fired together" in guess)
-    assert "3600 s ahead" in told
-    assert "lacks 1 frame;" in told
+    (guess_of_clocks,) = (guess for guess in result.guesses if "fired together" in guess)
+    assert "3600 s ahead" in guess_of_clocks
+    assert "lacks 1 frame;" in guess_of_clocks
     import_photos(tmp_path / "photos", tmp_path / "t", together="order")
     assert frames_by_camera(tmp_path / "t")["8"] == {0: {"00"}, 1: {"01"}, 2: {"03"}, 3: {"04"}}
     import_photos(tmp_path / "photos", tmp_path / "u", together="never")

@@ -52,8 +52,8 @@ def test_four_files_are_one_shot_and_kept_byte_for_byte(photos: Path, tmp_path: 
     assert any("Every 4 photographs are a pixel shift, 4 in all" in guess for guess in result.guesses)
     session = Session.open(tmp_path / "S")
     originals = sorted(photos.iterdir())
-    kept = [name for shot in session.shots() for name in shot.shifted]
-    assert [(session.folder / name).read_bytes() for name in kept] == [
+    files = [name for shot in session.shots() for name in shot.shifted]
+    assert [(session.folder / name).read_bytes() for name in files] == [
         path.read_bytes() for path in originals
     ]
     for shot in session.shots():
@@ -62,11 +62,11 @@ def test_four_files_are_one_shot_and_kept_byte_for_byte(photos: Path, tmp_path: 
         assert shot.reported is not None
         assert shot.reported.time in TIMES
     assert check(session.folder).ok
-    (session.folder / kept[2]).unlink()
-    (session.folder / kept[5]).write_bytes(b"another")
+    (session.folder / files[2]).unlink()
+    (session.folder / files[5]).write_bytes(b"another")
     assert {(one.file, one.kind) for one in check(session.folder).problems} == {
-        (kept[2], "absent"),
-        (kept[5], "altered"),
+        (files[2], "absent"),
+        (files[5], "altered"),
     }
 
 

@@ -50,8 +50,8 @@ CODINGS = {
 
 @pytest.mark.parametrize("name", CODINGS)
 def test_the_curve_that_an_encoder_writes(tmp_path: Path, name: str) -> None:
-    found = set(stream_colours(clip(tmp_path / "a.mp4", CODINGS[name])))
-    assert found == {(1, 16)}
+    colours = set(stream_colours(clip(tmp_path / "a.mp4", CODINGS[name])))
+    assert colours == {(1, 16)}
 
 
 @pytest.mark.parametrize(("name", "coding"), [
@@ -159,10 +159,10 @@ def parameter_set(usability: bool = True) -> bytes:
         out.golomb(step).put(1)
     # From it by -2: -3, -5, -9, 0, 3 and -2 itself; the third is not kept, and a distance of 0 is none.
     out.put(1).put(1).golomb(1)
-    for used, kept in ((1, 1), (1, 1), (0, 0), (1, 1), (0, 1), (1, 1)):
+    for used, value in ((1, 1), (1, 1), (0, 0), (1, 1), (0, 1), (1, 1)):
         out.put(used)
         if not used:
-            out.put(kept)
+            out.put(value)
     # From that, of four pictures, by 3.
     out.put(1).put(0).golomb(2)
     for _ in range(5):

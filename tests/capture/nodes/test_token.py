@@ -148,9 +148,9 @@ def group_lives(group: int) -> bool:
     """Tell if a process of the group runs; what has ended and was not collected by its parent does not."""
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
-            state, _, own = stat.read_text().rsplit(")", 1)[1].split()[:3]
+            state, _, process_group = stat.read_text().rsplit(")", 1)[1].split()[:3]
         except OSError:  # it has ended meanwhile
             continue
-        if int(own) == group and state != "Z":
+        if int(process_group) == group and state != "Z":
             return True
     return False

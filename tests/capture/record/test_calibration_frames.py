@@ -79,8 +79,8 @@ def test_flats_reach_from_ninety_percent_of_white_into_the_noise(full: Path) -> 
     session = Session.open(full)
     (plan,) = (plan for plan in session.plans() if plan.kind == "flat")
     assert len(plan.bracket) == 12
-    told = re.fullmatch(r"metered: levels down from (\d+)% of white, .*", plan.reason)
-    assert told is not None
+    matched = re.fullmatch(r"metered: levels down from (\d+)% of white, .*", plan.reason)
+    assert matched is not None
     brightest = [read_raw(session.file(s)) for s in session.shots("flat") if s.step == 11]
     percentile = max(
         np.percentile(one.signal()[one.cfa.channels(*one.pixels.shape) == channel], 99.99)
@@ -88,7 +88,7 @@ def test_flats_reach_from_ninety_percent_of_white_into_the_noise(full: Path) -> 
         for channel in range(3)
     )
     # Times are named by round numbers, off by up to 0.09 stops, and these are single noisy frames.
-    assert percentile == pytest.approx(int(told[1]) / 100, rel=0.12)
+    assert percentile == pytest.approx(int(matched[1]) / 100, rel=0.12)
     levels = signals(session, [s for s in session.shots("flat") if s.step == len(plan.bracket) - 1])
     clipped = [read_raw(session.file(shot)).saturated().mean() for shot in session.shots("flat")]
     assert max(clipped) == 0

@@ -24,15 +24,17 @@ def test_few_are_listed_each() -> None:
 
 def test_many_are_told_by_their_causes() -> None:
     lost = [f"b, frame {frame}, step 0: node left does not answer" for frame in range(20)]
-    told = said(*lost, "c, frame 3, step 1: too dark")
-    assert "21 of 100 shots" in told
-    assert "(b, frame 0, step 0 and 19 more: node left does not answer; c, frame 3, step 1: too dark)" in told
+    message = said(*lost, "c, frame 3, step 1: too dark")
+    assert "21 of 100 shots" in message
+    assert (
+        "(b, frame 0, step 0 and 19 more: node left does not answer; c, frame 3, step 1: too dark)" in message
+    )
 
 
 def test_many_causes_are_counted() -> None:
-    told = said(*(f"a, frame {frame}, step 0: error {frame}" for frame in range(20)))
-    assert f"error {LISTED - 1}; and {20 - LISTED} more)" in told
-    assert f"error {LISTED}" not in told
+    message = said(*(f"a, frame {frame}, step 0: error {frame}" for frame in range(20)))
+    assert f"error {LISTED - 1}; and {20 - LISTED} more)" in message
+    assert f"error {LISTED}" not in message
 
 
 def test_nothing_is_said_of_none() -> None:

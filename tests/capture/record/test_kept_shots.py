@@ -72,16 +72,16 @@ def capture(tmp_path: Path) -> Callable[..., Capture]:
 
 
 def test_downloads_cost_no_time_while_the_next_shot_exposes(capture, monkeypatch) -> None:
-    kept = capture("kept")
+    pipelined = capture("kept")
     with monkeypatch.context() as one_by_one:
         one_by_one.setattr(PtpCamera, "keeps", lambda self: False)
         fetched = capture("fetched")
-    assert kept.result.missing == fetched.result.missing == ()
-    assert kept.files() == fetched.files()
-    assert kept.retried() == set()
+    assert pipelined.result.missing == fetched.result.missing == ()
+    assert pipelined.files() == fetched.files()
+    assert pipelined.retried() == set()
     # Of each frame's four downloads two pass while 4 s and 2 s are exposed, one partly; the last waits.
-    download = len(next(iter(kept.files().values()))) / SLOW
-    assert 2 * 2 * download < fetched.seconds - kept.seconds < 2 * 3 * download
+    download = len(next(iter(pipelined.files().values()))) / SLOW
+    assert 2 * 2 * download < fetched.seconds - pipelined.seconds < 2 * 3 * download
 
 
 @pytest.mark.parametrize("model", ["nikon-z6", "sony-a7m4"])
@@ -98,30 +98,30 @@ def test_a_body_that_is_busy_while_it_exposes_is_emptied_first_from_then_on(
 ) -> None:
     fetch, refused = PtpCamera.fetch, []
 
-    def busy(self, kept):
-        if self._shot is not None and kept.objects is not self._shot.objects:
+    def busy(self, handle):
+        if self._shot is not None and handle.objects is not self._shot.objects:
             refused.append(self)
             self._clock.sleep(1.0)
             raise CameraBusy("it stays busy.")
-        return fetch(self, kept)
+        return fetch(self, handle)
 
     monkeypatch.setattr(PtpCamera, "fetch", busy)
-    found = capture("busy")
-    right(found, whole)
-    assert found.retried() == set()
+    captured = capture("busy")
+    right(captured, whole)
+    assert captured.retried() == set()
     assert len(refused) == len(set(refused)) == 2
 
 
-def right(found: Capture, whole: Capture) -> None:
+def right(captured: Capture, whole: Capture) -> None:
     """All shots are there, as they were asked for; of a camera's exposures none of which was taken again, the
     bytes are those of a capture without faults."""
-    assert (found.result.missing, found.result.problems) == ((), ())
-    again = {(camera, TIMES[step]) for camera, _, step in found.retried()}
-    files, truth = found.files(), whole.files()
-    for shot in found.session.shots():
-        own = read_raw(found.session.file(shot)).metadata.exposure
-        assert own is not None
-        assert own.time == pytest.approx(shot.requested.time, rel=0.03)
+    assert (captured.result.missing, captured.result.problems) == ((), ())
+    again = {(camera, TIMES[step]) for camera, _, step in captured.retried()}
+    files, truth = captured.files(), whole.files()
+    for shot in captured.session.shots():
+        exposure = read_raw(captured.session.file(shot)).metadata.exposure
+        assert exposure is not None
+        assert exposure.time == pytest.approx(shot.requested.time, rel=0.03)
         place = shot.file.removeprefix("raw/")
         assert (shot.camera, shot.requested.time) in again or files[place] == truth[place], place
 
@@ -145,19 +145,19 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.operation}-{fault.kind.value}")
 def test_faults_while_two_shots_are_in_the_camera(capture, whole: Capture, fault: Fault) -> None:
-    found = capture("faulty", fault)
-    assert len(found.bus.plan.log) == 2
-    right(found, whole)
+    captured = capture("faulty", fault)
+    assert len(captured.bus.plan.log) == 2
+    right(captured, whole)
 
 
 @pytest.mark.parametrize("kind", [Kind.LOST_EVENT, Kind.LATE_EVENT, Kind.SLOW_CARD])
 def test_events_of_two_shots_are_not_confused(capture, whole: Capture, kind: Kind) -> None:
-    found = capture("faulty", Fault(kind, operation="INITIATE_CAPTURE", nth=0, seconds=1.5, count=2))
-    right(found, whole)
-    assert found.retried() == set()
+    captured = capture("faulty", Fault(kind, operation="INITIATE_CAPTURE", nth=0, seconds=1.5, count=2))
+    right(captured, whole)
+    assert captured.retried() == set()
 
 
 def test_a_frame_of_another_exposure_is_noticed_a_shot_later(capture, whole: Capture) -> None:
-    found = capture("off", Fault(Kind.EXPOSURE_OFF, operation="INITIATE_CAPTURE", nth=2, share=1.0))
-    right(found, whole)
-    assert {step for _, _, step in found.retried()} == {1}
+    captured = capture("off", Fault(Kind.EXPOSURE_OFF, operation="INITIATE_CAPTURE", nth=2, share=1.0))
+    right(captured, whole)
+    assert {step for _, _, step in captured.retried()} == {1}

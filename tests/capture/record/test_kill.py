@@ -50,18 +50,18 @@ def session(captured, tmp_path):
     return tmp_path
 
 
-def judged(reference, session, told):
+def judged(reference, session, reported):
     trial = trials.Trial(0)
-    trials.examine(session, told, trial, reference)
+    trials.examine(session, reported, trial, reference)
     return trial.failures
 
 
 def test_the_judgement_notices_a_file_that_is_not_whole(reference, session):
-    told = ["raw/0000/cam0_0.dng", "raw/0001/cam1_2.dng"]
-    assert judged(reference, session, told) == []
+    reported = ["raw/0000/cam0_0.dng", "raw/0001/cam1_2.dng"]
+    assert judged(reference, session, reported) == []
     path = session / "raw/0001/cam1_2.dng"
     path.write_bytes(path.read_bytes()[:-1])
-    assert judged(reference, session, told) == ["raw/0001/cam1_2.dng is recorded and not whole"]
+    assert judged(reference, session, reported) == ["raw/0001/cam1_2.dng is recorded and not whole"]
 
 
 def test_the_judgement_notices_another_picture_under_a_right_hash(reference, session):

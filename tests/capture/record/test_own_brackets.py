@@ -96,11 +96,11 @@ class Capture:
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """An entry for each bracket that a camera was asked for: whether it was shot to its end."""
-    own, log = PtpCamera.bracket, list[bool]()
+    bracket_of_camera, log = PtpCamera.bracket, list[bool]()
 
     def bracket(self: PtpCamera, wanted: Sequence[Exposure]) -> object:
         log.append(False)
-        yield from own(self, wanted)
+        yield from bracket_of_camera(self, wanted)
         log[-1] = True
 
     monkeypatch.setattr(PtpCamera, "bracket", bracket)
@@ -119,14 +119,14 @@ def test_the_records_are_those_of_single_exposures_and_it_is_faster(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[bool], model: str
 ) -> None:
     monkeypatch.setitem(profiles.PROFILES, model, replace(profiles.PROFILES[model], lag=0.3))
-    own = Capture(tmp_path / "own", model)
+    in_camera = Capture(tmp_path / "own", model)
     assert asked == [True] * 2
     one_by_one(monkeypatch)
     single = Capture(tmp_path / "single", model)
-    assert own.seconds < SHARE[model] * single.seconds
+    assert in_camera.seconds < SHARE[model] * single.seconds
     # The noise is that of the order of shooting.
     of_pixels = {"sha256", "captured_at"}
-    assert {key: shot.model_dump(exclude=of_pixels) for key, shot in own.shots.items()} == {
+    assert {key: shot.model_dump(exclude=of_pixels) for key, shot in in_camera.shots.items()} == {
         key: shot.model_dump(exclude=of_pixels) for key, shot in single.shots.items()
     }
 
@@ -219,20 +219,20 @@ def test_what_a_frame_lacks_is_resumed_one_by_one(tmp_path: Path, asked: list[bo
 def test_a_disk_that_fills_up_within_a_bracket_ends_it_and_another_run_completes_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[bool]
 ) -> None:
-    own, files = store.write_pieces, list[str]()
+    usual, files = store.write_pieces, list[str]()
 
     def write(path: Path, pieces: Sequence[bytes]) -> None:
         if path.parent.name == "0001":
             files.append(path.name)
             if len(files) > 1:
                 raise StorageError(f"{path}: the disk is full: free some of it.")
-        own(path, pieces)
+        usual(path, pieces)
 
     monkeypatch.setattr(store, "write_pieces", write)
     capture = Capture(tmp_path / "S", "sony-a7m4", complete=False)
     assert capture.result.taken == 5
     assert all("the disk is full" in why for why in capture.result.missing)
-    monkeypatch.setattr(store, "write_pieces", own)
+    monkeypatch.setattr(store, "write_pieces", usual)
     capture.shoot()
     assert (capture.result.taken, capture.result.kept) == (3, 5)
     assert asked[0]
@@ -242,12 +242,12 @@ def test_a_disk_that_fills_up_within_a_bracket_ends_it_and_another_run_completes
 def test_a_camera_with_a_card_is_still_emptied_while_it_exposes_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own, kept = PtpCamera.keep, list[object]()
+    usual, handles = PtpCamera.keep, list[object]()
 
     def keep(self: PtpCamera) -> object:
-        kept.append(own(self))
-        return kept[-1]
+        handles.append(usual(self))
+        return handles[-1]
 
     monkeypatch.setattr(PtpCamera, "keep", keep)
     Capture(tmp_path / "S", "generic")
-    assert len(kept) == 2 * (len(STOPS) - 1)
+    assert len(handles) == 2 * (len(STOPS) - 1)

@@ -74,14 +74,14 @@ def test_a_file_whose_pixels_are_damaged_is_taken_again(
         return Photograph(bytes(data), profile.raw_format, ".DNG", width, height, taken)
 
     monkeypatch.setattr(shooting, "photograph", damaged_once)
-    found = Capture(tmp_path / "damaged", bandwidth=None)
-    assert (found.result.missing, found.result.problems) == ((), ())
-    again = [shot for shot in found.session.shots() if shot.retries]
+    captured = Capture(tmp_path / "damaged", bandwidth=None)
+    assert (captured.result.missing, captured.result.problems) == ((), ())
+    again = [shot for shot in captured.session.shots() if shot.retries]
     assert [(shot.frame, shot.retries) for shot in again] == [(0, 1)]
-    for shot in found.session.shots():
-        own = read_raw(found.session.file(shot)).metadata.exposure
-        assert own is not None
-        assert own.time == pytest.approx(shot.requested.time, rel=0.03)
+    for shot in captured.session.shots():
+        exposure = read_raw(captured.session.file(shot)).metadata.exposure
+        assert exposure is not None
+        assert exposure.time == pytest.approx(shot.requested.time, rel=0.03)
 
 
 def test_a_file_that_stays_damaged_is_missing_and_not_kept(
@@ -95,7 +95,7 @@ def test_a_file_that_stays_damaged_is_missing_and_not_kept(
         return Photograph(bytes(data), profile.raw_format, ".DNG", width, height, frame.metadata.captured_at)
 
     monkeypatch.setattr(shooting, "photograph", damaged)
-    found = Capture(tmp_path / "damaged", bandwidth=None, times=(1 / 8, 2.0))
-    assert len(found.result.missing) == 4
-    assert "delivered a damaged file" in found.result.missing[0]
-    assert len(found.files()) == len(found.session.shots()) == 4
+    captured = Capture(tmp_path / "damaged", bandwidth=None, times=(1 / 8, 2.0))
+    assert len(captured.result.missing) == 4
+    assert "delivered a damaged file" in captured.result.missing[0]
+    assert len(captured.files()) == len(captured.session.shots()) == 4

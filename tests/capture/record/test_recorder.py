@@ -281,10 +281,10 @@ def test_a_disk_that_refuses_stops_the_capture_and_keeps_what_is_finished(
         assert result.taken == len(shots)
         assert len(result.missing) == 18 - len(shots)
         # Each names the file that was refused, which may be that of another camera, and says so.
-        told = re.compile(
+        reason = re.compile(
             r"\w, frame \d, step \d: the capture stopped: \S+ could not be written \(refused\): "
         )
-        assert all(told.match(sentence) for sentence in result.missing), result.missing
+        assert all(reason.match(sentence) for sentence in result.missing), result.missing
     refuse = False
     assert run(rig).taken == 18 - len(shots)
     assert raw_files(rig.session) == raw_files(whole.session)

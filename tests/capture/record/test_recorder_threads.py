@@ -28,10 +28,10 @@ def slowed(rig, clock, seconds=None):
         def acting(*args):
             log.append((round(clock.now(), 6), operation, camera.serial[-1]))
             clock.sleep((seconds or {}).get((camera.serial[-1], operation), SECONDS[operation]))
-            found = act(*args)
+            result = act(*args)
             if operation == "trigger":
-                camera.stamp = found = clock.now()
-            return found
+                camera.stamp = result = clock.now()
+            return result
 
         setattr(camera, operation, acting)
 
@@ -289,10 +289,10 @@ def test_no_shutter_opens_later_than_the_bound_of_its_skew(fake_rig, lag, listen
         trigger = camera.trigger
 
         def noted(name=name, trigger=trigger):
-            told = trigger()
+            moment = trigger()
             shot = true.setdefault(name, [])
-            shot.append(told if name == "a" else told + lag)
-            return told
+            shot.append(moment if name == "a" else moment + lag)
+            return moment
 
         camera.trigger = noted
     run(rig, clock)

@@ -75,11 +75,11 @@ def documents(draw: st.DrawFn) -> tuple[str, dict[tuple[str | int, ...], int]]:
 def test_every_key_is_on_the_line_where_it_was_written(document, ending: str) -> None:
     text, written = document
     tomllib.loads(text)
-    told = key_lines(text.replace("\n", ending))
-    assert {path: told.get(path) for path in written} == written
+    line_numbers = key_lines(text.replace("\n", ending))
+    assert {path: line_numbers.get(path) for path in written} == written
     # What is told beyond that stands in arrays and inline tables, on the line of its key.
-    for path in told.keys() - written.keys():
-        assert told[path] == line_of(written, path)
+    for path in line_numbers.keys() - written.keys():
+        assert line_numbers[path] == line_of(written, path)
 
 
 @pytest.mark.parametrize(

@@ -36,11 +36,11 @@ def told(inside: str, values: tuple[int, ...], name: str, selector: str) -> Mapp
         memory.data[4 * index : 4 * index + 4] = value.to_bytes(4, "little")
     nodes = node_map(inside, memory)
     even_out(nodes, "cam0")
-    found = {}
+    read_back = {}
     for entry in nodes.entries(selector):
         nodes.set(selector, entry)
-        found[entry] = float(nodes.number(name))
-    return found
+        read_back[entry] = float(nodes.number(name))
+    return read_back
 
 
 def refused(inside: str, values: tuple[int, ...] = ()) -> str:
@@ -60,8 +60,8 @@ def test_a_factor_becomes_1(name: str) -> None:
 @pytest.mark.parametrize("neutral", [64, 1024])
 def test_whole_numbers_become_those_of_green(name: str, neutral: int) -> None:
     inside = choice("BalanceRatioSelector", 0, *RGB) + by_entry(name, "BalanceRatioSelector")
-    found = told(inside, (2 * neutral, neutral, 3 * neutral), name, "BalanceRatioSelector")
-    assert found == dict.fromkeys(RGB, neutral)
+    values = told(inside, (2 * neutral, neutral, 3 * neutral), name, "BalanceRatioSelector")
+    assert values == dict.fromkeys(RGB, neutral)
 
 
 def test_a_factor_is_set_rather_than_a_whole_number_of_the_same_register() -> None:
@@ -72,16 +72,16 @@ def test_a_factor_is_set_rather_than_a_whole_number_of_the_same_register() -> No
         + '<Converter Name="BalanceRatioAbs"><FormulaTo>FROM * 64</FormulaTo><FormulaFrom>TO / 64.0'
         "</FormulaFrom><pValue>BalanceRatioRaw</pValue></Converter>"
     )
-    found = told(inside, (100, 83), "BalanceRatioRaw", "BalanceRatioSelector")
-    assert found == {"Red": 64, "Blue": 64}
+    values = told(inside, (100, 83), "BalanceRatioRaw", "BalanceRatioSelector")
+    assert values == {"Red": 64, "Blue": 64}
 
 
 def test_a_percentage_becomes_100() -> None:
     inside = choice("BalanceRatioSelector", 0, "Red", "Blue") + by_entry(
         "BalanceRatio", "BalanceRatioSelector", more="<Unit>%</Unit>"
     )
-    found = told(inside, (160, 130), "BalanceRatio", "BalanceRatioSelector")
-    assert found == {"Red": 100, "Blue": 100}
+    values = told(inside, (160, 130), "BalanceRatio", "BalanceRatioSelector")
+    assert values == {"Red": 100, "Blue": 100}
 
 
 def test_whole_numbers_without_green_are_in_a_unit_that_nothing_tells() -> None:
@@ -112,8 +112,8 @@ def test_gains_by_colour_become_alike_and_the_selector_stays() -> None:
     names = ("All", "DigitalRed", "DigitalGreen", "DigitalBlue")
     for unit, goal in (("<Unit>dB</Unit>", 0.0), ("", 2.0)):
         inside = choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float", unit)
-        found = told(inside, (3000, 4500, 2000, 6000), "Gain", "GainSelector")
-        assert found == {"All": 3.0, **dict.fromkeys(names[1:], goal)}
+        values = told(inside, (3000, 4500, 2000, 6000), "Gain", "GainSelector")
+        assert values == {"All": 3.0, **dict.fromkeys(names[1:], goal)}
     nodes = node_map(choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float"))
     even_out(nodes, "cam0")
     assert nodes.text("GainSelector") == "All"
@@ -122,8 +122,8 @@ def test_gains_by_colour_become_alike_and_the_selector_stays() -> None:
 def test_two_greens_and_their_neighbours_are_colours_of_their_own() -> None:
     names = ("Red", "GreenRed", "GreenBlue", "Blue")
     inside = choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float")
-    found = told(inside, (1600, 1200, 1100, 1900), "Gain", "GainSelector")
-    assert found == dict.fromkeys(names, 1.2)
+    values = told(inside, (1600, 1200, 1100, 1900), "Gain", "GainSelector")
+    assert values == dict.fromkeys(names, 1.2)
 
 
 def test_a_gain_of_one_colour_that_stays_is_a_refusal() -> None:

@@ -113,11 +113,11 @@ CODES: dict[str, tuple[int, Cfa]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "told"), CODES.items())
-def test_codes_and_phases(name: str, told: Any) -> None:
+@pytest.mark.parametrize(("name", "expected"), CODES.items())
+def test_codes_and_phases(name: str, expected: Any) -> None:
     pixels = BY_NAME[name]
-    assert (pixels.code, pixels.cfa) == told
-    assert format_of(told[0]) is pixels
+    assert (pixels.code, pixels.cfa) == expected
+    assert format_of(expected[0]) is pixels
 
 
 def test_no_code_is_there_twice() -> None:

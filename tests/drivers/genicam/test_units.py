@@ -118,12 +118,13 @@ def made_by(vendor: str, inside: str) -> NodeMap:
 
 
 @pytest.mark.parametrize(
-    ("vendor", "told"), [("Allied_Vision_Technologies", "dB"), ("Chromasens", "factor"), ("Somebody", None)]
+    ("vendor", "expected"),
+    [("Allied_Vision_Technologies", "dB"), ("Chromasens", "factor"), ("Somebody", None)],
 )
-def test_a_gain_without_a_unit_is_what_its_maker_says_or_unknown(vendor: str, told: str | None) -> None:
+def test_a_gain_without_a_unit_is_what_its_maker_says_or_unknown(vendor: str, expected: str | None) -> None:
     nodes = made_by(vendor, TIME + number("Gain", None, 1, 16))
-    assert units.gain_unit(nodes) == told
-    if told is None:
+    assert units.gain_unit(nodes) == expected
+    if expected is None:
         assert settings.set_exposure(nodes, Exposure(time=0.01)).iso is None
         with pytest.raises(CameraRefused, match=r"its gain has no unit, and may be in dB or a factor"):
             settings.set_exposure(nodes, Exposure(time=0.01, iso=400))
@@ -142,11 +143,11 @@ def test_a_gain_without_a_unit_is_what_its_maker_says_or_unknown(vendor: str, to
 def test_a_black_level_is_in_its_unit_or_unknown(unit: str | None, value: float, black: float | None) -> None:
     nodes = node_map(number("BlackLevel", unit, 0, 100))
     nodes.set("BlackLevel", value)
-    told = settings.black_levels(nodes, PIXELS, 4095)
+    levels = settings.black_levels(nodes, PIXELS, 4095)
     if black is None:
-        assert told is None
+        assert levels is None
     else:
-        assert np.array(told) == pytest.approx(np.full((2, 2), black), abs=0.01)
+        assert np.array(levels) == pytest.approx(np.full((2, 2), black), abs=0.01)
     assert settings.black_levels(node_map(""), PIXELS, 4095) is None
 
 

@@ -62,10 +62,10 @@ def test_injected_skew_is_given_back_within_10_us(
     row.lose(loss)
     for _ in range(3):
         frames = together(row)
-        told = openings(frames)
-        assert told == pytest.approx(SKEWS, abs=WANTED)
+        moments = openings(frames)
+        assert moments == pytest.approx(SKEWS, abs=WANTED)
         truth = [device.opened[-1] - row.devices[0].opened[-1] for device in row.devices]
-        assert told == pytest.approx(truth, abs=WANTED)
+        assert moments == pytest.approx(truth, abs=WANTED)
         assert frames[0].metadata.opened == pytest.approx(row.devices[0].opened[-1], abs=0.05)
         for frame, twin in zip(frames, row.twins, strict=True):
             assert np.array_equal(frame.pixels, shoot(twin).pixels)

@@ -65,7 +65,7 @@ def test_damaged_answers_are_asked_for_again_or_told(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(control_module, "PATIENCE", (0.02,) * 6)
     monkeypatch.setattr(control_module, "_LONGEST_PENDING", 0.05)
     monkeypatch.setattr(control_module, "_LONGEST_BUSY", 0.05)
-    right, told = 0, []
+    right, messages = 0, []
     with damaging_device(3) as address:
         control = ControlChannel(address, SystemClock())
         for _ in range(60):
@@ -73,11 +73,13 @@ def test_damaged_answers_are_asked_for_again_or_told(monkeypatch: pytest.MonkeyP
                 assert control.read_number(0, 4) == WORD
                 right += 1
             except CameraError as error:
-                told.append(str(error))
+                messages.append(str(error))
                 control._lost = None
         control.close()
     assert right > 40
-    assert all(message.startswith(f"GigE {address} ") or f"GigE {address}:" in message for message in told)
+    assert all(
+        message.startswith(f"GigE {address} ") or f"GigE {address}:" in message for message in messages
+    )
 
 
 def test_the_simulated_camera_survives_whatever_comes(make_row: MakeRow) -> None:

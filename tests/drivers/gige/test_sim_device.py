@@ -83,8 +83,8 @@ def test_cameras_are_found_by_broadcast(make_row: MakeRow, monkeypatch: pytest.M
     """On loopback a broadcast reaches all who listen at that address; ours is a broadcast to one."""
     row = make_row(2)
     first = row.devices[0]
-    found = Network([], [Interface("127.0.0.1", first.address)]).discover()
-    assert [(about.address, about.serial) for about in found] == [(first.address, first.serial)]
+    discovered = Network([], [Interface("127.0.0.1", first.address)]).discover()
+    assert [(about.address, about.serial) for about in discovered] == [(first.address, first.serial)]
 
 
 def ask(address: str, command: Command) -> Answer:
@@ -154,10 +154,10 @@ def test_a_host_that_falls_silent_is_let_go(make_row: MakeRow) -> None:
 
 
 def aravis(tool: str) -> str:
-    found = shutil.which(f"{tool}-0.8") or shutil.which(f"{tool}-0.10")
-    if found is None:
+    path = shutil.which(f"{tool}-0.8") or shutil.which(f"{tool}-0.10")
+    if path is None:
         pytest.skip(f"Aravis ({tool}) is not installed")
-    return found
+    return path
 
 
 def test_aravis_reads_and_sets_features(make_row: MakeRow) -> None:
@@ -167,17 +167,17 @@ def test_aravis_reads_and_sets_features(make_row: MakeRow) -> None:
         command = [tool, "-a", address, "control", *words]
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout
 
-    told = control(
+    output = control(
         "TriggerMode=Off", "TriggerSource=Action0", "ExposureTime=4000", "Gain=6.02", "TriggerSource"
     )
-    assert "TriggerSource = Action0" in told
-    assert "ExposureTime = 3906.25 us min:122.07 max:3.2e+07" in told
-    assert re.search(r"Gain = 6\.0\d+ dB min:0 max:24\.", told)
-    told = control("DeviceSerialNumber", "GevSCPSPacketSize=576", "PtpStatus", "ActionGroupMask=3")
-    assert "DeviceSerialNumber = SIM-RAW-001" in told
-    assert "GevSCPSPacketSize = 576 min:576 max:16000" in told
-    assert "PtpStatus = Disabled" in told
-    assert "ActionGroupMask = 3" in told
+    assert "TriggerSource = Action0" in output
+    assert "ExposureTime = 3906.25 us min:122.07 max:3.2e+07" in output
+    assert re.search(r"Gain = 6\.0\d+ dB min:0 max:24\.", output)
+    output = control("DeviceSerialNumber", "GevSCPSPacketSize=576", "PtpStatus", "ActionGroupMask=3")
+    assert "DeviceSerialNumber = SIM-RAW-001" in output
+    assert "GevSCPSPacketSize = 576 min:576 max:16000" in output
+    assert "PtpStatus = Disabled" in output
+    assert "ActionGroupMask = 3" in output
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.05])
@@ -188,8 +188,8 @@ def test_aravis_streams_without_a_failure(make_row: MakeRow, loss: float) -> Non
     (device,) = row.devices
     device.sender.loss = loss
     command = [tool, "-n", device.address, "--duration=2", "-i", "576", "-e", "2000"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
-    count = {name: int(number) for name, number in re.findall(r"^(n_\w+) += (\d+)$", told, re.MULTILINE)}
+    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+    count = {name: int(number) for name, number in re.findall(r"^(n_\w+) += (\d+)$", output, re.MULTILINE)}
     assert count["n_completed_buffers"] >= 20
     assert count["n_size_mismatch_errors"] == count["n_error_packets"] == 0
     if loss:
@@ -205,9 +205,13 @@ def test_viva_streams_what_the_sensor_saw(make_row: MakeRow) -> None:
     viva = pytest.importorskip("viva_genicam", reason="the package viva-genicam is not installed")
     with port_of_aravis():
         row = make_row(addresses=(ARAVIS,))
-        (found,) = viva.discover(all=True)
-        assert (found.ip, found.manufacturer, found.model) == (ARAVIS, "hdr-rig", "Simulated RAW")
-        with viva.connect_gige(found) as camera:
+        (discovered,) = viva.discover(all=True)
+        assert (discovered.ip, discovered.manufacturer, discovered.model) == (
+            ARAVIS,
+            "hdr-rig",
+            "Simulated RAW",
+        )
+        with viva.connect_gige(discovered) as camera:
             assert camera.get("DeviceSerialNumber") == "SIM-RAW-001"
             camera.set_enum("PixelFormat", "BayerRG8")
             camera.set_enum("AcquisitionMode", "Continuous")

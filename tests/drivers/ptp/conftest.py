@@ -171,8 +171,8 @@ class Scripted:
     @staticmethod
     def each(*scripts: Script) -> Script:
         """One script after the other, the last one for ever."""
-        left = list(scripts)
-        return lambda command, data: (left.pop(0) if len(left) > 1 else left[0])(command, data)
+        remaining = list(scripts)
+        return lambda command, data: (remaining.pop(0) if len(remaining) > 1 else remaining[0])(command, data)
 
 
 @pytest.fixture

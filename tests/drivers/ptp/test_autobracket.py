@@ -41,14 +41,14 @@ def test_what_fits_holds_all_exposures_and_no_more_frames_than_needed(
     places = [first + thirds * number for number in range(count)]
     if places[-1] >= len(LABELS):
         return
-    found = fit(exposures(*(LABELS[place] for place in places)), OFFERED, LABELS)
+    fitted = fit(exposures(*(LABELS[place] for place in places)), OFFERED, LABELS)
     frames = min(frames for frames in (3, 5, 7, 9) if frames >= count)
     if first < thirds * (frames - count):
-        assert found is None or found.bracket.frames > frames
+        assert fitted is None or fitted.bracket.frames > frames
         return
-    assert found is not None
-    assert (found.bracket.thirds, found.bracket.frames) == (thirds, frames)
-    middle = LABELS.index(found.middle.time)
+    assert fitted is not None
+    assert (fitted.bracket.thirds, fitted.bracket.frames) == (thirds, frames)
+    middle = LABELS.index(fitted.middle.time)
     shot = {middle + thirds * step for step in range(-(frames // 2), frames // 2 + 1)}
     assert set(places) <= shot
 
@@ -88,9 +88,9 @@ def shot(rig: SimulatedRig, model: str, times: tuple[float, ...]) -> tuple[float
     wanted = exposures(*times)
     for _ in range(3):
         began = bus.clock.now()
-        told = [frame.metadata.exposure for frame in camera.bracket(wanted)]
+        exposures_shot = [frame.metadata.exposure for frame in camera.bracket(wanted)]
         seconds = bus.clock.now() - began
-        assert all(told.count(exposure) == 1 for exposure in wanted)
+        assert all(exposures_shot.count(exposure) == 1 for exposure in wanted)
     assert single(camera, wanted[-1]).metadata.exposure == wanted[-1]
     began = bus.clock.now()
     for exposure in wanted:
@@ -154,12 +154,12 @@ def test_what_no_bracket_holds_is_refused_before_anything_is_exposed(
 
 def test_the_most_neighbours_that_a_body_has_a_bracket_of_are_shot_together() -> None:
     three = tuple(one for one in OFFERED if one.frames == 3)
-    found = best_fit(exposures(*STOPS), three, LABELS)
-    assert found is not None
-    assert (found.bracket.thirds, found.middle) == (3, exposures(1 / 250)[0])
-    found = best_fit(exposures(1 / 4000, *STOPS), OFFERED, LABELS)
-    assert found is not None
-    assert found.bracket.frames == 5
+    fitted = best_fit(exposures(*STOPS), three, LABELS)
+    assert fitted is not None
+    assert (fitted.bracket.thirds, fitted.middle) == (3, exposures(1 / 250)[0])
+    fitted = best_fit(exposures(1 / 4000, *STOPS), OFFERED, LABELS)
+    assert fitted is not None
+    assert fitted.bracket.frames == 5
     assert best_fit(exposures(*STOPS[:2]), OFFERED, LABELS) is None
 
 

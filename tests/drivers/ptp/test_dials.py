@@ -146,9 +146,9 @@ def test_sonys_blob_with_one_list_and_with_two() -> None:
     one = struct.pack("<HHBBHHBHHH", 0x5007, 4, 1, 1, 0, 800, 2, 2, 560, 800)
     two = struct.pack("<HHBBHHBHHHHH", 0xD222, 4, 1, 2, 0, 1, 2, 2, 1, 16, 1, 16)
     three = struct.pack("<HHBBHHBHHH", 0xD215, 4, 0, 1, 0, 0x8001, 1, 0, 0xFFFF, 1)
-    found = sony.unpack_properties(struct.pack("<II", 3, 0) + one + two + three)
-    assert found[0x5007] == DevicePropDesc(0x5007, DataType.UINT16, True, 0, 800, EnumForm((560, 800)))
-    assert found[0xD222] == DevicePropDesc(0xD222, DataType.UINT16, False, 0, 1, EnumForm((16,)))
-    assert found[0xD215].current == 0x8001
+    properties = sony.unpack_properties(struct.pack("<II", 3, 0) + one + two + three)
+    assert properties[0x5007] == DevicePropDesc(0x5007, DataType.UINT16, True, 0, 800, EnumForm((560, 800)))
+    assert properties[0xD222] == DevicePropDesc(0xD222, DataType.UINT16, False, 0, 1, EnumForm((16,)))
+    assert properties[0xD215].current == 0x8001
     with pytest.raises(CameraProtocol):
         sony.unpack_properties(struct.pack("<II", 3, 0) + one + two[:-1])

@@ -105,11 +105,11 @@ def test_a_sony_of_another_protocol_is_told_and_left_to_libgphoto2(toy: Simulate
     """One that speaks version 3 alone: refused, so that `drivers/choice.py` asks libgphoto2."""
     bench = Bench(toy, SONY)
     handlers = bench.devices[0].responder._handlers
-    told = handlers[SonyOperation.GET_EXT_DEVICE_INFO]
+    handler = handlers[SonyOperation.GET_EXT_DEVICE_INFO]
     handlers[SonyOperation.GET_EXT_DEVICE_INFO] = replace(
-        told,
+        handler,
         act=lambda request: (
-            told.act(request) if request.parameter(0) >= 300 else Reply(ResponseCode.INVALID_PARAMETER)
+            handler.act(request) if request.parameter(0) >= 300 else Reply(ResponseCode.INVALID_PARAMETER)
         ),
     )
     with pytest.raises(

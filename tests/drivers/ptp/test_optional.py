@@ -109,13 +109,13 @@ def test_a_camera_that_cannot_be_triggered_says_so_and_is_left_out(toy: Simulate
         bench.responder._handlers.pop(operation, None)
     listed = bench.listed()
     assert listed.capabilities is not None
-    told = "it takes no pictures on command"
-    assert listed.capabilities.obstacle == told
+    obstacle = "it takes no pictures on command"
+    assert listed.capabilities.obstacle == obstacle
     who = f"{profile(name).maker} {profile(name).model} SIM-RAW-001"
-    assert listed.trouble == f"{who} cannot shoot for rig: {told}."
-    assert f"    cannot shoot for rig: {told}" in cameras._lines(listed)
+    assert listed.trouble == f"{who} cannot shoot for rig: {obstacle}."
+    assert f"    cannot shoot for rig: {obstacle}" in cameras._lines(listed)
     assert f"# Left out: {listed.trouble}" in rig_file_text([listed, able])
-    with pytest.raises(CaptureError, match=f"no camera can be used .*{told}"):
+    with pytest.raises(CaptureError, match=f"no camera can be used .*{obstacle}"):
         rig_file_text([listed])
 
 

@@ -84,9 +84,9 @@ def test_refusals_say_what_and_why(scripted: Any, session: PtpSession) -> None:
     with pytest.raises(CameraRefused, match=r"0x100E \(store full\): free its card"):
         session.run(Operation.INITIATE_CAPTURE, 0, 0)
     scripted.scripts[Operation.INITIATE_CAPTURE] = scripted.says(0xA001)
-    with pytest.raises(RefusedWith, match="code 0xA001") as told:
+    with pytest.raises(RefusedWith, match="code 0xA001") as refusal:
         session.run(Operation.INITIATE_CAPTURE, 0, 0)
-    assert told.value.code == 0xA001
+    assert refusal.value.code == 0xA001
 
 
 def test_only_what_may_be_done_twice_is_repeated(scripted: Any, session: PtpSession) -> None:
@@ -124,8 +124,8 @@ def test_a_lost_session_is_opened_again(scripted: Any, session: PtpSession) -> N
 
 def test_properties_have_the_type_that_the_camera_says(scripted: Any, session: PtpSession) -> None:
     session.open()
-    told = DevicePropDesc(PropertyCode.F_NUMBER, DataType.UINT16, True, 400, 560)
-    scripted.scripts[Operation.GET_DEVICE_PROP_DESC] = scripted.sends(told.pack())
+    description = DevicePropDesc(PropertyCode.F_NUMBER, DataType.UINT16, True, 400, 560)
+    scripted.scripts[Operation.GET_DEVICE_PROP_DESC] = scripted.sends(description.pack())
     session.write_property(PropertyCode.F_NUMBER, 1100)
     assert scripted.data == [b"\x4c\x04"]
     assert count(scripted, Operation.GET_DEVICE_PROP_DESC) == 1

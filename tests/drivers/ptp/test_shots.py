@@ -96,18 +96,18 @@ def test_a_shot_is_the_one_that_the_sensor_made(rigs: dict[str, SimulatedRig], n
 @pytest.mark.parametrize("name", PROFILES)
 def test_capabilities_are_what_the_dials_list(rigs: dict[str, SimulatedRig], name: str) -> None:
     bench = Bench(rigs["toy"], name)
-    told, true = bench.camera.capabilities(), bench.devices[0].responder.shooting.camera.capabilities()
-    assert told.isos == true.isos
-    assert told.f_numbers == true.f_numbers
-    for time in told.times:
+    stated, true = bench.camera.capabilities(), bench.devices[0].responder.shooting.camera.capabilities()
+    assert stated.isos == true.isos
+    assert stated.f_numbers == true.f_numbers
+    for time in stated.times:
         assert min(abs(math.log2(time / one)) for one in true.times) < 1 / 6
-    assert len(told.times) == len(true.times) - 2 * (name == "generic")  # ticks hide two of them
+    assert len(stated.times) == len(true.times) - 2 * (name == "generic")  # ticks hide two of them
     bench.camera.set_exposure(EXPOSURE)
     bench.camera.arm()
     bench.camera.trigger()
     bench.camera.collect()
-    told = bench.camera.capabilities()
-    assert (told.width, told.height, told.bit_depth) == (true.width, true.height, true.bit_depth)
+    stated = bench.camera.capabilities()
+    assert (stated.width, stated.height, stated.bit_depth) == (true.width, true.height, true.bit_depth)
 
 
 def test_a_developing_camera_gives_its_own_bytes(rigs: dict[str, SimulatedRig]) -> None:

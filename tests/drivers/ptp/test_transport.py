@@ -128,9 +128,9 @@ def test_nonsense_is_told_and_left_behind(
     scripted: Any, transport: UsbTransport, changes: dict[str, int]
 ) -> None:
     scripted.scripts[GET] = damage(**changes)
-    with pytest.raises(CameraProtocol) as told:
+    with pytest.raises(CameraProtocol) as error:
         transport.transact(Command(GET, 5))
-    assert transport.recover(told.value, 5)
+    assert transport.recover(error.value, 5)
     assert (0x64, b"\x01\x40\x05\0\0\0") in scripted.device.log
     scripted.scripts[GET] = scripted.sends(b"sense")
     assert transport.transact(Command(GET, 6)).data == b"sense"
@@ -176,10 +176,10 @@ def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transpor
         return []
 
     scripted.scripts[GET] = halt
-    with pytest.raises(EndpointStalled) as told:
+    with pytest.raises(EndpointStalled) as error:
         transport.transact(Command(GET, 1))
     assert len(scripted.commands) == 1
-    assert transport.recover(told.value, 1)
+    assert transport.recover(error.value, 1)
     assert scripted.device.port.halted() == ()
     scripted.scripts[GET] = scripted.sends(b"here")
     assert transport.transact(Command(GET, 2)).data == b"here"

@@ -27,10 +27,10 @@ PICTURE = bytes(range(256)) * 3000
 
 def _places() -> tuple[Path, Path] | None:
     """libgphoto2_port and the folder of vusb.so, if the wheel is installed."""
-    found = importlib.util.find_spec("gphoto2")
-    if found is None or not found.submodule_search_locations:
+    spec = importlib.util.find_spec("gphoto2")
+    if spec is None or not spec.submodule_search_locations:
         return None
-    package = Path(found.submodule_search_locations[0])
+    package = Path(spec.submodule_search_locations[0])
     libraries = sorted((package.parent / "gphoto2.libs").glob("libgphoto2_port-*"))
     folder = package / "libgphoto2" / "vusb"
     return (libraries[0], folder) if libraries and (folder / "vusb.so").is_file() else None
@@ -120,9 +120,9 @@ def test_open_info_properties_and_download(session: PtpSession) -> None:
     assert PropertyCode.BATTERY_LEVEL in info.properties
     battery = session.describe(PropertyCode.BATTERY_LEVEL)
     assert 0 <= int(battery.current) <= 100
-    found = {session.object_info(handle).filename: handle for handle in session.handles()}
-    assert "IMG_0001.JPG" in found
-    handle = found["IMG_0001.JPG"]
+    handles = {session.object_info(handle).filename: handle for handle in session.handles()}
+    assert "IMG_0001.JPG" in handles
+    handle = handles["IMG_0001.JPG"]
     about = session.object_info(handle)
     assert (about.size, about.format) == (len(PICTURE), FormatCode.EXIF_JPEG)
     one = Download(handle, about, bytearray())

@@ -159,8 +159,8 @@ def test_ideal_cameras_lack_distortion_falloff_and_differences() -> None:
 def test_soft_light_fits_into_one_exposure_and_dull_things_look_alike_from_everywhere() -> None:
     soft = simulate("toy", even=True, gloss=0.0, vignetting=0)
     rig = simulate("toy", even=True)
-    seen = [soft.radiance(camera, frame) for camera in range(2) for frame in range(3)]
-    assert np.percentile(seen, 99.99) / np.percentile(seen, 0.1) < 2**6
+    pictures = [soft.radiance(camera, frame) for camera in range(2) for frame in range(3)]
+    assert np.percentile(pictures, 99.99) / np.percentile(pictures, 0.1) < 2**6
     middle = shoot(soft, 0, 1)[1].signal()
     assert (middle.max() < 1.0, np.median(middle) > 0.05) == (True, True)
     # Without lamps there is no highlight to see on anything, dull or not.

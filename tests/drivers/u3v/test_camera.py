@@ -62,12 +62,12 @@ def test_a_mono_camera_is_taken_as_it_is(make_bench: MakeBench, bits: int, name:
 def test_the_exposure_is_what_is_applied(make_bench: MakeBench) -> None:
     bench = make_bench()
     camera = bench.camera()
-    told = camera.capabilities()
-    assert told.times[0] == 2.0**-13
-    assert told.times[-1] == 32.0
-    assert (told.width, told.height, told.bit_depth) == (64, 48, 12)
-    assert told.isos[0] == pytest.approx(100)
-    assert told.isos[-1] == pytest.approx(1600)
+    capabilities = camera.capabilities()
+    assert capabilities.times[0] == 2.0**-13
+    assert capabilities.times[-1] == 32.0
+    assert (capabilities.width, capabilities.height, capabilities.bit_depth) == (64, 48, 12)
+    assert capabilities.isos[0] == pytest.approx(100)
+    assert capabilities.isos[-1] == pytest.approx(1600)
     # A setting that is read back and set again stays.
     for wanted in (Exposure(time=1e-9, iso=1), Exposure(time=1 / 50, iso=820), Exposure(time=1e6, iso=1e6)):
         applied = camera.set_exposure(wanted)
@@ -199,24 +199,24 @@ def test_the_order_of_a_shot_is_kept(make_bench: MakeBench) -> None:
 
 def test_cameras_are_found_by_serial_number(make_bench: MakeBench) -> None:
     bench = make_bench()
-    found = find_cameras(bench.bus, bench.clock)
-    assert [one.serial for one in found] == [bench.serial]
-    identity = found[0].identify()
+    cameras = find_cameras(bench.bus, bench.clock)
+    assert [one.serial for one in cameras] == [bench.serial]
+    identity = cameras[0].identify()
     assert (identity.serial, identity.kind) == (bench.serial, "raw")
-    found[0].close()
+    cameras[0].close()
     with pytest.raises(CameraNotFound, match="SIM-NOBODY"):
         U3vCamera("SIM-NOBODY", bench.bus, bench.clock).identify()
 
 
 @pytest.mark.parametrize(
-    ("formats", "told"),
+    ("formats", "reason"),
     [
         (("RGB8",), "sends neither a Bayer mosaic nor mono (it offers RGB8)"),
         (("RGB8", "YUV8"), "sends neither a Bayer mosaic nor mono (it offers RGB8, YUV8)"),
     ],
 )
 def test_a_sensor_without_a_mosaic_is_refused(
-    make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch, formats: tuple[str, ...], told: str
+    make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch, formats: tuple[str, ...], reason: str
 ) -> None:
     bench, entries = make_bench(), NodeMap.entries
     monkeypatch.setattr(
@@ -225,7 +225,7 @@ def test_a_sensor_without_a_mosaic_is_refused(
     with pytest.raises(CameraRefused) as refused:
         bench.camera().identify()
     fix = "connect a camera that does in its place."
-    assert str(refused.value) == f"camera {bench.serial} {told}: {fix}"
+    assert str(refused.value) == f"camera {bench.serial} {reason}: {fix}"
     assert bench.bus.open_handles == 0
 
 

@@ -79,8 +79,8 @@ def opened(device: Scripted) -> tuple[ControlChannel, VirtualClock]:
     clock = VirtualClock()
     bus = VirtualBus(clock)
     bus.plug(device)
-    (found,) = find(U3V_CONTROL, bus)
-    return ControlChannel(found.open(), clock), clock
+    (discovered,) = find(U3V_CONTROL, bus)
+    return ControlChannel(discovered.open(), clock), clock
 
 
 @settings(deadline=None, max_examples=40)

@@ -52,7 +52,7 @@ def test_one_fault_of_the_control_channel_is_got_over(
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "message"),
     [
         (Fault(Kind.NO_TRAILER, operation="Frame"), "trailer is missing|did not come"),
         (Fault(Kind.DROPPED_PAYLOAD, operation="Frame", count=1), "1 bytes of its payload are missing"),
@@ -68,11 +68,11 @@ def test_one_fault_of_the_control_channel_is_got_over(
     ids=str,
 )
 def test_an_incomplete_frame_is_reported_and_the_next_is_right(
-    make_bench: MakeBench, fault: Fault, told: str
+    make_bench: MakeBench, fault: Fault, message: str
 ) -> None:
     bench = make_bench(faults=[fault])
     camera = bench.camera()
-    with pytest.raises((CameraProtocol, CameraTimeout), match=told):
+    with pytest.raises((CameraProtocol, CameraTimeout), match=message):
         shoot(camera)
     shoot(bench.twin)
     assert right(bench, camera)

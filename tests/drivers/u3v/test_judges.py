@@ -133,14 +133,14 @@ def test_aravis_reads_the_description(make_bench: MakeBench, tmp_path: Path) -> 
     command = [fake, "-i", "127.0.0.1", "-g", xml]
     with port_of_aravis(), subprocess.Popen(command, stdout=subprocess.DEVNULL) as served:
         try:
-            listed = next((told for _ in range(20) if "Root" in (told := ask("features"))), "")
+            listed = next((output for _ in range(20) if "Root" in (output := ask("features"))), "")
             gain = ask("control", "Gain")
         finally:
             served.terminate()
-    found = re.findall(r"^ *(\w+) +: (?:\[\w\w\] )?'(\w+)'", listed, re.MULTILINE)
-    features = [name for kind, name in found if kind not in ("Category", "EnumEntry")]
+    pairs = re.findall(r"^ *(\w+) +: (?:\[\w\w\] )?'(\w+)'", listed, re.MULTILINE)
+    features = [name for kind, name in pairs if kind not in ("Category", "EnumEntry")]
     assert tuple(features) == ours.features()
-    entries = sorted(name for kind, name in found if kind == "EnumEntry")
+    entries = sorted(name for kind, name in pairs if kind == "EnumEntry")
     assert entries == sorted(entry for name in features for entry in ours.entries(name))
     # The limits go through the formulas of the converter, whatever the register holds.
     low, high = re.findall(r"min:(\S+) max:(\S+)", gain)[0]

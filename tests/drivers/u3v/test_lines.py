@@ -136,9 +136,9 @@ def test_a_cut_cable_is_named_and_the_others_deliver() -> None:
     assert set(taken) == {"0", "1"}
     assert set(errors) == {"2"}
     assert isinstance(errors["2"], CameraTimeout)
-    told = str(errors["2"])
-    assert f"camera {trio.devices[2].serial} got no pulse on Line0 within 5.02 s" in told
-    assert "check the cable" in told
+    message = str(errors["2"])
+    assert f"camera {trio.devices[2].serial} got no pulse on Line0 within 5.02 s" in message
+    assert "check the cable" in message
 
 
 def test_a_leader_that_does_not_drive_its_line_gives_no_pulse() -> None:
@@ -237,8 +237,14 @@ def test_a_recorded_bracket_tells_its_skew(tmp_path: Path) -> None:
             created=datetime(2026, 3, 1),
             origin="RIG.toml",
             cameras=tuple(
-                CameraRecord(name=name, serial=told.serial, make=told.make, model=told.model, kind=told.kind)
-                for name, told in known
+                CameraRecord(
+                    name=name,
+                    serial=identity.serial,
+                    make=identity.make,
+                    model=identity.model,
+                    kind=identity.kind,
+                )
+                for name, identity in known
             ),
         ),
     )

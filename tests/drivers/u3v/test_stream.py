@@ -72,8 +72,8 @@ def test_plans_cover_the_payload_in_aligned_transfers(payload: int, exponent: in
 )
 def test_chunks_survive(order: ByteOrder, image: bytes, more: list[tuple[int, bytes]]) -> None:
     payload = np.frombuffer(join_chunks([(0x1000, image), *more], order), np.uint8)
-    found, chunks = split_chunks(payload, order)
-    assert found.tobytes() == image
+    image_bytes, chunks = split_chunks(payload, order)
+    assert image_bytes.tobytes() == image
     assert chunks == dict(reversed(more))
 
 
@@ -142,7 +142,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_broken_frame_is_reported_and_the_next_is_whole(make_bench: MakeBench, what: str) -> None:
-    packets, told = BROKEN[what]
+    packets, problem = BROKEN[what]
     session, port = streaming(make_bench())
     for packet in packets:
         port.send_open(STREAM_IN, packet)
@@ -150,7 +150,7 @@ def test_a_broken_frame_is_reported_and_the_next_is_whole(make_bench: MakeBench,
     frame = session.stream.next_frame(1.0)
     assert frame.leader.block == 1
     assert frame.problem is not None
-    assert told in frame.problem
+    assert problem in frame.problem
     frame = session.stream.next_frame(1.0)
     assert (frame.leader.block, frame.problem) == (2, None)
     assert frame.payload.tobytes() == payload_of(2)

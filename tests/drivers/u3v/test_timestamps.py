@@ -23,14 +23,14 @@ from .test_camera import LABEL, shoot
 @pytest.fixture
 def openings(monkeypatch: pytest.MonkeyPatch) -> list[Opening | None]:
     """Openings by the driver for each stamp, uncertainty and all."""
-    found: list[Opening | None] = []
+    noted: list[Opening | None] = []
 
     def spy(*given: Any) -> Opening | None:
-        found.append(opening(*given))
-        return found[-1]
+        noted.append(opening(*given))
+        return noted[-1]
 
     monkeypatch.setattr(camera_module, "opening", spy)
-    return found
+    return noted
 
 
 @pytest.mark.parametrize("offset", [0.0, 7 * 3600.0, 3e7])
@@ -46,10 +46,10 @@ def test_the_moment_is_right_within_what_is_said(
         camera.arm()
         bench.clock.sleep(waited)  # as long as other cameras take to be armed
         camera.trigger()
-        told, truth, found = camera.collect().metadata.opened, bench.device.opened[-1], openings[-1]
-        assert found is not None
-        assert told == found.time
-        assert abs(found.time - truth) <= found.uncertainty < 250e-6
+        stated, truth, estimated = camera.collect().metadata.opened, bench.device.opened[-1], openings[-1]
+        assert estimated is not None
+        assert stated == estimated.time
+        assert abs(estimated.time - truth) <= estimated.uncertainty < 250e-6
 
 
 class NoClock:
@@ -133,9 +133,9 @@ def test_a_clock_that_is_set_back_between_gives_no_moment(make_bench: MakeBench)
 
 def test_a_stamp_of_the_end_of_a_long_exposure_is_not_taken_for_its_beginning() -> None:
     before, after = Latch(10.0, 0, 1e-4), Latch(11.0, 1_000_000_000, 1e-4)
-    found = opening(before, after, 100_000_000, exposure=0.5)
-    assert found is not None
-    assert (found.time, found.uncertainty) == (pytest.approx(10.1), pytest.approx(1e-4))
+    estimated = opening(before, after, 100_000_000, exposure=0.5)
+    assert estimated is not None
+    assert (estimated.time, estimated.uncertainty) == (pytest.approx(10.1), pytest.approx(1e-4))
     assert opening(before, after, 600_000_000, exposure=0.5) is None
     assert opening(None, after, 100_000_000, exposure=0.5) is None
     assert opening(before, None, 100_000_000, exposure=0.5) is None

@@ -150,7 +150,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, float, float]]:
+def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, float, float]]:
     """Report of a process with little memory on every file, with MB and seconds of each."""
     folder = tmp_path_factory.mktemp("bombs")
     for name, (data, _) in BOMBS.items():
@@ -168,9 +168,9 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, float
 
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_file_that_claims_more_than_there_is_is_refused_before_it_is_taken(
-    told: dict[str, tuple[str, float, float]], name: str
+    refusals: dict[str, tuple[str, float, float]], name: str
 ) -> None:
-    said, megabytes, seconds = told[name]
+    said, megabytes, seconds = refusals[name]
     assert re.search(BOMBS[name][1], said), said
     assert said.endswith(".")
     assert "\n" not in said

@@ -40,9 +40,9 @@ def unsendable(number: int) -> object:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_answers_come_in_order_from_so_many_processes(count: int) -> None:
-    found = list(in_processes(count, half, [(2 * number,) for number in range(9)]))
-    assert [answer for answer, _ in found] == list(range(9))
-    who = {process for _, process in found}
+    answers = list(in_processes(count, half, [(2 * number,) for number in range(9)]))
+    assert [answer for answer, _ in answers] == list(range(9))
+    who = {process for _, process in answers}
     assert len(who) <= count
     assert (os.getpid() in who) == (count == 1)
 
@@ -53,10 +53,10 @@ def test_nothing_asked_begins_nothing() -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_an_error_is_raised_in_its_turn(count: int) -> None:
-    found = in_processes(count, half, [(2,), (4,), (5,), (6,)])
-    assert [next(found)[0], next(found)[0]] == [1, 2]
+    answers = in_processes(count, half, [(2,), (4,), (5,), (6,)])
+    assert [next(answers)[0], next(answers)[0]] == [1, 2]
     with pytest.raises(InputError, match="5 is odd: name an even number"):
-        next(found)
+        next(answers)
 
 
 def test_what_a_killed_process_was_at_is_done_here() -> None:
@@ -65,15 +65,15 @@ def test_what_a_killed_process_was_at_is_done_here() -> None:
 
 
 def test_what_cannot_be_sent_is_found_here() -> None:
-    (found,) = in_processes(2, unsendable, [(7,)])
-    assert callable(found)
-    assert found() == 7
+    (function,) = in_processes(2, unsendable, [(7,)])
+    assert callable(function)
+    assert function() == 7
 
 
 def test_who_ends_early_waits_for_no_more(tmp_path: Path) -> None:
-    found = in_processes(2, marked, [(tmp_path, number) for number in range(100)])
-    assert next(found) == 0
-    found.close()  # type: ignore[attr-defined]
+    answers = in_processes(2, marked, [(tmp_path, number) for number in range(100)])
+    assert next(answers) == 0
+    answers.close()  # type: ignore[attr-defined]
     assert len(list(tmp_path.iterdir())) <= 6  # the first, four ahead of it, and one that took its place
 
 

@@ -32,9 +32,9 @@ def test_who_stops_has_little_begun_ahead() -> None:
         begun.append(number)
         return number
 
-    found = in_turn(1000, work)
-    assert [next(found) for _ in range(3)] == [0, 1, 2]
-    found.close()
+    results = in_turn(1000, work)
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    results.close()
     assert len(begun) <= 3 + 2 * 2 + 1
 
 
@@ -44,10 +44,10 @@ def test_an_error_is_raised_in_its_turn() -> None:
             raise ValueError("two")
         return number
 
-    found = in_turn(9, work)
-    assert [next(found), next(found)] == [0, 1]
+    results = in_turn(9, work)
+    assert [next(results), next(results)] == [0, 1]
     with pytest.raises(ValueError, match="two"):
-        next(found)
+        next(results)
     assert list(in_turn(0, work)) == []
 
 
@@ -63,5 +63,5 @@ def test_products_are_made_on_the_thread_that_asks() -> None:
     before = blas_threads()
     assert np.ones((2, 2)).sum() == 4  # numpy's is loaded
     assert within() == {1}
-    assert {one for found in in_turn(3, lambda number: blas_threads()) for one in found} == {1}
+    assert {one for threads in in_turn(3, lambda number: blas_threads()) for one in threads} == {1}
     assert blas_threads() == before

@@ -105,11 +105,11 @@ def test_what_waits_when_all_is_closed_never_begins(four: LocalWorkers) -> None:
     log: list[str] = []
     running, waiting = Gate(log, "running"), Gate(log, "waiting")
     four.submit(Task(90), running)
-    left = four.submit(Task(90), waiting)
+    waiting_task = four.submit(Task(90), waiting)
     assert running.begun.wait(LONG)
     threading.Timer(SHORT, running.end.set).start()
     four.close()
-    assert left.exception(LONG) is not None
+    assert waiting_task.exception(LONG) is not None
     assert log == ["running begins", "running ends"]
 
 
@@ -130,8 +130,8 @@ def test_a_process_that_is_the_tasks_own_is_used(monkeypatch: pytest.MonkeyPatch
 
 def killed(lives: Path) -> str:
     """Kills its process as often as the file has characters."""
-    if left := lives.read_text():
-        lives.write_text(left[1:])
+    if remaining := lives.read_text():
+        lives.write_text(remaining[1:])
         os.kill(os.getpid(), signal.SIGKILL)
     return "done"
 

@@ -47,35 +47,35 @@ def scene(height: int = 90, width: int = 121) -> np.ndarray:
 @all_phases
 def test_it_beats_bilinear_by_far_on_truth(cfa: Cfa) -> None:
     truth = scene()
-    seen = mosaic(truth, cfa)
+    sites = mosaic(truth, cfa)
     ours, plain = (
-        hdr_psnr_mu(rgb, truth, truth.max()) for rgb in (demosaic(seen, cfa).rgb, bilinear(seen, cfa)[0])
+        hdr_psnr_mu(rgb, truth, truth.max()) for rgb in (demosaic(sites, cfa).rgb, bilinear(sites, cfa)[0])
     )
     assert ours > plain + 4
 
 
 @all_phases
 def test_nothing_is_brighter_than_what_was_recorded(cfa: Cfa) -> None:
-    seen = mosaic(scene(), cfa)
-    found = demosaic(seen, cfa).rgb
+    sites = mosaic(scene(), cfa)
+    result = demosaic(sites, cfa).rgb
     for channel in range(3):
-        recorded = seen[cfa.channels(*seen.shape) == channel]
-        assert found[..., channel].max() <= np.float32(recorded.max())
-        assert found[..., channel].min() >= np.float32(recorded.min())
+        recorded = sites[cfa.channels(*sites.shape) == channel]
+        assert result[..., channel].max() <= np.float32(recorded.max())
+        assert result[..., channel].min() >= np.float32(recorded.min())
 
 
 @all_phases
 def test_a_lamp_has_no_fringe_of_another_colour(cfa: Cfa) -> None:
     """Grey stays grey at an edge of ten stops, within what bilinear interpolation makes of it."""
     truth = scene().mean(-1, keepdims=True).repeat(3, -1)
-    seen = mosaic(truth, cfa)
+    sites = mosaic(truth, cfa)
 
     def tint(rgb: np.ndarray) -> float:
         return float(
             np.mean(np.abs(np.log2(np.maximum(rgb[..., ::2], 1e-6) / np.maximum(rgb[..., 1:2], 1e-6))))
         )
 
-    assert tint(demosaic(seen, cfa).rgb) < 0.25 * tint(bilinear(seen, cfa)[0])
+    assert tint(demosaic(sites, cfa).rgb) < 0.25 * tint(bilinear(sites, cfa)[0])
 
 
 @all_phases
@@ -83,17 +83,17 @@ def test_a_lamp_has_no_fringe_of_another_colour(cfa: Cfa) -> None:
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 def test_one_colour_stays_that_colour(cfa: Cfa, height: int, width: int, unit: float) -> None:
     rgb = unit * np.broadcast_to(np.array([0.25, 0.5, 3.0]), (height, width, 3))
-    found = demosaic(mosaic(rgb, cfa), cfa)
-    assert found.rgb.dtype == np.float32
-    assert found.known.all()
-    np.testing.assert_allclose(found.rgb, rgb, rtol=1e-5)
+    result = demosaic(mosaic(rgb, cfa), cfa)
+    assert result.rgb.dtype == np.float32
+    assert result.known.all()
+    np.testing.assert_allclose(result.rgb, rgb, rtol=1e-5)
 
 
 @all_phases
 def test_recorded_values_are_kept(cfa: Cfa) -> None:
     rgb = np.random.default_rng(2).normal(0.1, 1, (9, 10, 3)).astype(np.float32)
-    seen = mosaic(rgb, cfa)
-    assert np.array_equal(mosaic(demosaic(seen, cfa).rgb, cfa), seen)
+    sites = mosaic(rgb, cfa)
+    assert np.array_equal(mosaic(demosaic(sites, cfa).rgb, cfa), sites)
 
 
 @all_phases
@@ -101,35 +101,35 @@ def test_recorded_values_are_kept(cfa: Cfa) -> None:
 @pytest.mark.parametrize("value", [1e6, np.nan, np.inf])
 def test_a_photosite_without_a_value_does_not_spread(cfa: Cfa, bad: tuple[int, int], value: float) -> None:
     rgb = np.broadcast_to(np.array([0.25, 0.5, 3.0]), (10, 11, 3))
-    seen = mosaic(rgb, cfa).copy()
-    valid = np.ones(seen.shape, bool)
-    seen[bad], valid[bad] = value, False
-    found = demosaic(seen, cfa, valid)
+    sites = mosaic(rgb, cfa).copy()
+    valid = np.ones(sites.shape, bool)
+    sites[bad], valid[bad] = value, False
+    result = demosaic(sites, cfa, valid)
     expected, filled = rgb.copy(), np.ones(rgb.shape, bool)
-    own = cfa.channels(10, 11)[bad]
-    if own != 1:  # red and blue have no second photosite within reach, green has four
-        expected[(*bad, own)], filled[(*bad, own)] = 0.0, False
-    assert np.array_equal(found.known, filled)
-    np.testing.assert_allclose(found.rgb, expected, rtol=1e-5)
+    channel = cfa.channels(10, 11)[bad]
+    if channel != 1:  # red and blue have no second photosite within reach, green has four
+        expected[(*bad, channel)], filled[(*bad, channel)] = 0.0, False
+    assert np.array_equal(result.known, filled)
+    np.testing.assert_allclose(result.rgb, expected, rtol=1e-5)
 
 
 def test_a_dead_photosite_costs_its_neighbours_no_more_than_bilinear() -> None:
     truth, cfa = scene(), Cfa.RGGB
-    seen = mosaic(truth, cfa)
-    valid = np.random.default_rng(3).random(seen.shape) > 0.01
-    found, plain = demosaic(np.where(valid, seen, 1e3), cfa, valid), bilinear(seen, cfa, valid)
-    assert np.array_equal(found.known, plain[1])
+    sites = mosaic(truth, cfa)
+    valid = np.random.default_rng(3).random(sites.shape) > 0.01
+    result, plain = demosaic(np.where(valid, sites, 1e3), cfa, valid), bilinear(sites, cfa, valid)
+    assert np.array_equal(result.known, plain[1])
     ours, theirs = (
-        hdr_psnr_mu(np.where(found.known, rgb, truth), truth, truth.max()) for rgb in (found.rgb, plain[0])
+        hdr_psnr_mu(np.where(result.known, rgb, truth), truth, truth.max()) for rgb in (result.rgb, plain[0])
     )
     assert ours > theirs + 3
 
 
 @pytest.mark.parametrize("image", [np.zeros((6, 8)), np.full((6, 8), -1.0), np.full((6, 8), np.nan)])
 def test_pictures_of_nothing(image: np.ndarray) -> None:
-    found = demosaic(image, Cfa.RGGB, sigma=np.full(image.shape, np.inf))
-    assert np.isfinite(found.rgb).all()
-    assert found.known.all() == np.isfinite(image).all()
+    result = demosaic(image, Cfa.RGGB, sigma=np.full(image.shape, np.inf))
+    assert np.isfinite(result.rgb).all()
+    assert result.known.all() == np.isfinite(image).all()
 
 
 def test_strips_are_seamless() -> None:
@@ -158,12 +158,12 @@ def test_sigma_is_the_error_in_smooth_and_in_textured_places(noise: float) -> No
     """Some 95 of 100 errors lie within two sigma; 90 do at hard edges, of which no local sign tells all."""
     truth, cfa = scene(240, 320), Cfa.RGGB
     sigma = noise * np.sqrt(mosaic(truth, cfa) + 0.01)
-    seen = mosaic(truth, cfa) + sigma * np.random.default_rng(4).standard_normal(sigma.shape)
-    found = demosaic(seen, cfa, sigma=sigma)
-    assert found.sigma is not None
-    assert np.array_equal(mosaic(found.sigma, cfa), sigma.astype(np.float32))
+    sites = mosaic(truth, cfa) + sigma * np.random.default_rng(4).standard_normal(sigma.shape)
+    result = demosaic(sites, cfa, sigma=sigma)
+    assert result.sigma is not None
+    assert np.array_equal(mosaic(result.sigma, cfa), sigma.astype(np.float32))
     interpolated = np.arange(3) != cfa.channels(*sigma.shape)[..., None]
-    share = (found.rgb - truth) / found.sigma
+    share = (result.rgb - truth) / result.sigma
     log = np.log(truth + 0.01)
     texture = np.abs(np.stack(np.gradient(log, axis=(0, 1)))).max((0, 3))
     for place in (texture < np.percentile(texture, 50), texture > np.percentile(texture, 80)):
@@ -181,9 +181,9 @@ def test_sigma_is_the_error_however_much_colour_changes(seed: int) -> None:
     blots = gaussian_filter(spots(seed, 256).astype(float), (0.6, 0.6, 0))
     truth = 0.4 * np.exp(fade * np.log(blots / 0.4)) * np.exp2(2 * np.sin(rows / 40))[..., None]
     sigma = 0.01 * np.sqrt(mosaic(truth, cfa))
-    found = demosaic(mosaic(truth, cfa) + sigma * rng.standard_normal(sigma.shape), cfa, sigma=sigma)
-    assert found.sigma is not None
-    share = np.minimum(np.abs(found.rgb - truth) / found.sigma, 10) ** 2
+    result = demosaic(mosaic(truth, cfa) + sigma * rng.standard_normal(sigma.shape), cfa, sigma=sigma)
+    assert result.sigma is not None
+    share = np.minimum(np.abs(result.rgb - truth) / result.sigma, 10) ** 2
     interpolated = np.arange(3) != cfa.channels(*sigma.shape)[..., None]
     log = np.log(truth)
     colour = np.sqrt(
@@ -198,10 +198,10 @@ def test_sigma_is_the_error_however_much_colour_changes(seed: int) -> None:
 def test_a_bound_makes_what_hangs_on_it_one() -> None:
     sigma = np.full((12, 12), 0.01)
     sigma[6, 6] = np.inf
-    found = demosaic(np.ones((12, 12)), Cfa.RGGB, sigma=sigma)
-    assert found.sigma is not None
-    assert np.isinf(found.sigma[6, 7, 0])
-    assert np.isfinite(found.sigma[9:, :]).all()
+    result = demosaic(np.ones((12, 12)), Cfa.RGGB, sigma=sigma)
+    assert result.sigma is not None
+    assert np.isinf(result.sigma[6, 7, 0])
+    assert np.isfinite(result.sigma[9:, :]).all()
 
 
 @other_tables
@@ -209,26 +209,26 @@ def test_a_bound_makes_what_hangs_on_it_one() -> None:
 def test_other_tables_beat_bilinear_on_truth(cfa: Cfa, shift: tuple[int, int]) -> None:
     cfa = cfa.cropped(*shift)
     truth = seen_by(cfa, scene())
-    seen = mosaic(truth, cfa)
-    found, plain = demosaic(seen, cfa), bilinear(seen, cfa)[0]
-    ours, theirs = (hdr_psnr_mu(light, truth, truth.max()) for light in (found.rgb, plain))
+    sites = mosaic(truth, cfa)
+    result, plain = demosaic(sites, cfa), bilinear(sites, cfa)[0]
+    ours, theirs = (hdr_psnr_mu(light, truth, truth.max()) for light in (result.rgb, plain))
     assert ours > theirs + 3
-    assert np.array_equal(mosaic(found.rgb, cfa), seen.astype(np.float32))
+    assert np.array_equal(mosaic(result.rgb, cfa), sites.astype(np.float32))
     for channel in range(len(cfa.letters)):
-        recorded = seen[cfa.channels(*seen.shape) == channel]
-        assert np.float32(recorded.min()) <= found.rgb[..., channel].min()
-        assert found.rgb[..., channel].max() <= np.float32(recorded.max())
+        recorded = sites[cfa.channels(*sites.shape) == channel]
+        assert np.float32(recorded.min()) <= result.rgb[..., channel].min()
+        assert result.rgb[..., channel].max() <= np.float32(recorded.max())
 
 
 @other_tables
 def test_sigma_of_other_tables_is_the_error(cfa: Cfa) -> None:
     truth = seen_by(cfa, scene(150, 200))
     sigma = 0.01 * np.sqrt(mosaic(truth, cfa) + 0.01)
-    seen = mosaic(truth, cfa) + sigma * np.random.default_rng(4).standard_normal(sigma.shape)
-    found = demosaic(seen, cfa, sigma=sigma)
-    assert found.sigma is not None
-    assert np.array_equal(mosaic(found.sigma, cfa), sigma.astype(np.float32))
-    share = (found.rgb - truth) / found.sigma
+    sites = mosaic(truth, cfa) + sigma * np.random.default_rng(4).standard_normal(sigma.shape)
+    result = demosaic(sites, cfa, sigma=sigma)
+    assert result.sigma is not None
+    assert np.array_equal(mosaic(result.sigma, cfa), sigma.astype(np.float32))
+    share = (result.rgb - truth) / result.sigma
     for channel in range(len(cfa.letters)):
         errors = share[..., channel][cfa.channels(*sigma.shape) != channel]
         assert 0.85 < np.mean(np.abs(errors) < 2) < 0.99
@@ -238,23 +238,23 @@ def test_sigma_of_other_tables_is_the_error(cfa: Cfa) -> None:
 @other_tables
 def test_what_has_no_value_spreads_into_no_other_table(cfa: Cfa) -> None:
     truth = seen_by(cfa, scene())
-    seen = mosaic(truth, cfa)
-    valid = np.random.default_rng(3).random(seen.shape) > 0.01
-    found, plain = demosaic(np.where(valid, seen, 1e3), cfa, valid), bilinear(seen, cfa, valid)
-    assert np.array_equal(found.known, plain[1])
+    sites = mosaic(truth, cfa)
+    valid = np.random.default_rng(3).random(sites.shape) > 0.01
+    result, plain = demosaic(np.where(valid, sites, 1e3), cfa, valid), bilinear(sites, cfa, valid)
+    assert np.array_equal(result.known, plain[1])
     ours, theirs = (
-        hdr_psnr_mu(np.where(found.known, light, truth), truth, truth.max())
-        for light in (found.rgb, plain[0])
+        hdr_psnr_mu(np.where(result.known, light, truth), truth, truth.max())
+        for light in (result.rgb, plain[0])
     )
     assert ours > theirs + 2
 
 
 def test_mono_is_its_own_picture() -> None:
     light, sigma = scene()[..., 1], np.full((90, 121), 0.1)
-    found = demosaic(light, Cfa.MONO, sigma=sigma)
-    assert np.array_equal(found.rgb[..., 0], light.astype(np.float32))
-    assert found.sigma is not None
-    assert np.array_equal(found.sigma[..., 0], sigma.astype(np.float32))
+    result = demosaic(light, Cfa.MONO, sigma=sigma)
+    assert np.array_equal(result.rgb[..., 0], light.astype(np.float32))
+    assert result.sigma is not None
+    assert np.array_equal(result.sigma[..., 0], sigma.astype(np.float32))
 
 
 def test_strips_of_another_table_are_seamless() -> None:

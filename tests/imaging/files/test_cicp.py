@@ -72,8 +72,8 @@ def test_srgb_and_nothing_specified_change_nothing(tmp_path: Path) -> None:
 def test_a_narrow_range_has_its_black_and_white_inside(tmp_path: Path, pixels: np.ndarray) -> None:
     step = 256 if pixels.dtype == np.uint16 else 1
     share = np.clip((pixels / step - 16) / 219, 0, 1)
-    seen = read_photo(png(tmp_path / "a.png", pixels, cICP=bytes((1, 13, 0, 0)))).pixels
-    np.testing.assert_allclose(seen, share, atol=2e-3)
+    decoded = read_photo(png(tmp_path / "a.png", pixels, cICP=bytes((1, 13, 0, 0)))).pixels
+    np.testing.assert_allclose(decoded, share, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -114,17 +114,17 @@ def test_a_profile_that_names_an_hdr_curve_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gamma", [1.0, 1.8])
 def test_the_curve_of_a_grey_picture_counts(tmp_path: Path, gamma: float) -> None:
-    own = bytes(imagecodecs.cms_profile("gray", gamma=gamma))
-    tifffile.imwrite(tmp_path / "a.tif", GREY, photometric="minisblack", iccprofile=own)
-    zipped = png(tmp_path / "a.png", GREY, iCCP=b"own\0\0" + zlib.compress(own))
-    told = png(tmp_path / "b.png", GREY, gAMA=struct.pack(">I", round(100_000 / gamma)))
-    for path in (tmp_path / "a.tif", zipped, told):
-        seen = light(path)
-        np.testing.assert_allclose(seen[0, :, 0], (RAMP / 65535) ** gamma, atol=1.5e-3)
-        assert np.abs(seen - seen[..., :1]).max() < 2e-3
+    profile = bytes(imagecodecs.cms_profile("gray", gamma=gamma))
+    tifffile.imwrite(tmp_path / "a.tif", GREY, photometric="minisblack", iccprofile=profile)
+    zipped = png(tmp_path / "a.png", GREY, iCCP=b"own\0\0" + zlib.compress(profile))
+    with_gamma = png(tmp_path / "b.png", GREY, gAMA=struct.pack(">I", round(100_000 / gamma)))
+    for path in (tmp_path / "a.tif", zipped, with_gamma):
+        decoded = light(path)
+        np.testing.assert_allclose(decoded[0, :, 0], (RAMP / 65535) ** gamma, atol=1.5e-3)
+        assert np.abs(decoded - decoded[..., :1]).max() < 2e-3
         assert read_photo(path).profile
     small = Image.fromarray((GREY >> 8).astype(np.uint8))
-    small.save(tmp_path / "a.jpg", quality=100, icc_profile=own)
+    small.save(tmp_path / "a.jpg", quality=100, icc_profile=profile)
     np.testing.assert_allclose(light(tmp_path / "a.jpg")[0, :, 0], (RAMP // 256 / 255) ** gamma, atol=0.02)
 
 

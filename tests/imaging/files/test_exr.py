@@ -47,7 +47,7 @@ def test_channels_are_named_as_others_expect(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("primaries", "told"),
+    ("primaries", "space"),
     [
         ("rec709", "lin_rec709_scene"),
         ("ap1", "lin_ap1_scene"),
@@ -56,15 +56,15 @@ def test_channels_are_named_as_others_expect(tmp_path: Path) -> None:
         (None, "unknown"),
     ],
 )
-def test_the_space_is_told_by_its_interop_id_alone(tmp_path: Path, primaries: str | None, told: str) -> None:
+def test_the_space_is_told_by_its_interop_id_alone(tmp_path: Path, primaries: str | None, space: str) -> None:
     """Compare with OpenColorIO, without the older tags, which might contradict it."""
     write_exr(tmp_path / "a.exr", RGB, primaries=primaries)
     attributes = read_exr_header(tmp_path / "a.exr").attributes
-    assert attributes["colorInteropID"] == told
+    assert attributes["colorInteropID"] == space
     assert not {"chromaticities", "adoptedNeutral"} & set(attributes)
     if primaries is not None:
         config = ocio.Config.CreateFromBuiltinConfig("studio-config-latest")
-        assert config.getColorSpace(told).getInteropID() == told
+        assert config.getColorSpace(space).getInteropID() == space
 
 
 def test_other_primaries_are_read_as_the_same_light(tmp_path: Path) -> None:
@@ -77,9 +77,9 @@ def test_other_primaries_are_read_as_the_same_light(tmp_path: Path) -> None:
     assert np.array_equal(ExrImage({"Y": RGB[..., 0]}, image.attributes).rgb()[..., 2], RGB[..., 0])
 
 
-@pytest.mark.parametrize("told", [(0.0,) * 8, (0.3, 0.3) * 4, (float("nan"),) * 8, (0.64, 0.33), "Rec.709"])
-def test_primaries_that_are_none_are_passed_over(told: tuple[float, ...] | str) -> None:
-    image = ExrImage(dict(zip("RGB", np.moveaxis(RGB, -1, 0), strict=True)), {"chromaticities": told})
+@pytest.mark.parametrize("stated", [(0.0,) * 8, (0.3, 0.3) * 4, (float("nan"),) * 8, (0.64, 0.33), "Rec.709"])
+def test_primaries_that_are_none_are_passed_over(stated: tuple[float, ...] | str) -> None:
+    image = ExrImage(dict(zip("RGB", np.moveaxis(RGB, -1, 0), strict=True)), {"chromaticities": stated})
     assert np.array_equal(image.rgb(), RGB)
 
 
@@ -88,9 +88,9 @@ def test_special_values_survive(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.exr", special)
     back = read_exr(tmp_path / "a.exr").channels["Y"]
     assert np.array_equal(back.view(np.uint32), special.view(np.uint32))
-    kept = np.array([[np.nan, np.inf, -np.inf, 65504.0]], np.float32)
-    write_exr(tmp_path / "h.exr", kept, half=True)
-    assert np.array_equal(read_exr(tmp_path / "h.exr").channels["Y"], kept, equal_nan=True)
+    half = np.array([[np.nan, np.inf, -np.inf, 65504.0]], np.float32)
+    write_exr(tmp_path / "h.exr", half, half=True)
+    assert np.array_equal(read_exr(tmp_path / "h.exr").channels["Y"], half, equal_nan=True)
 
 
 def test_half_rounds_to_eleven_bits(tmp_path: Path) -> None:
@@ -111,12 +111,12 @@ def test_what_does_not_fit_is_refused_and_nothing_written(tmp_path: Path, value:
 
 def test_named_channels_and_attributes(tmp_path: Path) -> None:
     channels = {"R": RGB[..., 0], "sigma": RGB[..., 1], "depth.Z": RGB[..., 2]}
-    told = {"rig:camera": "cäm 0", "rig:empty": "", "rig:k": 0.25, "whiteLuminance": 100.0}
-    write_exr(tmp_path / "a.exr", channels, primaries=None, attributes=told)
+    attributes = {"rig:camera": "cäm 0", "rig:empty": "", "rig:k": 0.25, "whiteLuminance": 100.0}
+    write_exr(tmp_path / "a.exr", channels, primaries=None, attributes=attributes)
     image = read_exr(tmp_path / "a.exr")
     assert image.channels.keys() == channels.keys()
     assert all(np.array_equal(image.channels[name], channels[name]) for name in channels)
-    assert image.attributes == told | {"colorInteropID": "data"}
+    assert image.attributes == attributes | {"colorInteropID": "data"}
     with pytest.raises(InputError, match="neither R, G, B nor Y"):
         image.rgb()
 
@@ -131,15 +131,15 @@ def test_a_grey_image_has_three_equal_channels(tmp_path: Path) -> None:
 )
 def test_the_exposure_survives(tmp_path: Path, exposure: Exposure) -> None:
     write_exr(tmp_path / "a.exr", RGB, exposure=exposure)
-    for found in (
+    for read_back in (
         read_exr(tmp_path / "a.exr").exposure,
         read_exr_header(tmp_path / "a.exr").exposure,
         read_metadata(tmp_path / "a.exr").exposure,
     ):
-        assert found is not None
-        assert found.time == pytest.approx(exposure.time, rel=1e-7)
-        assert found.scale == pytest.approx(exposure.scale, rel=1e-6)
-        assert (found.f_number is None, found.iso is None) == (
+        assert read_back is not None
+        assert read_back.time == pytest.approx(exposure.time, rel=1e-7)
+        assert read_back.scale == pytest.approx(exposure.scale, rel=1e-6)
+        assert (read_back.f_number is None, read_back.iso is None) == (
             exposure.f_number is None,
             exposure.iso is None,
         )
@@ -198,11 +198,11 @@ def test_data_are_in_parts_of_their_own(tmp_path: Path) -> None:
     depth, normal = RGB[..., 0] + 2, {f"N.{axis}": RGB[..., 1] for axis in "XYZ"}
     write_exr(tmp_path / "a.exr", RGB, attributes={"rig:k": 2.0}, data={"depth": {"Z": depth}, "N": normal})
     with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
-        told = [
+        parts = [
             (part.header["name"], part.header["colorInteropID"], set(part.channels)) for part in file.parts
         ]
         assert file.parts[0].header["rig:k"] == 2.0
-    assert told == [
+    assert parts == [
         ("light", "lin_rec709_scene", {"R", "G", "B"}),
         ("depth", "data", {"Z"}),
         ("N", "data", {"N.X", "N.Y", "N.Z"}),

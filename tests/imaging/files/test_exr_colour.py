@@ -21,7 +21,7 @@ def as_rec709(attributes: dict[str, object]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "told",
+    "space",
     [
         "lin_rec709_scene",
         "lin_ap0_scene",
@@ -32,11 +32,11 @@ def as_rec709(attributes: dict[str, object]) -> np.ndarray:
         "lin_ciexyzd65_scene",
     ],
 )
-def test_light_is_converted_as_opencolorio_does(told: str) -> None:
+def test_light_is_converted_as_opencolorio_does(space: str) -> None:
     config = ocio.Config.CreateFromBuiltinConfig("studio-config-latest")
     expected = LIGHT.copy()
-    config.getProcessor(told, "lin_rec709_scene").getDefaultCPUProcessor().applyRGB(expected)
-    for name in (told, f"studio:{told}"):
+    config.getProcessor(space, "lin_rec709_scene").getDefaultCPUProcessor().applyRGB(expected)
+    for name in (space, f"studio:{space}"):
         np.testing.assert_allclose(as_rec709({"colorInteropID": name}), expected, rtol=1e-3, atol=1e-3)
         assert not colour_of({"colorInteropID": name}).doubt
 
@@ -55,19 +55,19 @@ def test_the_id_counts_before_chromaticities_and_the_aces_flag_before_both() -> 
     assert not colour_of({"acesImageContainerFlag": 1.0, "colorInteropID": "lin_ap0_scene"}).doubt
 
 
-@pytest.mark.parametrize("told", ["unknown", "studio:its-own", "show:studio:lin_ap1_scene"])
-def test_an_id_that_says_nothing_leaves_it_to_the_chromaticities(told: str) -> None:
-    colour = colour_of({"colorInteropID": told, "chromaticities": chromaticities("ap1")})
+@pytest.mark.parametrize("stated", ["unknown", "studio:its-own", "show:studio:lin_ap1_scene"])
+def test_an_id_that_says_nothing_leaves_it_to_the_chromaticities(stated: str) -> None:
+    colour = colour_of({"colorInteropID": stated, "chromaticities": chromaticities("ap1")})
     assert colour.matrix == pytest.approx(colour_of({"colorInteropID": "lin_ap1_scene"}).matrix)
-    alone = colour_of({"colorInteropID": told})
+    alone = colour_of({"colorInteropID": stated})
     assert alone.matrix is None
     for one in (colour, alone):
-        assert (one.doubt == "") == (told == "unknown")
+        assert (one.doubt == "") == (stated == "unknown")
 
 
 def test_what_is_no_linear_light_is_refused() -> None:
     with pytest.raises(InputError, match="are data, not light"):
         colour_of({"colorInteropID": "data"})
-    for told in ("srgb_rec709_scene", "ocio:g24_rec709_display"):
+    for stated in ("srgb_rec709_scene", "ocio:g24_rec709_display"):
         with pytest.raises(InputError, match="is not linear"):
-            colour_of({"colorInteropID": told})
+            colour_of({"colorInteropID": stated})

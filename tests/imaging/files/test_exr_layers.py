@@ -31,7 +31,9 @@ def put(path: Path, channels: dict[str, np.ndarray], **header: object) -> Path:
 
 
 def put_parts(path: Path, *parts: tuple[str, dict[str, np.ndarray], dict[str, object]]) -> Path:
-    OpenEXR.File([OpenEXR.Part(HEADER | own, planes, name) for name, planes, own in parts]).write(str(path))
+    OpenEXR.File([OpenEXR.Part(HEADER | header, planes, name) for name, planes, header in parts]).write(
+        str(path)
+    )
     return path
 
 
@@ -88,10 +90,10 @@ def test_alpha_is_that_of_the_light_which_is_multiplied_by_it(tmp_path: Path) ->
     alpha[:8], alpha[8:12] = 0, 0.25
     for layer in ("", "ViewLayer.Combined."):
         path = put(tmp_path / "a.exr", rgb(layer, LIGHT * alpha[..., None]) | {f"{layer}A": alpha})
-        seen = read_with_alpha(path)
-        assert np.array_equal(seen.pixels, LIGHT * alpha[..., None])
-        assert seen.alpha is not None
-        assert np.array_equal(seen.alpha, alpha)
+        picture = read_with_alpha(path)
+        assert np.array_equal(picture.pixels, LIGHT * alpha[..., None])
+        assert picture.alpha is not None
+        assert np.array_equal(picture.alpha, alpha)
         assert read_picture(path).transparent == 12 / 32
         shot, _ = read_shot(path, "a", "hdr", 1.0, LINEAR, None)
         assert np.array_equal(shot.alpha, alpha)
@@ -99,9 +101,9 @@ def test_alpha_is_that_of_the_light_which_is_multiplied_by_it(tmp_path: Path) ->
         assert small.alpha == pytest.approx(alpha[::2, ::2])
     odd = alpha.copy()
     odd[0, :3] = np.nan, -1, 5
-    seen = read_with_alpha(put(tmp_path / "a.exr", rgb() | {"A": odd}))
-    assert seen.alpha is not None
-    assert seen.alpha[0, :3].tolist() == [1, 0, 1]
+    picture = read_with_alpha(put(tmp_path / "a.exr", rgb() | {"A": odd}))
+    assert picture.alpha is not None
+    assert picture.alpha[0, :3].tolist() == [1, 0, 1]
 
 
 def test_what_is_opaque_has_no_alpha(tmp_path: Path) -> None:

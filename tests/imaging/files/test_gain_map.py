@@ -70,6 +70,6 @@ def test_a_map_in_a_heic_is_named(tmp_path, kind):
         data = plain + struct.pack(">I4s", len(APPLE) + 8, b"free") + APPLE
     (tmp_path / "a.heic").write_bytes(data)
     assert read_photo(tmp_path / "plain.heic").doubt == ""
-    seen = read_photo(tmp_path / "a.heic")
-    assert seen.doubt.startswith("HDR gain map is left aside")
-    assert np.array_equal(seen.pixels, read_photo(tmp_path / "plain.heic").pixels)
+    photo = read_photo(tmp_path / "a.heic")
+    assert photo.doubt.startswith("HDR gain map is left aside")
+    assert np.array_equal(photo.pixels, read_photo(tmp_path / "plain.heic").pixels)

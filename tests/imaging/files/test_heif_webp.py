@@ -91,8 +91,8 @@ def numbered(path, primaries, transfer, pixels):
 
     codes = (pixels.astype(np.uint16) << 8).tobytes()
     size = pixels.shape[1], pixels.shape[0]
-    found = pillow_heif.from_bytes(mode="RGB;16", size=size, data=codes)
-    found.save(
+    image = pillow_heif.from_bytes(mode="RGB;16", size=size, data=codes)
+    image.save(
         path,
         quality=95,
         save_nclx_profile=True,
@@ -114,10 +114,10 @@ def test_hdr_of_ten_bits_is_refused_by_its_curve(tmp_path, monkeypatch, transfer
     opened = pillow_heif.open_heif
 
     def with_a_profile_beside(*args, **more):  # which pillow-heif does not write
-        found = opened(*args, **more)
-        if found.info["nclx_profile"]["transfer_characteristics"] == transfer:
-            found.info["icc_profile"] = bytes(imagecodecs.cms_profile("srgb"))
-        return found
+        image = opened(*args, **more)
+        if image.info["nclx_profile"]["transfer_characteristics"] == transfer:
+            image.info["icc_profile"] = bytes(imagecodecs.cms_profile("srgb"))
+        return image
 
     if profile:
         monkeypatch.setattr(pillow_heif, "open_heif", with_a_profile_beside)
@@ -165,9 +165,9 @@ def test_a_picture_of_a_telephone_is_laid_back_as_its_sensor_saw_it(
     opened = pillow_heif.open_heif
 
     def as_telephones_write(*args, **more):
-        found = opened(*args, **more)
-        found.info["exif"] = encode_exif(FrameMetadata(orientation=orientation))
-        return found
+        image = opened(*args, **more)
+        image.info["exif"] = encode_exif(FrameMetadata(orientation=orientation))
+        return image
 
     monkeypatch.setattr(pillow_heif, "open_heif", as_telephones_write)
     photo = read_photo(path)

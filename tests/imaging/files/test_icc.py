@@ -37,9 +37,9 @@ def profile(name: str) -> bytes:
 def patches(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Linear Rec.709 of patches, and the codes of a picture of them in a space."""
     linear = np.random.default_rng(1).uniform(0.05, 0.8, (6, 8, 3))
-    own = np.clip(colour.RGB_to_RGB(linear, "sRGB", name, "Bradford"), 0, 1)
+    in_space = np.clip(colour.RGB_to_RGB(linear, "sRGB", name, "Bradford"), 0, 1)
     gamma = SPACES[name][2]
-    codes = colour.cctf_encoding(own, "sRGB") if gamma is None else own ** (1 / gamma)
+    codes = colour.cctf_encoding(in_space, "sRGB") if gamma is None else in_space ** (1 / gamma)
     return linear, np.kron(codes, np.ones((8, 8, 1)))
 
 
@@ -49,15 +49,15 @@ def lab(linear: np.ndarray) -> np.ndarray:
 
 def difference(linear: np.ndarray, path: Path) -> np.ndarray:
     """CIEDE2000 of the middle of every patch."""
-    seen = colour.cctf_decoding(read_photo(path).pixels[4::8, 4::8].astype(np.float64), "sRGB")
-    return np.asarray(colour.delta_E(lab(linear), lab(seen), method="CIE 2000"))
+    decoded = colour.cctf_decoding(read_photo(path).pixels[4::8, 4::8].astype(np.float64), "sRGB")
+    return np.asarray(colour.delta_E(lab(linear), lab(decoded), method="CIE 2000"))
 
 
-def saved(path: Path, codes: np.ndarray, own: bytes | None, **options: object) -> Path:
+def saved(path: Path, codes: np.ndarray, embedded: bytes | None, **options: object) -> Path:
     image = Image.fromarray(np.rint(codes * 255).astype(np.uint8))
     if path.suffix == ".jpg":
         options = {"quality": 100, "subsampling": 0} | options
-    image.save(path, **({} if own is None else {"icc_profile": own}), **options)
+    image.save(path, **({} if embedded is None else {"icc_profile": embedded}), **options)
     return path
 
 
@@ -96,33 +96,35 @@ def test_what_is_clipped_or_black_stays_so(tmp_path: Path) -> None:
     for name in SPACES:
         codes = np.random.default_rng(5).random((30, 30, 3))
         codes[:10, :, 0], codes[10:20, :, 1], codes[25:] = 1.0, 0.0, 1.0
-        seen = read_photo(saved(tmp_path / "a.png", codes, profile(name))).pixels
-        assert (seen[:10, :, 0] >= SATURATED_CODE).all()
-        assert (seen[25:] >= SATURATED_CODE).all()
-        assert (seen[10:20, :, 1] <= 1 / 255).all()
+        pixels = read_photo(saved(tmp_path / "a.png", codes, profile(name))).pixels
+        assert (pixels[:10, :, 0] >= SATURATED_CODE).all()
+        assert (pixels[25:] >= SATURATED_CODE).all()
+        assert (pixels[10:20, :, 1] <= 1 / 255).all()
 
 
 def test_sixteen_bits_keep_their_steps(tmp_path: Path) -> None:
     ramp = np.repeat(np.arange(0, 65536, 16, dtype=np.uint16)[None, :, None], 3, axis=2)
-    own = profile("ProPhoto RGB")
-    tifffile.imwrite(tmp_path / "a.tif", ramp, photometric="rgb", extratags=[(34675, 7, len(own), own, True)])
-    seen = read_photo(tmp_path / "a.tif").pixels[0]
+    embedded = profile("ProPhoto RGB")
+    tifffile.imwrite(
+        tmp_path / "a.tif", ramp, photometric="rgb", extratags=[(34675, 7, len(embedded), embedded, True)]
+    )
+    pixels = read_photo(tmp_path / "a.tif").pixels[0]
     expected = colour.cctf_encoding((ramp[0] / 65535) ** 1.8, "sRGB")
-    assert np.abs(seen - expected).max() < 1e-3
-    assert len(np.unique(seen[:, 1])) > 3800
+    assert np.abs(pixels - expected).max() < 1e-3
+    assert len(np.unique(pixels[:, 1])) > 3800
 
 
 def test_srgb_and_what_cannot_be_used_change_nothing(tmp_path: Path) -> None:
     codes = np.random.default_rng(6).random((16, 16, 3))
     plain = read_photo(saved(tmp_path / "a.png", codes, None)).pixels
-    for own in (
+    for embedded in (
         ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(),
         bytes(imagecodecs.cms_profile("srgb")),
         profile("Display P3").replace(b"RGB ", b"CMYK", 1),
         profile("Display P3")[:300],
         b"nothing" * 30,
     ):
-        photo = read_photo(saved(tmp_path / "b.png", codes, own))
+        photo = read_photo(saved(tmp_path / "b.png", codes, embedded))
         assert photo.profile == ""
         assert np.array_equal(photo.pixels, plain)
 
@@ -148,7 +150,7 @@ def test_exif_tells_adobe_rgb(tmp_path: Path) -> None:
 
 def test_chunks_of_a_png_tell_primaries_and_gamma(tmp_path: Path) -> None:
     linear, codes = patches("Adobe RGB (1998)")
-    own = [*D65, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06]
+    primaries = [*D65, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06]
 
     def photo(points: list[float], power: float, *, srgb: bool = False) -> Path:
         chunks = PngImagePlugin.PngInfo()
@@ -158,13 +160,13 @@ def test_chunks_of_a_png_tell_primaries_and_gamma(tmp_path: Path) -> None:
             chunks.add(b"sRGB", b"\0")
         return saved(tmp_path / "a.png", codes, None, pnginfo=chunks)
 
-    path = photo(own, 256 / 563)
+    path = photo(primaries, 256 / 563)
     assert read_photo(path).profile == "the space of their gAMA and cHRM chunks"
     assert difference(linear, path).max() < 1.5
-    assert read_photo(photo(own, 256 / 563, srgb=True)).profile == ""
+    assert read_photo(photo(primaries, 256 / 563, srgb=True)).profile == ""
     assert read_photo(photo([*D65, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06], 0.45455)).profile == ""
     for useless in (0.0, 30.0):
-        assert read_photo(photo(own, useless)).profile == ""
+        assert read_photo(photo(primaries, useless)).profile == ""
     assert read_photo(photo([0.0] * 8, 0.5)).profile == ""
 
 
@@ -181,9 +183,9 @@ def test_a_damaged_profile_is_used_or_none(changes: list[tuple[int, int]]) -> No
         damaged[place % len(damaged)] = value
     buffer = BytesIO()
     Image.fromarray(np.full((4, 4, 3), 90, np.uint8)).save(buffer, "PNG", icc_profile=bytes(damaged))
-    found = icc.profile_of(buffer.getvalue())
-    if found is not None:
+    parsed = icc.profile_of(buffer.getvalue())
+    if parsed is not None:
         pixels = np.full((4, 4, 3), 0.4, np.float32)
-        found.apply(pixels)
+        parsed.apply(pixels)
         assert pixels.min() >= 0
         assert pixels.max() <= 1

@@ -30,14 +30,14 @@ RGB16 = RNG.integers(0, 65536, (21, 30, 3), dtype=np.uint16)
 def codes(path: Path, data: bytes) -> np.ndarray:
     """Code values of a file with this content, as whole numbers again."""
     path.write_bytes(data)
-    seen = read_photo(path)
-    assert seen.pixels.dtype == np.float32
-    assert seen.pixels.ndim == 3
-    assert seen.pixels.min() >= 0
-    assert seen.pixels.max() <= 1
-    largest = {8: 255, 16: 65535}[seen.bit_depth]
-    return np.round(seen.pixels.astype(np.float64) * largest).astype(
-        {8: np.uint8, 16: np.uint16}[seen.bit_depth]
+    photo = read_photo(path)
+    assert photo.pixels.dtype == np.float32
+    assert photo.pixels.ndim == 3
+    assert photo.pixels.min() >= 0
+    assert photo.pixels.max() <= 1
+    largest = {8: 255, 16: 65535}[photo.bit_depth]
+    return np.round(photo.pixels.astype(np.float64) * largest).astype(
+        {8: np.uint8, 16: np.uint16}[photo.bit_depth]
     )
 
 
@@ -55,10 +55,10 @@ def pillow(image: Image.Image, kind: str, **options: object) -> bytes:
 
 @pytest.mark.parametrize("pixels", [RGB8, RGB16, RGB8[..., 0], RGB16[..., 0], RGB16[::-1, ::2]])
 def test_png_is_exact(tmp_path: Path, pixels: np.ndarray) -> None:
-    seen = codes(tmp_path / "a.png", encode_png(pixels))
+    decoded = codes(tmp_path / "a.png", encode_png(pixels))
     expected = pixels if pixels.ndim == 3 else pixels[..., None].repeat(3, axis=2)
-    assert seen.dtype == pixels.dtype
-    assert np.array_equal(seen, expected)
+    assert decoded.dtype == pixels.dtype
+    assert np.array_equal(decoded, expected)
 
 
 def test_red_comes_first(tmp_path: Path) -> None:
@@ -126,10 +126,10 @@ def test_what_is_transparent_stands_before_black(tmp_path: Path, pixels: np.ndar
         (tiff(grey, photometric="minisblack", extrasamples=["unassalpha"]), expected[..., :1]),
     ):
         (tmp_path / "a").write_bytes(data)
-        seen = read_photo(tmp_path / "a")
-        assert np.abs(seen.pixels - colours).max() < 1e-6
-        assert seen.transparent == pytest.approx(9 / 21)
-        np.testing.assert_allclose(seen.alpha, alpha / top, rtol=1e-6)
+        photo = read_photo(tmp_path / "a")
+        assert np.abs(photo.pixels - colours).max() < 1e-6
+        assert photo.transparent == pytest.approx(9 / 21)
+        np.testing.assert_allclose(photo.alpha, alpha / top, rtol=1e-6)
     # colours that are multiplied by alpha already, to within their rounding
     times = np.dstack([np.rint(pixels * (alpha / top)[..., None]).astype(pixels.dtype), alpha])
     (tmp_path / "a").write_bytes(tiff(times, photometric="rgb", extrasamples=["assocalpha"]))
@@ -164,12 +164,12 @@ def test_luma_and_chroma_of_a_tiff_become_colour(tmp_path: Path, compression: st
     smooth = np.dstack([200 - columns, 60 + rows, 30 + columns + rows]).astype(np.uint8)
     image = Image.fromarray(smooth).convert("YCbCr")
     options = {"quality": 100} if compression == "jpeg" else {}
-    seen = codes(tmp_path / "a.tif", pillow(image, "TIFF", compression=compression, **options)).astype(int)
+    decoded = codes(tmp_path / "a.tif", pillow(image, "TIFF", compression=compression, **options)).astype(int)
     # as Pillow converts it, both with their rounding
-    assert np.abs(seen - np.asarray(image.convert("RGB")).astype(int)).max() <= (
+    assert np.abs(decoded - np.asarray(image.convert("RGB")).astype(int)).max() <= (
         1 if compression != "jpeg" else 4
     )
-    assert np.abs(seen - smooth).max() <= 4
+    assert np.abs(decoded - smooth).max() <= 4
 
 
 def test_subsampled_chroma_without_jpeg_is_refused(tmp_path: Path) -> None:
@@ -189,9 +189,9 @@ def test_jpeg_is_near_and_as_pillow_decodes_it(tmp_path: Path) -> None:
         pillow(Image.fromarray(smooth), "JPEG", progressive=True, quality=90),
         pillow(Image.fromarray(smooth), "JPEG", restart_marker_blocks=2),
     ):
-        seen = codes(tmp_path / "a.jpg", data)
-        assert np.array_equal(seen, np.asarray(Image.open(BytesIO(data))))
-        assert np.abs(seen.astype(int) - smooth).mean() < 3
+        decoded = codes(tmp_path / "a.jpg", data)
+        assert np.array_equal(decoded, np.asarray(Image.open(BytesIO(data))))
+        assert np.abs(decoded.astype(int) - smooth).mean() < 3
     grey = codes(tmp_path / "a.jpg", encode_jpeg(smooth[..., 0]))
     assert np.array_equal(grey[..., 0], grey[..., 2])
 
@@ -208,9 +208,9 @@ def test_metadata_survives_in_jpeg(tmp_path: Path, metadata: FrameMetadata) -> N
     path = tmp_path / "a.jpg"
     path.write_bytes(encode_jpeg(RGB8, metadata=metadata))
     assert read_metadata(path) == metadata
-    seen = read_photo(path)
-    assert seen.metadata == metadata
-    assert seen.pixels.shape == RGB8.shape  # orientation 6 is told and not applied
+    photo = read_photo(path)
+    assert photo.metadata == metadata
+    assert photo.pixels.shape == RGB8.shape  # orientation 6 is told and not applied
 
 
 @pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
@@ -223,7 +223,7 @@ def test_exiftool_reads_our_exif(tmp_path: Path, metadata: FrameMetadata) -> Non
         check=True,
         timeout=60,
     )
-    told = json.loads(done.stdout)[0]
+    tags = json.loads(done.stdout)[0]
     expected = {
         "Make": "Maker",
         "Model": "Model 1",
@@ -235,9 +235,9 @@ def test_exiftool_reads_our_exif(tmp_path: Path, metadata: FrameMetadata) -> Non
         "Orientation": 6,
         "DateTimeOriginal": "2024:05:06 07:08:09",
     }
-    assert {name: told.get(name) for name in expected} == expected
+    assert {name: tags.get(name) for name in expected} == expected
     # the JFIF tags that exiftool misses are not ours to write
-    assert "Error" not in told
+    assert "Error" not in tags
 
 
 @pytest.mark.parametrize("time", [1 / 8000, 1 / 4000, 30.0, 1e-5, 1 / 3])

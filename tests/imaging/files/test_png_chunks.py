@@ -24,13 +24,13 @@ def test_one_colour_may_be_transparent(tmp_path: Path, pixels: np.ndarray) -> No
     pixels = pixels.copy()
     pixels[SPOT] = np.iinfo(pixels.dtype).max - 3  # which nothing else is
     key = np.atleast_1d(pixels[SPOT]).astype(">u2").tobytes()
-    seen = read_photo(png(tmp_path / "a.png", pixels, tRNS=key))
-    assert seen.bit_depth == 8 * pixels.itemsize
+    photo = read_photo(png(tmp_path / "a.png", pixels, tRNS=key))
+    assert photo.bit_depth == 8 * pixels.itemsize
     expected = np.ones((6, 9))
     expected[SPOT] = 0
-    assert np.array_equal(seen.alpha, expected)
+    assert np.array_equal(photo.alpha, expected)
     solid = (pixels if pixels.ndim == 3 else pixels[..., None]) / np.iinfo(pixels.dtype).max
-    assert np.abs(seen.pixels - solid * expected[..., None]).max() < 1e-6
+    assert np.abs(photo.pixels - solid * expected[..., None]).max() < 1e-6
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4, 8])
@@ -51,10 +51,10 @@ def test_few_bits_are_scaled_and_have_their_transparent_value(
         kind = name.encode()
         body += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     (tmp_path / "a.png").write_bytes(body)
-    seen = read_photo(tmp_path / "a.png")
-    assert np.array_equal(seen.alpha, (row != 1)[None])
-    told = colours[row] / 255 if palette else np.repeat(row[:, None] / top, 3, axis=1)
-    np.testing.assert_allclose(seen.pixels[0], told * (row != 1)[:, None], atol=1e-6)
+    photo = read_photo(tmp_path / "a.png")
+    assert np.array_equal(photo.alpha, (row != 1)[None])
+    expected = colours[row] / 255 if palette else np.repeat(row[:, None] / top, 3, axis=1)
+    np.testing.assert_allclose(photo.pixels[0], expected * (row != 1)[:, None], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,9 @@ def test_few_bits_are_scaled_and_have_their_transparent_value(
 def test_what_is_about_displays_changes_nothing(
     tmp_path: Path, name: str, body: bytes, pixels: np.ndarray
 ) -> None:
-    seen = read_photo(png(tmp_path / "a.png", pixels, **{name: body}))
-    assert np.array_equal(np.rint(seen.pixels * np.iinfo(pixels.dtype).max), pixels)
-    assert (seen.alpha, seen.profile, seen.doubt) == (None, "", "")
+    photo = read_photo(png(tmp_path / "a.png", pixels, **{name: body}))
+    assert np.array_equal(np.rint(photo.pixels * np.iinfo(pixels.dtype).max), pixels)
+    assert (photo.alpha, photo.profile, photo.doubt) == (None, "", "")
 
 
 @pytest.mark.parametrize("apart", [False, True], ids=["first of the film", "picture of its own"])
@@ -101,8 +101,8 @@ def test_rows_may_come_in_the_order_of_adam7(tmp_path: Path) -> None:
     passes = [RGB8[0, [0]], RGB8[0, [4]], RGB8[0, [2]], RGB8[0, [1, 3]]]
     body = zlib.compress(b"".join(b"\0" + part.tobytes() for part in passes))
     data = whole[:8]
-    for kind, own in ((b"IHDR", head), (b"IDAT", body), (b"IEND", b"")):
-        data += struct.pack(">I", len(own)) + kind + own + struct.pack(">I", zlib.crc32(kind + own))
+    for kind, chunk in ((b"IHDR", head), (b"IDAT", body), (b"IEND", b"")):
+        data += struct.pack(">I", len(chunk)) + kind + chunk + struct.pack(">I", zlib.crc32(kind + chunk))
     (tmp_path / "a.png").write_bytes(data)
     assert np.array_equal(np.rint(read_photo(tmp_path / "a.png").pixels * 255), RGB8[:1, :5])
 
@@ -117,5 +117,5 @@ def test_exif_counts_before_and_behind_the_pixels(tmp_path: Path) -> None:
     chunk = struct.pack(">I", len(exif)) + b"eXIf" + exif + struct.pack(">I", zlib.crc32(b"eXIf" + exif))
     (tmp_path / "b.png").write_bytes(plain[:-12] + chunk + plain[-12:])
     for path in (before, tmp_path / "b.png"):
-        seen = read_metadata(path)
-        assert (seen.make, seen.orientation) == ("Acme", 6)
+        metadata = read_metadata(path)
+        assert (metadata.make, metadata.orientation) == ("Acme", 6)

@@ -32,23 +32,23 @@ def put(path: Path, *lines: bytes, data: bytes = DATA) -> Path:
 
 def test_opencv_reads_the_same(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.hdr"), LIGHT[..., ::-1])
-    seen = read_light(tmp_path / "a.hdr")
-    assert np.array_equal(seen, cv2.imread(str(tmp_path / "a.hdr"), cv2.IMREAD_UNCHANGED)[..., ::-1])
+    light = read_light(tmp_path / "a.hdr")
+    assert np.array_equal(light, cv2.imread(str(tmp_path / "a.hdr"), cv2.IMREAD_UNCHANGED)[..., ::-1])
     # eight bits beside the largest of the three
-    assert (np.abs(seen - LIGHT) <= LIGHT.max(-1, keepdims=True) / 127).all()
+    assert (np.abs(light - LIGHT) <= LIGHT.max(-1, keepdims=True) / 127).all()
 
 
 def test_what_the_header_says_is_divided_out(tmp_path: Path) -> None:
     plain = read_hdr(put(tmp_path / "a.hdr"))
-    told = put(tmp_path / "b.hdr", b"EXPOSURE=4", b"EXPOSURE= 0.5", b"COLORCORR=1 2 4")
-    assert np.allclose(read_hdr(told), plain / [2, 4, 8], rtol=1e-6)
+    with_header = put(tmp_path / "b.hdr", b"EXPOSURE=4", b"EXPOSURE= 0.5", b"COLORCORR=1 2 4")
+    assert np.allclose(read_hdr(with_header), plain / [2, 4, 8], rtol=1e-6)
 
 
 def test_other_primaries_are_the_same_light(tmp_path: Path) -> None:
     plain = read_hdr(put(tmp_path / "a.hdr"))
-    seen = read_hdr(put(tmp_path / "b.hdr", b"PRIMARIES=0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290"))
+    light = read_hdr(put(tmp_path / "b.hdr", b"PRIMARIES=0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290"))
     expected = colour.RGB_to_RGB(plain, "ITU-R BT.2020", "ITU-R BT.709", "Bradford")
-    assert np.abs(seen - expected).max() < 1e-3 * plain.max()
+    assert np.abs(light - expected).max() < 1e-3 * plain.max()
     assert np.array_equal(read_hdr(put(tmp_path / "c.hdr", b"PRIMARIES=1 2 nonsense")), plain)
 
 

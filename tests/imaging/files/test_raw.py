@@ -38,17 +38,22 @@ def test_the_active_area_shifts_phase_and_black(
     raw = make_raw(96, 128, cfa=Cfa.GRBG)
     path = write(raw, compression, ACTIVE_AREA=Entry(LONG, area))
     top, left, bottom, right = area
-    seen = read_raw(path)
+    mosaic = read_raw(path)
     # LibRaw begins an active area with an odd corner one row or column later
     skipped = (top % 2, left % 2)
     rows, columns = slice(top + skipped[0], bottom), slice(left + skipped[1], right)
     height, width = raw.pixels[rows, columns].shape
     assert np.array_equal(
-        seen.pixels, raw.pixels[rows, columns][: seen.pixels.shape[0], : seen.pixels.shape[1]]
+        mosaic.pixels, raw.pixels[rows, columns][: mosaic.pixels.shape[0], : mosaic.pixels.shape[1]]
     )
-    assert (height - seen.pixels.shape[0], width - seen.pixels.shape[1]) in [(0, 0), (1, 0), (0, 1), (1, 1)]
+    assert (height - mosaic.pixels.shape[0], width - mosaic.pixels.shape[1]) in [
+        (0, 0),
+        (1, 0),
+        (0, 1),
+        (1, 1),
+    ]
     expected = raw.cropped(*skipped, height, width)
-    assert (seen.cfa, seen.black) == (expected.cfa, expected.black)
+    assert (mosaic.cfa, mosaic.black) == (expected.cfa, expected.black)
 
 
 def test_a_crop_for_display_does_not_cut_the_mosaic(write: Write, make_raw: MakeRaw) -> None:
@@ -84,10 +89,10 @@ def test_black_levels_repeat_as_often_as_the_file_says(
         BLACK=Entry(SHORT, levels.ravel().tolist()),
         ACTIVE_AREA=Entry(LONG, [2, 3, 40, 64]),
     )
-    seen = read_raw(path)
-    assert np.abs(seen.signal()).max() < 1e-6
-    assert np.abs(seen.cropped(1, 3, 20, 30).signal()).max() < 1e-6
-    assert np.mean(seen.black) == pytest.approx(seen.pixels.mean())
+    mosaic = read_raw(path)
+    assert np.abs(mosaic.signal()).max() < 1e-6
+    assert np.abs(mosaic.cropped(1, 3, 20, 30).signal()).max() < 1e-6
+    assert np.mean(mosaic.black) == pytest.approx(mosaic.pixels.mean())
 
 
 def test_black_deltas_of_rows_and_columns_are_added(write: Write, make_raw: MakeRaw) -> None:
@@ -98,13 +103,13 @@ def test_black_deltas_of_rows_and_columns_are_added(write: Write, make_raw: Make
         "BLACK_DELTA_V": Entry(SRATIONAL, rows.tolist()),
     }
     one = {"BLACK_REPEAT": Entry(SHORT, [1, 1]), "BLACK": Entry(SHORT, [100])}
-    seen = read_raw(write(make_raw(pixels=pixels), **one, **deltas))
-    assert np.abs(seen.signal()).max() < 1e-6
+    mosaic = read_raw(write(make_raw(pixels=pixels), **one, **deltas))
+    assert np.abs(mosaic.signal()).max() < 1e-6
     # one step for all is no pattern, and deltas of another size are none
-    seen = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 40)))
-    assert (seen.black, seen.black_offset) == (((96.0,) * 2,) * 2, None)
-    seen = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 10)))
-    assert (seen.black, seen.black_offset) == (((100.0,) * 2,) * 2, None)
+    mosaic = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 40)))
+    assert (mosaic.black, mosaic.black_offset) == (((96.0,) * 2,) * 2, None)
+    mosaic = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 10)))
+    assert (mosaic.black, mosaic.black_offset) == (((100.0,) * 2,) * 2, None)
 
 
 def test_a_missing_white_level_is_the_largest_number(write: Write) -> None:

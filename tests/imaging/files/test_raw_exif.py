@@ -28,8 +28,8 @@ def raf() -> bytes:
 
 
 def test_exif_counts_before_what_libraw_says() -> None:
-    found = spoken(BytesIO(raf()), LIBRAW)
-    assert (found.make, found.exposure, found.focal_length_mm) == ("Acme", SAID.exposure, 35.0)
+    metadata = spoken(BytesIO(raf()), LIBRAW)
+    assert (metadata.make, metadata.exposure, metadata.focal_length_mm) == ("Acme", SAID.exposure, 35.0)
     plain = spoken(BytesIO(bytes(300)), LIBRAW)
     assert (plain.make, plain.exposure) == ("", Exposure(time=0.5, f_number=4.0, iso=200.0))
 
@@ -41,8 +41,10 @@ def test_damaged_bytes_leave_it_to_libraw() -> None:
         damaged = bytearray(whole)
         for _ in range(rng.randint(1, 6)):
             damaged[rng.randrange(84, 500)] = rng.choice([0, 1, 255, rng.randrange(256)])
-        found = spoken(BytesIO(bytes(damaged[: rng.choice([len(whole), rng.randrange(len(whole))])])), LIBRAW)
-        assert found.exposure is not None
+        metadata = spoken(
+            BytesIO(bytes(damaged[: rng.choice([len(whole), rng.randrange(len(whole))])])), LIBRAW
+        )
+        assert metadata.exposure is not None
 
 
 def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,7 +80,7 @@ def test_a_failing_block_leaves_the_old(tmp_path: Path, failure: type[BaseExcept
         store.write_bytes(tmp_path / "a.bin", b"old")
         with store.replacing(tmp_path / "folder") as part:
             fill(part, "old")
-    kept = tree(tmp_path)
+    contents = tree(tmp_path)
 
     def write(path: Path) -> None:
         with store.replacing(path) as part:
@@ -93,7 +93,7 @@ def test_a_failing_block_leaves_the_old(tmp_path: Path, failure: type[BaseExcept
     for name in ("a.bin", "folder"):
         with pytest.raises(failure):
             write(tmp_path / name)
-    assert tree(tmp_path) == kept
+    assert tree(tmp_path) == contents
     assert store.leftovers(tmp_path) == []
 
 
@@ -128,20 +128,20 @@ def test_a_refusing_disk_leaves_the_old(
 
     if before:
         write("old")
-    kept = tree(tmp_path)
+    contents = tree(tmp_path)
     refuse(owner, name, number)
     with pytest.raises(StorageError, match=os.strerror(number).lower()) as error:
         write("new")
     assert str(error.value).startswith(str(target))
     assert "\n" not in str(error.value)
-    assert tree(tmp_path) == kept
+    assert tree(tmp_path) == contents
     assert store.leftovers(tmp_path) == []
 
 
 def test_a_folder_comes_back_when_the_new_one_cannot_be_named(tmp_path: Path, refuse: Refuse) -> None:
     with store.replacing(tmp_path / "folder") as part:
         fill(part, "old")
-    kept = tree(tmp_path)
+    contents = tree(tmp_path)
     renames: list[Path] = []
     plain = Path.rename
 
@@ -155,7 +155,7 @@ def test_a_folder_comes_back_when_the_new_one_cannot_be_named(tmp_path: Path, re
         patch.setattr(Path, "rename", rename)
         with pytest.raises(StorageError), store.replacing(tmp_path / "folder") as part:
             fill(part, "new")
-    assert tree(tmp_path) == kept
+    assert tree(tmp_path) == contents
     assert store.leftovers(tmp_path) == []
 
 
@@ -219,10 +219,10 @@ def test_a_torn_line_is_dropped_and_then_cut_off(
     cut = data.draw(st.integers(0, len(whole)))
     garbage = data.draw(st.sampled_from([b"", b"\0\0\0\0", b"{"]))
     path.write_bytes(whole[:cut] + garbage)
-    kept = whole[:cut].count(b"\n")
-    assert store.read_lines(path) == LINES[:kept]
+    whole_lines = whole[:cut].count(b"\n")
+    assert store.read_lines(path) == LINES[:whole_lines]
     store.append_line(path, {"new": True})
-    assert store.read_lines(path) == [*LINES[:kept], {"new": True}]
+    assert store.read_lines(path) == [*LINES[:whole_lines], {"new": True}]
 
 
 def test_a_line_that_the_disk_refuses(tmp_path: Path, refuse: Refuse) -> None:

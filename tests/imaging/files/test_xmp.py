@@ -67,12 +67,12 @@ def test_a_photograph_says_what_its_packet_says(tmp_path):
     segment = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
     path = tmp_path / "drone.jpg"
     path.write_bytes(plain[:2] + segment + plain[2:])
-    found = read_metadata(path)
-    assert found.gimbal == (45.0, -89.9, 0.0)
-    assert found.height == 39.8
-    assert found.position is not None
-    assert found.position.altitude == 198.0
-    assert (found.position.error, found.position.altitude_error) == (0.015, 0.03)
+    metadata = read_metadata(path)
+    assert metadata.gimbal == (45.0, -89.9, 0.0)
+    assert metadata.height == 39.8
+    assert metadata.position is not None
+    assert metadata.position.altitude == 198.0
+    assert (metadata.position.error, metadata.position.altitude_error) == (0.015, 0.03)
     path.write_bytes(plain)
     assert read_metadata(path).gimbal is None
     assert read_metadata(path).position == GpsPosition(46.8, -92.0, 198.0, 3.0)
@@ -125,17 +125,17 @@ KINDS = [
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_photograph_says_it(tmp_path, kind):
     path = holding(tmp_path / "a.x", kind, PLACED)
-    for found in (read_metadata(path), read_photo(path).metadata):
-        assert (found.gimbal, found.height) == ((45.0, -89.9, 0.0), 39.8)
-        assert found.position == GpsPosition(46.8, -92.1, 231.5)
+    for metadata in (read_metadata(path), read_photo(path).metadata):
+        assert (metadata.gimbal, metadata.height) == ((45.0, -89.9, 0.0), 39.8)
+        assert metadata.position == GpsPosition(46.8, -92.1, 231.5)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "tif"])
 def test_the_place_of_exif_counts_before_that_of_the_packet(tmp_path, kind):
-    found = read_metadata(holding(tmp_path / "a.x", kind, PLACED, SAID))
-    assert found.make == "DJI"
-    assert found.position == SAID.position
-    assert found.height == 39.8
+    metadata = read_metadata(holding(tmp_path / "a.x", kind, PLACED, SAID))
+    assert metadata.make == "DJI"
+    assert metadata.position == SAID.position
+    assert metadata.height == 39.8
     corrected = read_metadata(holding(tmp_path / "a.x", kind, ATTRIBUTES, SAID)).position
     assert corrected == GpsPosition(46.8, -92.0, 198.0, 0.015, 0.03)
 
@@ -143,9 +143,9 @@ def test_the_place_of_exif_counts_before_that_of_the_packet(tmp_path, kind):
 @pytest.mark.parametrize("entry", [Entry(BYTE, list(PLACED)), Entry(UNDEFINED, PLACED)])
 def test_a_dng_says_it_too(write, monkeypatch, entry):
     monkeypatch.setattr("imaging.files.tiff.dng_tags.BASELINE_NOISE", 700)
-    found = read_metadata(write(BASELINE_NOISE=entry))
-    assert (found.gimbal, found.height) == ((45.0, -89.9, 0.0), 39.8)
-    assert found.position == GpsPosition(46.8, -92.1, 231.5)
+    metadata = read_metadata(write(BASELINE_NOISE=entry))
+    assert (metadata.gimbal, metadata.height) == ((45.0, -89.9, 0.0), 39.8)
+    assert metadata.position == GpsPosition(46.8, -92.1, 231.5)
 
 
 @pytest.mark.parametrize("latitude", [b"0", b"+91.0", b"north"])

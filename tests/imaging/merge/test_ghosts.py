@@ -41,18 +41,18 @@ def expose(
 @PHASES
 def test_noise_alone_is_no_ghost(cfa: Cfa | None) -> None:
     rng = np.random.default_rng(1)
-    found = without_ghosts([expose(scene(0), k, rng, cfa) for k in SCALES])
-    assert found.ghost.mean() < 1e-4
-    assert found.noise < 1.1
+    result = without_ghosts([expose(scene(0), k, rng, cfa) for k in SCALES])
+    assert result.ghost.mean() < 1e-4
+    assert result.noise < 1.1
 
 
 @PHASES
 def test_noise_of_twice_the_model_is_no_ghost_either(cfa: Cfa | None) -> None:
     rng = np.random.default_rng(2)
     quiet = SensorSignalNoise(NOISE.slope / 4, NOISE.floor / 4)
-    found = without_ghosts([expose(scene(0), k, rng, cfa, quiet) for k in SCALES])
-    assert found.ghost.mean() < 2e-3
-    assert found.noise > 1.3
+    result = without_ghosts([expose(scene(0), k, rng, cfa, quiet) for k in SCALES])
+    assert result.ghost.mean() < 2e-3
+    assert result.noise > 1.3
 
 
 @PHASES
@@ -67,17 +67,17 @@ def test_what_moved_is_found_and_shown_as_one_exposure_saw_it(cfa: Cfa | None) -
         light[place] = 0.6
         path[place] = True
         frames.append(expose(light, k, rng, cfa))
-    found = without_ghosts(frames)
-    assert found.ghost[path].mean() > 0.9
-    assert found.ghost[~path].mean() < 0.01
+    result = without_ghosts(frames)
+    assert result.ghost[path].mean() > 0.9
+    assert result.ghost[~path].mean() < 0.01
     # The longest exposure saw the object unsaturated at its first place, and so shows it there alone.
-    assert found.reference == 0
-    merged = found.merged.radiance
+    assert result.reference == 0
+    merged = result.merged.radiance
     assert np.median(merged[42:78, 22:48]) == pytest.approx(0.6, rel=0.02)
     for step in range(1, 5):
         assert np.median(merged[42:78, 22 + 30 * step : 48 + 30 * step]) == pytest.approx(0.02, rel=0.05)
     untouched = merge_bracket(frames)
-    np.testing.assert_array_equal(merged[~found.ghost], untouched.radiance[~found.ghost])
+    np.testing.assert_array_equal(merged[~result.ghost], untouched.radiance[~result.ghost])
 
 
 def test_a_light_that_went_out_is_found_though_it_saturated() -> None:
@@ -96,9 +96,9 @@ def test_nothing_is_told_by_one_exposure_or_without_noise() -> None:
     one = [expose(scene(0), 1.0, rng, None)]
     assert not without_ghosts(one).ghost.any()
     blind = [expose(scene(0), k, rng, None, noise=None) for k in SCALES]
-    found = without_ghosts(blind)
-    assert not found.ghost.any()
-    assert found.reference is None
+    result = without_ghosts(blind)
+    assert not result.ghost.any()
+    assert result.reference is None
 
 
 @PHASES
@@ -113,10 +113,10 @@ def test_a_shaken_camera_is_told_how_far(cfa: Cfa | None, step: float) -> None:
             logs, motion, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
         )
         frames.append(expose(np.exp(moved), k, rng, cfa))
-    found = shifts(frames[::-1])
-    assert len(found) >= 2
+    measured = shifts(frames[::-1])
+    assert len(measured) >= 2
     # The shorter exposure is the later one: the longer lies to its left.
-    for shift in found:
+    for shift in measured:
         assert shift.x == pytest.approx(-step, abs=0.45)
         assert shift.y == pytest.approx(0.5 * step, abs=0.45)
 
@@ -141,9 +141,9 @@ def test_what_is_not_valid_moves_no_shift(cfa: Cfa | None, step: float) -> None:
         )
         frame = expose(np.where(hidden, scene(10), np.exp(moved)), k, rng, cfa)
         frames.append(replace(frame, valid=~hidden))
-    found = shifts(frames)
-    assert len(found) >= 2
-    for shift in found:
+    measured = shifts(frames)
+    assert len(measured) >= 2
+    for shift in measured:
         assert shift.x == pytest.approx(-step, abs=0.3)
 
 
@@ -156,13 +156,13 @@ def test_no_ghost_is_looked_for_where_masks_ask_not_to(cfa: Cfa | None) -> None:
     moved = np.ones(SIZE)
     moved[140:170, 190:230] = 8.0
     frames[2] = expose(np.where(hidden, 1.0, scene(0) * moved), SCALES[2], rng, cfa)
-    told, blind = without_ghosts(frames, hidden=hidden), without_ghosts(frames)
+    masked, blind = without_ghosts(frames, hidden=hidden), without_ghosts(frames)
     assert blind.ghost[:120].mean() > 0.1
-    assert blind.noise > 2 * told.noise
-    assert not told.ghost[:120].any()
-    assert told.noise < 1.2
-    assert told.ghost[145:165, 195:225].mean() > 0.5
-    assert told.ghost[:, :180].mean() < 0.01
+    assert blind.noise > 2 * masked.noise
+    assert not masked.ghost[:120].any()
+    assert masked.noise < 1.2
+    assert masked.ghost[145:165, 195:225].mean() > 0.5
+    assert masked.ghost[:, :180].mean() < 0.01
 
 
 @PHASES
@@ -177,9 +177,9 @@ def test_a_ghost_that_the_best_exposure_does_not_show_is_shown_by_another(cfa: C
     gone[90:120, 90:120] = False
     # The last exposure sees a third scene, so that the hidden part is a ghost of the other two.
     frames[2] = expose(np.where(gone, moved, 0.4), 0.25, rng, cfa)
-    found = without_ghosts([replace(frames[0], valid=gone), *frames[1:]])
-    assert found.reference == 0
+    result = without_ghosts([replace(frames[0], valid=gone), *frames[1:]])
+    assert result.reference == 0
     part = np.s_[94:116, 94:116]
-    assert found.ghost[part].all()
-    assert np.isfinite(found.merged.radiance).all()
-    np.testing.assert_array_equal(found.merged.radiance[part], frames[1].signal[part] / np.float32(0.5))
+    assert result.ghost[part].all()
+    assert np.isfinite(result.merged.radiance).all()
+    np.testing.assert_array_equal(result.merged.radiance[part], frames[1].signal[part] / np.float32(0.5))

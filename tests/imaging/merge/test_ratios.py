@@ -31,12 +31,12 @@ def test_ratio_is_true_within_its_error_and_two_tenths_of_a_percent(step: float,
     pulls = []
     for seed in range(8):
         true = step * 1.037
-        found = ratio(
+        measured = ratio(
             [overlap(expose(1.0, 2 * seed, noise=noise), expose(1 / true, 2 * seed + 1, noise=noise))]
         )
-        assert found is not None
-        assert abs(found.log - np.log(true)) < (2e-3 if step < 100 else 6e-3)
-        pulls.append((found.log - np.log(true)) / found.error)
+        assert measured is not None
+        assert abs(measured.log - np.log(true)) < (2e-3 if step < 100 else 6e-3)
+        pulls.append((measured.log - np.log(true)) / measured.error)
     assert np.sqrt(np.mean(np.square(pulls))) < 2.0
     assert abs(np.mean(pulls)) < 1.2
 
@@ -44,9 +44,9 @@ def test_ratio_is_true_within_its_error_and_two_tenths_of_a_percent(step: float,
 def test_a_moving_object_does_not_change_the_ratio() -> None:
     moved = RADIANCE.copy()
     moved[40:80, 60:140] = 0.3
-    found = ratio([overlap(expose(1.0, 20), expose(0.25, 21, moved))])
-    assert found is not None
-    assert found.log == pytest.approx(np.log(4.0), abs=2e-3)
+    measured = ratio([overlap(expose(1.0, 20), expose(0.25, 21, moved))])
+    assert measured is not None
+    assert measured.log == pytest.approx(np.log(4.0), abs=2e-3)
 
 
 def test_exposures_without_shared_photosites_have_no_ratio() -> None:

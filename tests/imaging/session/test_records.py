@@ -108,11 +108,11 @@ def test_numbers_that_cannot_be(change: dict[str, Any]) -> None:
 
 
 def test_the_best_known_exposure_counts() -> None:
-    asked, told, found = Exposure(time=1.0), Exposure(time=1.1), Exposure(time=1.05)
+    asked, reported, estimated = Exposure(time=1.0), Exposure(time=1.1), Exposure(time=1.05)
     assert ShotRecord(**SHOT).exposure is None
     assert ShotRecord(**SHOT, requested=asked).exposure == asked
-    assert ShotRecord(**SHOT, requested=asked, reported=told).exposure == told
-    assert ShotRecord(**SHOT, requested=asked, reported=told, estimated=found).exposure == found
+    assert ShotRecord(**SHOT, requested=asked, reported=reported).exposure == reported
+    assert ShotRecord(**SHOT, requested=asked, reported=reported, estimated=estimated).exposure == estimated
 
 
 def test_records_do_not_change() -> None:

@@ -110,8 +110,8 @@ def test_every_whole_line_survives_a_torn_tail(
     folder = tmp_path_factory.mktemp("torn")
     session = Session(folder, RECORD)
     (folder / "shots.jsonl").write_bytes(WHOLE[:cut] + tail)
-    kept = WHOLE[:cut].count(b"\n")
-    assert session.shots() == SHOTS[:kept]
+    whole_lines = WHOLE[:cut].count(b"\n")
+    assert session.shots() == SHOTS[:whole_lines]
 
 
 def test_a_torn_session_goes_on(session: Session) -> None:

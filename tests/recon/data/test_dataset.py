@@ -144,12 +144,12 @@ def test_what_is_scaled_stays_where_its_lens_says(tmp_path, kind, width, height,
     shot, _ = read_shot(path, "a", kind, 1.0, LINEAR, max_width=most)
     lens = Lens(model="PINHOLE", width=width, height=height, fx=90, fy=90, cx=width / 2, cy=height / 2)
     size = shot.pixels.shape[1], shot.pixels.shape[0]
-    own = lens_of_pixels(lens, kind, *size)
-    assert (own.width, own.height) == size
+    scaled = lens_of_pixels(lens, kind, *size)
+    assert (scaled.width, scaled.height) == size
     row = shot.pixels.reshape(*shot.pixels.shape[:2], -1).mean((0, 2))
-    seen = (row * (np.arange(size[0]) + 0.5)).sum() / row.sum()
-    expected = (at + 3.5 - lens.cx) / lens.fx * own.fx + own.cx
-    assert seen == pytest.approx(expected, abs=0.05)
+    centre = (row * (np.arange(size[0]) + 0.5)).sum() / row.sum()
+    expected = (at + 3.5 - lens.cx) / lens.fx * scaled.fx + scaled.cx
+    assert centre == pytest.approx(expected, abs=0.05)
 
 
 def test_a_mask_is_scaled_as_the_odd_mosaic_that_it_covers(tmp_path):
@@ -272,10 +272,10 @@ def test_alpha_is_averaged_over_areas_and_what_else_is_read_has_none(tmp_path):
 def test_of_many_points_those_remain_that_most_views_saw(toy_dataset):
     xyz, tracks = toy_dataset.tracks()
     times = np.bincount(np.concatenate(list(tracks.values())), minlength=len(xyz))
-    few, kept = toy_dataset.tracks(100)
+    few, few_tracks = toy_dataset.tracks(100)
     places = [int(np.flatnonzero((xyz == point).all(1))[0]) for point in few]
     assert len(few) == 100
     assert times[places].min() >= np.delete(times, places).max()
-    for name, seen in tracks.items():
-        assert {places[row] for row in kept[name]} == set(seen.tolist()) & set(places)
+    for name, points in tracks.items():
+        assert {places[row] for row in few_tracks[name]} == set(points.tolist()) & set(places)
     assert all(map(np.array_equal, toy_dataset.tracks(10**6)[1].values(), tracks.values()))

@@ -43,17 +43,17 @@ def session(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 def test_shots_on_the_disk_are_those_in_memory_bit_for_bit(session: Path, settings: dict[str, int]) -> None:
     held = load(session, examine=lambda firsts, counts: False, **settings).views
     for _ in range(2):  # decoded, and found
-        for view, own in zip(held, stored(session, **settings), strict=True):
+        for view, on_disk in zip(held, stored(session, **settings), strict=True):
             assert view.held
-            assert not own.held
-            assert view.sensor.cfa == own.sensor.cfa
-            for shot, other in zip(view.shots, own.shots, strict=True):
+            assert not on_disk.held
+            assert view.sensor.cfa == on_disk.sensor.cfa
+            for shot, other in zip(view.shots, on_disk.shots, strict=True):
                 assert same(shot, other)
                 signal = np.linspace(0, 1, 30, dtype=np.float32).reshape(10, 3)
                 noises = [one.noise and one.noise.variance(signal) for one in (shot, other)]
                 assert np.array_equal(*noises)
-            assert np.array_equal(view.seen, own.seen)
-            assert all(map(np.array_equal, radiance_image(view), radiance_image(own)))
+            assert np.array_equal(view.seen, on_disk.seen)
+            assert all(map(np.array_equal, radiance_image(view), radiance_image(on_disk)))
 
 
 def test_a_second_reading_decodes_nothing(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,9 +101,9 @@ def test_any_float_is_given_back_by_its_bits(seed: int) -> None:
         np.float32([[np.nan, 1.0, np.inf]]),
         np.float32([[1e-45, 2e-45, 0]]),
     ):
-        found = decoded._decoded(decoded._encoded("a", values), "a")
-        assert (found.dtype, found.shape) == (values.dtype, values.shape)
-        assert found.tobytes() == values.tobytes()
+        decoded_values = decoded._decoded(decoded._encoded("a", values), "a")
+        assert (decoded_values.dtype, decoded_values.shape) == (values.dtype, values.shape)
+        assert decoded_values.tobytes() == values.tobytes()
 
 
 def test_alpha_stays_with_its_photograph(tmp_path: Path) -> None:
@@ -181,8 +181,8 @@ def test_a_disk_without_room_is_refused_in_a_sentence(session: Path, monkeypatch
 
 def test_light_on_the_disk_is_that_in_memory(session: Path) -> None:
     held = load(session, examine=lambda firsts, counts: False)
-    own = load(session, examine=lambda firsts, counts: True)
-    light = radiance_images(own)
+    on_disk = load(session, examine=lambda firsts, counts: True)
+    light = radiance_images(on_disk)
     assert isinstance(light, StoredImages)
     assert len(light) == len(held.train)
     for one, other in zip(radiance_images(held), light, strict=True):

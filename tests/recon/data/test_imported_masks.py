@@ -55,10 +55,10 @@ def test_masks_of_exr_of_nerfstudio(brought: str, tmp_path: Path) -> None:
     top = {"w": WIDTH, "h": HEIGHT, "fl_x": 40.0, "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(top))
     import_photos(folder, tmp_path / "S", masks=None if brought == "transforms" else tmp_path / "masks")
-    found = seen(load(tmp_path / "S"))
-    assert found.keys() == expected.keys()
+    masks = seen(load(tmp_path / "S"))
+    assert masks.keys() == expected.keys()
     for name, counts in expected.items():
-        np.testing.assert_array_equal(found[name], counts)
+        np.testing.assert_array_equal(masks[name], counts)
 
 
 def test_masks_beside_a_colmap_project(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_masks_beside_a_colmap_project(tmp_path: Path) -> None:
         if number:
             expected[path.name] = mask(folder / "masks" / f"{image.name}.png", number)
     import_photos(folder, tmp_path / "S")
-    found = seen(load(tmp_path / "S"))
-    assert len(found) == len(expected) == 4
+    masks = seen(load(tmp_path / "S"))
+    assert len(masks) == len(expected) == 4
     for name, counts in expected.items():
-        np.testing.assert_array_equal(found[name], counts)
+        np.testing.assert_array_equal(masks[name], counts)

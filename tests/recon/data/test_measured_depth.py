@@ -46,11 +46,11 @@ def test_maps_are_read_at_any_width(exact):
 
 def test_scene_points_tell_the_unit_and_a_data_set_keeps_it(exact):
     dataset = load(exact)
-    found = fit(dataset.train, *dataset.tracks())
-    assert found.fits
-    assert found.scale == pytest.approx(0.25, rel=0.01)
-    assert found.scatter < 0.02
-    scaled = dataset.with_depths(found.scale)
+    fitted = fit(dataset.train, *dataset.tracks())
+    assert fitted.fits
+    assert fitted.scale == pytest.approx(0.25, rel=0.01)
+    assert fitted.scatter < 0.02
+    scaled = dataset.with_depths(fitted.scale)
     for one in (scaled, again(scaled, 32, lambda message, done, total: None)):
         view = one.train[0]
         depth, truth = view.depth.seen(view), true_depth(one, view) / unit(one)
@@ -60,8 +60,8 @@ def test_scene_points_tell_the_unit_and_a_data_set_keeps_it(exact):
 
 def test_points_without_tracks_tell_it_too(exact):
     dataset = load(exact)
-    found = fit(dataset.train, dataset.points().xyz, {})
-    assert found.scale == pytest.approx(0.25, rel=0.02)
+    fitted = fit(dataset.train, dataset.points().xyz, {})
+    assert fitted.scale == pytest.approx(0.25, rel=0.02)
 
 
 def test_what_fits_no_scene_is_told_so(exact, toy_dataset):
@@ -83,9 +83,9 @@ def test_maps_that_say_nothing_tell_no_scale(exact, tmp_path):
     dataset = load(exact)
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((48, 64), np.uint16))
     empty = [replace(view, depth=replace(view.depth, path=tmp_path / "empty.png")) for view in dataset.train]
-    found = fit(empty, *dataset.tracks())
-    assert (found.looks, found.fits) == (0, False)
-    assert np.isfinite([found.scale, found.scatter]).all()
+    fitted = fit(empty, *dataset.tracks())
+    assert (fitted.looks, fitted.fits) == (0, False)
+    assert np.isfinite([fitted.scale, fitted.scatter]).all()
 
 
 def test_masks_and_alpha_hide_depth_and_a_missing_map_is_named(exact, tmp_path):

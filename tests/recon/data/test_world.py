@@ -85,18 +85,18 @@ def test_the_ply_of_any_world_is_in_that_world(usual, elsewhere):
     one, two = read_ply(usual / "splats.ply"), read_ply(folder / "splats.ply")
     record = open_model(folder).record
     places = np.stack([one[axis] for axis in "xyz"], 1).astype(np.float64)
-    found = np.stack([two[axis] for axis in "xyz"], 1).astype(np.float64) + record.offset
+    positions = np.stack([two[axis] for axis in "xyz"], 1).astype(np.float64) + record.offset
     # Single Gaussians that nothing holds drift apart from one rounding error; most of them do not.
-    apart = np.linalg.norm(scale * places + shift - found, axis=1) / record.world.unit
+    apart = np.linalg.norm(scale * places + shift - positions, axis=1) / record.world.unit
     assert np.median(apart) < 1e-3
     sizes = np.median(np.exp(two["scale_0"].astype(np.float64) - one["scale_0"]))
     assert sizes == pytest.approx(scale, rel=1e-3)
     header = (folder / "splats.ply").read_bytes().partition(b"end_header")[0].decode()
-    told = [line for line in header.splitlines() if line.startswith("comment offset")]
+    comments = [line for line in header.splitlines() if line.startswith("comment offset")]
     if not any(record.offset):
-        assert not told
+        assert not comments
         return
-    assert told == ["comment offset {!r} {!r} {!r}: add it to x y z".format(*record.offset)]
+    assert comments == ["comment offset {!r} {!r} {!r}: add it to x y z".format(*record.offset)]
     assert max(map(abs, two["x"])) < 100 * record.world.unit
     np.testing.assert_allclose(record.offset, shift, atol=100 * record.world.unit)
 
@@ -115,8 +115,8 @@ def test_a_camera_of_the_world_sees_the_same_in_the_scene():
     camera = SplatCamera(motion, 300, 290, 160, 120, 320, 240, k1=-0.1, p1=1e-3)
     places = rng.normal(size=(50, 3)) + UTM
     pixels, depth = project(camera, places)
-    found, away = project(world.camera(camera), world.from_world(places))
-    np.testing.assert_allclose(found, pixels, atol=1e-4)
+    projected, away = project(world.camera(camera), world.from_world(places))
+    np.testing.assert_allclose(projected, pixels, atol=1e-4)
     np.testing.assert_allclose(away * 7.0, depth, rtol=1e-7)
     np.testing.assert_allclose(world.to_world(world.from_world(places)), places, atol=1e-8)
 

@@ -91,13 +91,14 @@ def test_forecasts_hold_as_often_as_they_say():
     for tried, longer in ((25, 400), (100, 800), (200, 200), (300, 4000)):
         inside, errors = [], []
         for _ in range(300):
-            own = rng.choice(SCENES, axis=0)[None]
+            scene_curve = rng.choice(SCENES, axis=0)[None]
             begun, reached = (
-                40 - float(lacking(own, n)[0]) + NOISE * rng.standard_normal() for n in (tried, longer)
+                40 - float(lacking(scene_curve, n)[0]) + NOISE * rng.standard_normal()
+                for n in (tried, longer)
             )
-            found = predicted(begun, tried, longer)
-            inside.append(found.low <= reached <= found.high)
-            errors.append(found.db - reached)
+            forecast = predicted(begun, tried, longer)
+            inside.append(forecast.low <= reached <= forecast.high)
+            errors.append(forecast.db - reached)
         assert 0.88 <= np.mean(inside) <= 0.99
         assert abs(np.mean(errors)) < 0.3
 
@@ -113,9 +114,9 @@ def test_the_more_was_tried_the_surer_is_what_is_told():
 @pytest.mark.parametrize("db", [-100.0, 0.0, 100.0])
 @pytest.mark.parametrize(("tried", "longer"), [(1, 10**7), (5000, 50)])
 def test_what_is_predicted_is_finite(db, tried, longer):
-    found = predicted(db, tried, longer)
-    assert np.isfinite([found.db, found.low, found.high]).all()
-    assert found.low < found.db < found.high
+    forecast = predicted(db, tried, longer)
+    assert np.isfinite([forecast.db, forecast.low, forecast.high]).all()
+    assert forecast.low < forecast.db < forecast.high
 
 
 def test_enough_is_where_scenes_gain_little_more():
@@ -136,8 +137,8 @@ def test_scenes_of_other_kinds_predict_those_that_were_measured():
     for row in recorded():
         others = [other["fit"] for other in recorded() if other["kind"] != row["kind"]]
         for (tried, db), (longer, reached) in combinations(row["curve"], 2):
-            found = predicted(db, tried, longer, others)
-            inside.append(found.low <= reached <= found.high)
+            forecast = predicted(db, tried, longer, others)
+            inside.append(forecast.low <= reached <= forecast.high)
     assert len(inside) > 500
     assert 0.85 <= np.mean(inside) <= 0.99
 
@@ -147,12 +148,14 @@ def test_the_interval_of_a_time_covers_a_machine_that_gets_busy():
     rng = np.random.Generator(np.random.PCG64(6))
     inside = {True: [], False: []}
     for _ in range(300):
-        own = rng.choice(SCENES, axis=0)[None]
-        begun = 40 - float(lacking(own, 25)[0]) + NOISE * rng.standard_normal()
-        reached = 40 - float(lacking(own, rng.choice((100, 200, 300)))[0]) + NOISE * rng.standard_normal()
+        scene_curve = rng.choice(SCENES, axis=0)[None]
+        begun = 40 - float(lacking(scene_curve, 25)[0]) + NOISE * rng.standard_normal()
+        reached = (
+            40 - float(lacking(scene_curve, rng.choice((100, 200, 300)))[0]) + NOISE * rng.standard_normal()
+        )
         for timed, hits in inside.items():
-            found = predicted(begun, 25, 200, timed=timed)
-            hits.append(found.low <= reached <= found.high)
+            forecast = predicted(begun, 25, 200, timed=timed)
+            hits.append(forecast.low <= reached <= forecast.high)
     assert np.mean(inside[False]) < np.mean(inside[True])
     assert np.mean(inside[True]) >= 0.93
 

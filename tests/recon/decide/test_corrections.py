@@ -47,10 +47,10 @@ def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
         toy_long, calibration=toy_long.calibration.model_copy(update={"views": views, "rungs": rungs})
     )
     assert pose_error_px(sure) == pytest.approx(0.05, rel=0.05)
-    found = rungs_of(sure, settings())
-    assert [rung.taken for rung in found] == [False] * 3
-    assert "0.05 px" in found[0].reason
-    assert "0.2 %" in found[1].reason
+    judged = rungs_of(sure, settings())
+    assert [rung.taken for rung in judged] == [False] * 3
+    assert "0.05 px" in judged[0].reason
+    assert "0.2 %" in judged[1].reason
 
 
 @pytest.mark.parametrize(("judged", "known"), [(True, "tell their ratios to 0.5 %"), (False, "are too few")])
@@ -67,20 +67,20 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
     labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
     calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
     sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
-    found = rungs_of(sure, settings(method="hdr-gs"))[1]
-    assert known in found.reason
-    assert not found.taken
+    rung = rungs_of(sure, settings(method="hdr-gs"))[1]
+    assert known in rung.reason
+    assert not rung.taken
 
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
     monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 200)
-    found = tried(toy_long, ["poses"], settings(), unreported)["poses"]
-    assert found.name == "refine poses"
-    assert found.gain is not None
-    assert found.standard_error is not None
-    assert found.taken == (found.gain > 2 * found.standard_error)
-    assert "20 iterations, judged on 4 views" in found.reason
+    rung = tried(toy_long, ["poses"], settings(), unreported)["poses"]
+    assert rung.name == "refine poses"
+    assert rung.gain is not None
+    assert rung.standard_error is not None
+    assert rung.taken == (rung.gain > 2 * rung.standard_error)
+    assert "20 iterations, judged on 4 views" in rung.reason
 
 
 def _rung(name, gain, error, taken=True):

@@ -15,22 +15,22 @@ from recon.train import trainer
 @pytest.fixture
 def counted(monkeypatch):
     """Forecast, the megapixels of files that were read, and the number of iterations."""
-    found = {"work": [], "files": [], "iterations": []}
+    counts = {"work": [], "files": [], "iterations": []}
     read, loss = pixels._read, trainer._loss
 
     def reading(*arguments):
         shot = read(*arguments)
-        found["files"].append(shot[2][0] * shot[2][1] / 1e6)
+        counts["files"].append(shot[2][0] * shot[2][1] / 1e6)
         return shot
 
     def step(*arguments):
-        found["iterations"].append(1)
+        counts["iterations"].append(1)
         return loss(*arguments)
 
     monkeypatch.setattr(pixels, "_read", reading)
     monkeypatch.setattr(trainer, "_loss", step)
-    monkeypatch.setattr(Work, "in_words", lambda self, *_, **__: found["work"].append(self))
-    return found
+    monkeypatch.setattr(Work, "in_words", lambda self, *_, **__: counts["work"].append(self))
+    return counts
 
 
 def test_a_draft_does_what_was_counted(session_copy, monkeypatch, counted):

@@ -53,8 +53,8 @@ def test_where_no_trial_can_be_made_scene_points_decide(deep):
     assert rungs[START].taken
     assert "times what their unit says" in rungs[START].reason
     assert rungs[TERM].taken
-    told = "less than 3 %, 5 training views are few; a trial: not tried, since 5 training views"
-    assert told in rungs[TERM].reason
+    words = "less than 3 %, 5 training views are few; a trial: not tried, since 5 training views"
+    assert words in rungs[TERM].reason
     assert decided.settings.depth == USUAL
     assert decided.settings.depth_scale == pytest.approx(1.0, abs=0.01)
 
@@ -62,14 +62,14 @@ def test_where_no_trial_can_be_made_scene_points_decide(deep):
 def test_without_a_trial_many_views_and_scattered_maps_go_without_the_term(deep):
     good = DepthFit(views=5, scale=1.0, scatter=0.01, looks=500)
     many = replace(deep, train=deep.train * 3)
-    for dataset, fitted, told in (
+    for dataset, fitted, words in (
         (many, good, "15 training views are enough without it"),
         (deep, replace(good, scatter=0.05), "differ by more than 3 %"),
     ):
         weight, rungs = depth_for(dataset, fitted, settings(), "no time", Ranks(), unreported)
         assert weight == 0
         assert [rung.taken for rung in rungs] == [True, False]
-        assert told in rungs[1].reason
+        assert words in rungs[1].reason
 
 
 def test_it_is_left_out_or_weighed_as_asked_for(deep):
@@ -100,9 +100,9 @@ def test_poses_without_points_have_a_sweep_tell_the_unit(session_copy, unit, sca
     pycolmap.Reconstruction().write(str(session_copy / "calibration" / "colmap"))
     dataset = load(session_copy)
     assert not len(dataset.points().xyz)
-    found = depth_fit(dataset, [radiance_image(view) for view in dataset.train], unreported)
-    assert found.fits
-    assert found.scale == (scale if scale == 1 else pytest.approx(scale, rel=0.04))
+    fitted = depth_fit(dataset, [radiance_image(view) for view in dataset.train], unreported)
+    assert fitted.fits
+    assert fitted.scale == (scale if scale == 1 else pytest.approx(scale, rel=0.04))
 
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):

@@ -33,9 +33,9 @@ except InputError as error:
 
 
 def test_the_views_that_are_to_come_are_counted_before_they_are_read(toy_ldr: Path) -> None:
-    seen = []
-    dataset = load(toy_ldr, examine=lambda firsts, counts: seen.append((list(firsts), counts)))
-    ((_, counts),) = seen
+    examined = []
+    dataset = load(toy_ldr, examine=lambda firsts, counts: examined.append((list(firsts), counts)))
+    ((_, counts),) = examined
     assert [view.name for view in dataset.views] == sorted(view.name for view in dataset.views)
     assert sum(total for total, _ in counts.values()) == len(dataset.views)
     assert sum(train for _, train in counts.values()) == len(dataset.train)
@@ -104,9 +104,9 @@ def test_a_rig_that_took_one_frame_is_examined_too(toy_ldr: Path, tmp_path: Path
     record = store.read_json(path)
     record["views"] = [view for view in record["views"] if view["frame"] == 0]
     store.write_json(path, record)
-    seen = []
-    dataset = load(session, examine=lambda firsts, counts: seen.append((len(firsts), counts)))
-    assert seen == [(len(dataset.views), dict.fromkeys(("cam0", "cam1"), (1, 1)))]
+    examined = []
+    dataset = load(session, examine=lambda firsts, counts: examined.append((len(firsts), counts)))
+    assert examined == [(len(dataset.views), dict.fromkeys(("cam0", "cam1"), (1, 1)))]
 
 
 def test_gaussians_that_do_not_fit_are_refused_with_a_number_that_does() -> None:

@@ -59,21 +59,21 @@ def test_what_cannot_be_is_refused_in_a_sentence(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "kept"), [(1, [3]), (2, [0, 6]), (3, [0, 3, 6]), (4, [0, 2, 4, 6]), (99, list(range(7)))]
+    ("count", "stops"), [(1, [3]), (2, [0, 6]), (3, [0, 3, 6]), (4, [0, 2, 4, 6]), (99, list(range(7)))]
 )
-def test_exposures_are_taken_evenly(toy_dataset, count: int, kept: list[int]) -> None:
+def test_exposures_are_taken_evenly(toy_dataset, count: int, stops: list[int]) -> None:
     view = toy_dataset.train[0]
     seven = replace(view, shots=tuple(replace(view.shots[0], k=2.0**k) for k in range(7)))
     held_out = toy_dataset.held_out
-    seen = Overrides(exposures=count).subset(replace(toy_dataset, train=(seven,)))
-    assert [shot.k for shot in seen.train[0].shots] == [2.0**k for k in kept]
-    assert seen.held_out is held_out
+    subset = Overrides(exposures=count).subset(replace(toy_dataset, train=(seven,)))
+    assert [shot.k for shot in subset.train[0].shots] == [2.0**k for k in stops]
+    assert subset.held_out is held_out
 
 
 def test_views_are_taken_evenly(toy_dataset) -> None:
-    seen = Overrides(views=3).subset(toy_dataset)
+    subset = Overrides(views=3).subset(toy_dataset)
     names = [view.name for view in toy_dataset.train]
-    assert [view.name for view in seen.train] == [names[0], names[len(names) // 2], names[-1]]
+    assert [view.name for view in subset.train] == [names[0], names[len(names) // 2], names[-1]]
 
 
 def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,10 +46,10 @@ def scene(draft: float, standard: float, best: float, behind: float = 0.0) -> di
 
 
 def test_presets_that_are_as_asked_pass() -> None:
-    found = presets.verdict([scene(35, 37.2, 38), scene(30, 33.3, 34.2)])
-    assert found["wrong"] == []
-    assert found["draft_times_faster"] == 15
-    assert found["standard_below_best_db"] == pytest.approx(0.9)
+    figures = presets.verdict([scene(35, 37.2, 38), scene(30, 33.3, 34.2)])
+    assert figures["wrong"] == []
+    assert figures["draft_times_faster"] == 15
+    assert figures["standard_below_best_db"] == pytest.approx(0.9)
 
 
 def test_what_is_wrong_with_presets_is_said_of_the_worst_scene() -> None:

@@ -21,8 +21,8 @@ def before_a_lamp(dataset, share, scatter=stray_light.scattered, noise=0.02):
         (x, y), _ = (part[0] for part in project(view.lens, place[None]))
         rows, columns = np.mgrid[:height, :width] + 0.5
         light = np.where((columns - x) ** 2 + (rows - y) ** 2 < 9, LAMP, DIM)[..., None].repeat(3, axis=2)
-        seen = scatter(light, share) * np.exp(noise * rng.standard_normal((height, width, 1)))
-        images.append((seen.astype(np.float32), np.ones((height, width), bool)))
+        scattered = scatter(light, share) * np.exp(noise * rng.standard_normal((height, width, 1)))
+        images.append((scattered.astype(np.float32), np.ones((height, width), bool)))
     return images
 
 
@@ -43,10 +43,10 @@ def test_the_dark_is_nearer_to_its_light_though_the_halo_has_another_shape(toy_l
     images = before_a_lamp(toy_long, share)
     shares, rung = glare_of(toy_long, images, "refine glare")
     assert rung.taken, rung.reason
-    seen = torch.from_numpy(np.stack([light for light, _ in images])).double()
-    freed = torch.stack([(one - shares[0] * glare.spread(one)) / (1 - shares[0]) for one in seen])
-    dark = seen < 1
-    before, after = (float(torch.log2(light[dark] / DIM).abs().median()) for light in (seen, freed))
+    veiled = torch.from_numpy(np.stack([light for light, _ in images])).double()
+    freed = torch.stack([(one - shares[0] * glare.spread(one)) / (1 - shares[0]) for one in veiled])
+    dark = veiled < 1
+    before, after = (float(torch.log2(light[dark] / DIM).abs().median()) for light in (veiled, freed))
     assert after < 0.7 * before, (before, after, shares)
 
 

@@ -41,18 +41,18 @@ def made(gloss: float = 0.0, bend: float = 0.0, noise: float = 0.02, views: int 
     return Looks(light + noise * rng.standard_normal(along.shape), towards, np.full(along.shape, 0.1))
 
 
-def chosen(found: Looks) -> int:
-    told = gains(found)
-    assert told is not None
-    return lowest(told)
+def chosen(sights: Looks) -> int:
+    estimated = gains(sights)
+    assert estimated is not None
+    return lowest(estimated)
 
 
 def test_matte_points_in_noise_need_no_direction():
-    told = gains(made(noise=0.1))
-    assert isinstance(told, Gains)
-    assert told.points == POINTS
-    assert (told.db[1:] < 0.1).all()
-    assert lowest(told) == 0
+    estimated = gains(made(noise=0.1))
+    assert isinstance(estimated, Gains)
+    assert estimated.points == POINTS
+    assert (estimated.db[1:] < 0.1).all()
+    assert lowest(estimated) == 0
 
 
 @pytest.mark.parametrize(("gloss", "bend", "degree"), [(0.2, 0.0, 1), (0.0, 0.5, 2), (0.2, 0.5, 2)])
@@ -71,31 +71,31 @@ def test_errors_shrink_with_more_points():
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_a_look_is_predicted_by_a_fit_to_all_others(degree):
     """Against ridge regressions that never saw the look; their constant is not held back."""
-    found = made(0.2, 0.3)
-    light, towards = found.light[:, 0].copy(), found.towards[:, 0]
+    sights = made(0.2, 0.3)
+    light, towards = sights.light[:, 0].copy(), sights.towards[:, 0]
     light[[2, 5]] = np.nan
     there = np.flatnonzero(np.isfinite(light))
     columns = basis(from_numpy(towards), degree).numpy()
     columns[:, 0] = 1
     ridge = np.diag([0.0, *[RIDGE] * (columns.shape[1] - 1)])
     squares = []
-    for left in there:
-        rest = there[there != left]
+    for omitted in there:
+        rest = there[there != omitted]
         a = columns[rest]
         fit = np.linalg.solve(a.T @ a + ridge, a.T @ light[rest])
-        squares.append((light[left] - columns[left] @ fit) ** 2)
+        squares.append((light[omitted] - columns[omitted] @ fit) ** 2)
     missed = _missed(light[None], towards[None], degree)
     np.testing.assert_allclose(missed, [np.mean(squares)], rtol=1e-9)
 
 
 @pytest.mark.parametrize("short", ["views", "points"])
 def test_too_few_looks_tell_nothing(short):
-    found = made(1.0)
+    sights = made(1.0)
     if short == "views":
-        found.light[FEWEST_VIEWS - 1 :] = np.nan
+        sights.light[FEWEST_VIEWS - 1 :] = np.nan
     else:
-        found.light[:, FEWEST_POINTS - 1 :] = np.nan
-    assert gains(found) is None
+        sights.light[:, FEWEST_POINTS - 1 :] = np.nan
+    assert gains(sights) is None
 
 
 def test_looks_are_where_calibration_saw_a_point_and_light_is_a_number(toy):
@@ -104,10 +104,10 @@ def test_looks_are_where_calibration_saw_a_point_and_light_is_a_number(toy):
     _, tracks = read_tracks(toy / "calibration" / "colmap")
     before = looks(dataset, images)
     for row, view in enumerate(dataset.train):
-        seen = tracks[view.id.image_name]
+        tracked = tracks[view.id.image_name]
         looked = np.flatnonzero(np.isfinite(before.light[row]))
-        assert set(looked) <= set(seen.tolist())
-        assert len(looked) > len(seen) / 2
+        assert set(looked) <= set(tracked.tolist())
+        assert len(looked) > len(tracked) / 2
     for bad in (0.0, np.nan, np.inf, -1.0):
         spoilt = [(rgb.copy(), trusted) for rgb, trusted in images]
         spoilt[0][0][:] = bad
@@ -129,21 +129,21 @@ def test_points_without_tracks_are_looked_at_where_nothing_stands_before_them(to
     half = pixels[:, 0] < lens.width / 2
     points = np.concatenate([near[half], far])
     outside = near[:1] + 100
-    seen = uncovered(lens, points, np.concatenate([points, outside]))
-    assert set(seen) >= set(range(half.sum()))
-    rows = seen[seen >= half.sum()] - half.sum()
+    uncovered_points = uncovered(lens, points, np.concatenate([points, outside]))
+    assert set(uncovered_points) >= set(range(half.sum()))
+    rows = uncovered_points[uncovered_points >= half.sum()] - half.sum()
     # A cell of the border may count for both sides.
     assert pixels[rows, 0].min() > lens.width / 2 - 3 * lens.width / CELLS
     assert len(rows) > 0.9 * (~half).sum()
-    assert len(points) not in seen
+    assert len(points) not in uncovered_points
 
 
 def test_points_without_tracks_tell_gloss_as_tracks_do(toy):
     dataset = load(toy)
     images = [radiance_image(view) for view in dataset.train]
     xyz, _ = dataset.tracks()
-    told, given = looks(dataset, images), looks(dataset, images, xyz)
-    assert given.light.shape == told.light.shape
-    both = np.isfinite(told.light) & np.isfinite(given.light)
-    assert both.sum() > 0.8 * np.isfinite(told.light).sum()
-    assert np.array_equal(told.light[both], given.light[both])
+    tracked, given = looks(dataset, images), looks(dataset, images, xyz)
+    assert given.light.shape == tracked.light.shape
+    both = np.isfinite(tracked.light) & np.isfinite(given.light)
+    assert both.sum() > 0.8 * np.isfinite(tracked.light).sum()
+    assert np.array_equal(tracked.light[both], given.light[both])

@@ -31,17 +31,20 @@ def placed(request: pytest.FixtureRequest, made: Path, made_sky: Path) -> Scene:
     return scene
 
 
-def check(found: SplatCamera, view: SceneView, *, lens: bool = True) -> None:
+def check(camera_of_file: SplatCamera, view: SceneView, *, lens: bool = True) -> None:
     expected = view.splat_camera
-    np.testing.assert_allclose(found.cam_from_world[:3, :3], expected.cam_from_world[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(
+        camera_of_file.cam_from_world[:3, :3], expected.cam_from_world[:3, :3], atol=1e-9
+    )
     centres = [
-        -camera.cam_from_world[:3, :3].T @ camera.cam_from_world[:3, 3] for camera in (found, expected)
+        -camera.cam_from_world[:3, :3].T @ camera.cam_from_world[:3, 3]
+        for camera in (camera_of_file, expected)
     ]
     np.testing.assert_allclose(*centres, rtol=0, atol=1e-6)
     if lens:
         numbers = ("fx", "fy", "cx", "cy", "width", "height")
         for name in numbers:
-            assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-6)
+            assert getattr(camera_of_file, name) == pytest.approx(getattr(expected, name), rel=1e-6)
 
 
 @pytest.mark.parametrize("suffix", ["usd", "usda", "usdc"])
@@ -49,18 +52,18 @@ def check(found: SplatCamera, view: SceneView, *, lens: bool = True) -> None:
 def test_usd(placed: Scene, suffix: str, camera: str, tmp_path: Path) -> None:
     path = tmp_path / f"scene.{suffix}"
     export(placed, path)
-    found = camera_path(placed, path, camera=camera)
-    assert found.numbers == (0, 1)
-    for number, one in zip(found.numbers, found.cameras, strict=True):
+    moving = camera_path(placed, path, camera=camera)
+    assert moving.numbers == (0, 1)
+    for number, one in zip(moving.numbers, moving.cameras, strict=True):
         check(one, placed.view(f"{number:04d}/{camera}"))
 
 
 @pytest.mark.parametrize("path", ["colmap", "transforms.json"])
 def test_colmap_and_nerfstudio(placed: Scene, path: str, tmp_path: Path) -> None:
     export(placed, tmp_path, "cameras")
-    found = camera_path(placed, tmp_path / path).cameras
+    cameras = camera_path(placed, tmp_path / path).cameras
     views = sorted(placed.views, key=lambda view: view.id.image_name) if path == "colmap" else placed.views
-    for one, view in zip(found, views, strict=True):
+    for one, view in zip(cameras, views, strict=True):
         check(one, view)
         assert (one.k1, one.k2, one.p1, one.p2) == view.lens.terms[4:]
 
@@ -102,13 +105,13 @@ def test_a_camera_made_in_the_stage_by_a_program_of_other_axes_and_units(
         pose = in_stage(placed, view, path) if whole else moved @ in_stage(placed, view, path)
         camera.AddTransformOp().Set(Gf.Matrix4d(*pose.T.ravel().tolist()))
         stage.Save()
-        found = camera_path(placed, again, within=None if whole else path)
-        check(found.cameras[0], view, lens=False)
-        assert "/root/Shot/ShotData" in found.note
+        moving = camera_path(placed, again, within=None if whole else path)
+        check(moving.cameras[0], view, lens=False)
+        assert "/root/Shot/ShotData" in moving.note
         if whole:
             (tmp_path / "own").mkdir()
-            own = camera_path(placed, again, camera="a.1")
-            check(own.cameras[1], placed.view("0001/a.1"))
+            named = camera_path(placed, again, camera="a.1")
+            check(named.cameras[1], placed.view("0001/a.1"))
 
 
 def table(path: Path, pose: np.ndarray, *comments: str) -> Path:
@@ -150,8 +153,8 @@ def test_a_table_says_its_axes_and_the_command_its_file(
 def test_a_scene_of_a_file_is_in_the_coordinates_of_that(placed: Scene, tmp_path: Path) -> None:
     export(placed, tmp_path / "scene.usdc")
     opened = open_scene(tmp_path / "scene.usdc")
-    found = camera_path(opened, tmp_path / "scene.usdc", camera="a.1").cameras
-    for number, one in enumerate(found):
+    cameras = camera_path(opened, tmp_path / "scene.usdc", camera="a.1").cameras
+    for number, one in enumerate(cameras):
         expected = opened.view(f"{number:04d}/a.1").splat_camera
         np.testing.assert_allclose(one.cam_from_world, expected.cam_from_world, atol=1e-6)
 

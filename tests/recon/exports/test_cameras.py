@@ -19,8 +19,8 @@ from recon.result.scene import Scene, open_scene
 
 
 def test_colmap_projects_points_as_the_views_do(scene: Scene, tmp_path: Path) -> None:
-    told = export(scene, tmp_path / "cameras", "cameras")
-    assert all(path.is_file() for path in told.files)
+    exported = export(scene, tmp_path / "cameras", "cameras")
+    assert all(path.is_file() for path in exported.files)
     model = pycolmap.Reconstruction(str(tmp_path / "cameras" / "colmap"))
     points = np.random.default_rng(0).normal(scene.record.world.origin, 0.8, (20, 3))
     images = {image.name: image for image in model.images.values()}
@@ -29,15 +29,15 @@ def test_colmap_projects_points_as_the_views_do(scene: Scene, tmp_path: Path) ->
         image = images[view.id.image_name]
         motion = view.cam_from_world.matrix()
         expected = project(view.lens, points @ motion[:3, :3].T + motion[:3, 3])
-        found = np.array([image.project_point(point) for point in points])
-        assert np.abs(found - expected).max() < 1e-6
+        projected = np.array([image.project_point(point) for point in points])
+        assert np.abs(projected - expected).max() < 1e-6
 
 
 def test_nerfstudio_has_the_same_centres_and_axes(scene: Scene, tmp_path: Path) -> None:
     export(scene, tmp_path, "cameras")
-    told = json.loads((tmp_path / "transforms.json").read_text())
-    assert told["camera_model"] == "OPENCV"
-    for view, frame in zip(scene.views, told["frames"], strict=True):
+    transforms = json.loads((tmp_path / "transforms.json").read_text())
+    assert transforms["camera_model"] == "OPENCV"
+    for view, frame in zip(scene.views, transforms["frames"], strict=True):
         pose = np.array(frame["transform_matrix"])
         motion = view.cam_from_world.matrix()
         assert np.allclose(pose[:3, 3], -motion[:3, :3].T @ motion[:3, 3])
@@ -72,8 +72,8 @@ def test_a_model_has_as_many_cameras_as_there_are_and_a_rig_of_what_is_mounted(
 
 
 def test_pictures_and_points_that_are_named_are_there(scene: Scene, tmp_path: Path) -> None:
-    told = export(scene, tmp_path, "cameras")
-    assert "drawn pictures" in told.notes[0]
+    exported = export(scene, tmp_path, "cameras")
+    assert "drawn pictures" in exported.notes[0]
     transforms = json.loads((tmp_path / "transforms.json").read_text())
     model = pycolmap.Reconstruction(str(tmp_path / "colmap"))
     for view, frame in zip(scene.views, transforms["frames"], strict=True):
@@ -99,8 +99,8 @@ def test_photographs_of_the_session_are_taken_where_they_are(made: Path, tmp_pat
         path = tmp_path / "S" / "calibration" / "previews" / view.id.image_name
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (96, 72), (view.frame, 2, 3)).save(path)
-    told = export(scene, tmp_path / "out", "cameras")
-    assert told.notes == ()
+    exported = export(scene, tmp_path / "out", "cameras")
+    assert exported.notes == ()
     frames = json.loads((tmp_path / "out" / "transforms.json").read_text())["frames"]
     model = pycolmap.Reconstruction(str(tmp_path / "out" / "colmap"))
     for view, frame in zip(scene.views, frames, strict=True):

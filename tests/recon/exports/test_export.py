@@ -47,18 +47,18 @@ def test_gaussians_that_cannot_be_drawn_are_left_out_and_counted(
         opacity_logits=(6, -np.inf),
         ln_luminance=(7, np.nan),
     )
-    told = export(bad, tmp_path / SPLATS[name])
-    assert told.gaussians == 395
-    assert "5 of 400 Gaussians, which no renderer draws" in told.notes
-    assert told.loss is not None
-    assert np.isfinite([value for value in told.loss.data().values() if value is not None]).all()
+    exported = export(bad, tmp_path / SPLATS[name])
+    assert exported.gaussians == 395
+    assert "5 of 400 Gaussians, which no renderer draws" in exported.notes
+    assert exported.loss is not None
+    assert np.isfinite([value for value in exported.loss.data().values() if value is not None]).all()
 
 
 @pytest.mark.parametrize("name", SPLATS)
 def test_a_lamp_of_2_to_the_40_stays_finite(name: str, scene: Scene, tmp_path: Path) -> None:
-    told = export(changed(scene, ln_luminance=(0, 40 * np.log(2))), tmp_path / SPLATS[name])
-    assert told.loss is not None
-    assert np.isfinite([value for value in told.loss.data().values() if value is not None]).all()
+    exported = export(changed(scene, ln_luminance=(0, 40 * np.log(2))), tmp_path / SPLATS[name])
+    assert exported.loss is not None
+    assert np.isfinite([value for value in exported.loss.data().values() if value is not None]).all()
     if name == "ply":
         assert np.isfinite(read_ply(tmp_path / "a.ply").harmonics).all()
 
@@ -82,9 +82,9 @@ def test_opaque_stays_opaque(scene: Scene) -> None:
 
 def test_bands_are_exported_in_false_colours(tmp_path: Path) -> None:
     scene = open_scene(write_made(tmp_path / "bands", bands=BANDS))
-    told = export(scene, tmp_path / "a.ply", linear=True)
-    assert told.loss is not None
-    assert told.loss.pixel_p99 < 1e-3
+    exported = export(scene, tmp_path / "a.ply", linear=True)
+    assert exported.loss is not None
+    assert exported.loss.pixel_p99 < 1e-3
     file = read_ply(tmp_path / "a.ply")
     assert any("false colours of the bands 650nm, 800nm" in line for line in file.comments)
     colours = 0.5 + 0.28209479177387814 * file.harmonics[:, 0]
@@ -122,11 +122,11 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
         assert splats.linear
         assert np.allclose(splats.colours, factor * srgb_decode(values.clip(0, 1)), atol=1e-9)
     for name in ("a.usdc", "a.sog", "a.html"):
-        told = export(shown, tmp_path / name)
-        assert (told.linear, told.factor, told.gaussians) == (True, 1.0, 400)
-        assert told.loss is not None
-        assert told.loss.pixel_p99 > 0.001  # light is blended where the scene blends display values
-        assert any("blends display values" in note for note in told.notes)
+        exported = export(shown, tmp_path / name)
+        assert (exported.linear, exported.factor, exported.gaussians) == (True, 1.0, 400)
+        assert exported.loss is not None
+        assert exported.loss.pixel_p99 > 0.001  # light is blended where the scene blends display values
+        assert any("blends display values" in note for note in exported.notes)
     with pytest.raises(ReconstructionError, match="leave --exposure out"):
         export(shown, tmp_path / "a.glb", exposure=1.0)
     assert export(shown, tmp_path / "a.glb").gaussians == 400
@@ -143,8 +143,8 @@ def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path,
 
 
 def test_sound_scenes_are_left_as_they_are(scene: Scene) -> None:
-    kept, dropped = sound(scene)
-    assert kept is scene
+    same, dropped = sound(scene)
+    assert same is scene
     assert dropped == 0
     assert set(FORMATS) >= set(SPLATS)
 

@@ -43,8 +43,8 @@ def test_renders_are_the_light_of_the_scene_as_the_pinholes_of_the_usd_see_it(
         assert "chromaticities" not in header
         assert header["whiteLuminance"] == pytest.approx(125.0)
     stage = Usd.Stage.Open(str(handed.folder / "scene.usdc"))
-    told = stage.GetRootLayer().customLayerData["rig"]
-    assert told["whiteLuminance"] == pytest.approx(125.0)
+    custom = stage.GetRootLayer().customLayerData["rig"]
+    assert custom["whiteLuminance"] == pytest.approx(125.0)
 
 
 def test_opencolorio_takes_the_renders_for_linear_rec709(handed: HandOver) -> None:

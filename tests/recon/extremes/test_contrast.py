@@ -57,8 +57,8 @@ def test_complement_of_alpha_keeps_its_digits_off_the_centre(dtype: torch.dtype)
     squared = ((rows - 9) ** 2 + (columns - 12) ** 2).double() / (200 * 40 / 2.0) ** 2
     expected = -(2.0**20) * torch.expm1(-0.5 * squared)
     assert image[9, 12] < 1e-9
-    seen = expected > 0
-    assert ((image - expected).abs()[seen] / expected[seen]).max() < 1e-4
+    lit = expected > 0
+    assert ((image - expected).abs()[lit] / expected[lit]).max() < 1e-4
 
 
 def test_layer_that_crosses_the_cut_off_counts(sheets: Sheets, dtype: torch.dtype) -> None:
@@ -162,13 +162,13 @@ def test_opacity_above_the_largest_alpha_keeps_its_gradient(scene_of: Any, dtype
     scene = scene_of("plain")
     scene.limits = replace(scene.limits, alpha_max=0.75)
     scene.opacities[3:6] = torch.tensor([0.75, 0.9, 1.5])
-    found = []
+    results = []
     for opacities in (scene.opacities, scene.opacities.clamp(max=0.75)):
         scene.opacities = opacities
         tensors = scene.tensors(dtype)
         render = scene.render(tensors)
         render.image.sum().backward()
-        found.append((render.image.detach(), tensors[3].grad))
-    assert torch.equal(found[0][0], found[1][0])
-    assert torch.equal(found[0][1], found[1][1])
-    assert found[0][1][3:6].any()
+        results.append((render.image.detach(), tensors[3].grad))
+    assert torch.equal(results[0][0], results[1][0])
+    assert torch.equal(results[0][1], results[1][1])
+    assert results[0][1][3:6].any()

@@ -20,7 +20,7 @@ def test_radiance_scales_exactly(scene_of: Any, dtype: torch.dtype, power: int) 
     for name in ("means", "quats", "scales", "opacities", "colours"):
         setattr(scene, name, getattr(scene, name)[keep])
     scene.background = torch.tensor([0.25, 3.0, 1e-3]).float().double()
-    colours, background, found = scene.colours, scene.background, []
+    colours, background, results = scene.colours, scene.background, []
     for factor in (1.0, 2.0**power):
         scene.colours, scene.background = colours * factor, background * factor
         scene.limits = replace(scene.limits, luminance_reference=1e-6 * factor)
@@ -28,8 +28,8 @@ def test_radiance_scales_exactly(scene_of: Any, dtype: torch.dtype, power: int) 
         render = scene.render(tensors)
         pull = torch.randn(render.image.shape, generator=torch.Generator().manual_seed(3)).to(dtype)
         render.image.backward(pull)
-        found.append((render, [tensor.grad for tensor in tensors]))
-    (plain, grads), (scaled, scaled_grads) = found
+        results.append((render, [tensor.grad for tensor in tensors]))
+    (plain, grads), (scaled, scaled_grads) = results
     factor = 2.0**power
     assert torch.equal(scaled.alpha, plain.alpha)
     assert torch.equal(scaled.image, plain.image * factor)

@@ -135,10 +135,10 @@ def test_poisoned_loss_stays_with_the_pixels_it_came_from(scene_of: Any, part: s
     scene = scene_of("small")
     tensors = scene.tensors(torch.float32)
     render = scene.render(tensors)
-    found = getattr(render, part)
-    pull = torch.ones_like(found)
+    output = getattr(render, part)
+    pull = torch.ones_like(output)
     pull[divmod(int(render.alpha.argmax()), scene.camera.width)] = math.nan
-    found.backward(pull)
+    output.backward(pull)
     spoiled = ~torch.isfinite(tensors[0].grad).all(dim=1)
     clean = scene.tensors(torch.float32)
     other = getattr(scene.render(clean), part)
@@ -170,7 +170,7 @@ def test_nothing_is_folded_back_into_the_image(dtype: torch.dtype) -> None:
     camera = SplatCamera(np.eye(4), fx=20, fy=20, cx=12, cy=9, width=24, height=18, k1=-0.5)
     outside = np.array([1.2, 0.0])
     assert 0 < camera.distort(outside)[0] * 20 + 12 < 24
-    for tangent, seen in ((1.2, 0), (0.3, 1)):
+    for tangent, visible in ((1.2, 0), (0.3, 1)):
         tensors = [
             torch.tensor([[2 * tangent, 0.0, 2.0]], dtype=dtype),
             torch.tensor([[1.0, 0.0, 0.0, 0.0]], dtype=dtype),
@@ -179,6 +179,6 @@ def test_nothing_is_folded_back_into_the_image(dtype: torch.dtype) -> None:
             torch.ones(1, 3, dtype=dtype),
         ]
         render = rasterize(*tensors, camera)
-        assert render.visible == seen
+        assert render.visible == visible
         assert render.culled == 0
-        assert bool(render.image.any()) == bool(seen)
+        assert bool(render.image.any()) == bool(visible)

@@ -24,7 +24,7 @@ def test_size_equals_the_oracle(scene_of: Any, size: tuple[int, int], count: int
     scene.camera = replace(
         camera, width=width, height=height, fx=max(20.0, 0.5 * width), cx=width / 2, cy=height / 2
     )
-    found = []
+    results = []
     for dtype in (torch.float32, torch.float64):
         tensors = scene.tensors(dtype)
         render = scene.render(tensors)
@@ -32,8 +32,8 @@ def test_size_equals_the_oracle(scene_of: Any, size: tuple[int, int], count: int
         assert render.alpha.shape == (height, width)
         weights = torch.linspace(0.5, 1.5, render.image.numel(), dtype=dtype).reshape(render.image.shape)
         (render.image * weights).sum().backward()
-        found.append((render, [torch.zeros_like(t) if t.grad is None else t.grad for t in tensors]))
-    (ours, grads), (truth, expected) = found
+        results.append((render, [torch.zeros_like(t) if t.grad is None else t.grad for t in tensors]))
+    (ours, grads), (truth, expected) = results
     error = (ours.image.double() - truth.image).abs().detach()
     assert error.mean() < 1e-6
     assert count < 25 or truth.alpha.max() > 0
@@ -97,13 +97,13 @@ def test_camera_inside_a_gaussian(scene_of: Any) -> None:
     for depth in (-2.995, -2.98, -2.0):
         scene = scene_of("inside")
         scene.means[0] = torch.tensor([0.0, 0.0, depth]).float().double()
-        found = []
+        results = []
         for dtype in (torch.float32, torch.float64):
             tensors = scene.tensors(dtype)
             render = scene.render(tensors)
             render.image.sum().backward()
-            found.append((render.image.detach().double(), [tensor.grad for tensor in tensors]))
-        (ours, grads), (truth, expected) = found
+            results.append((render.image.detach().double(), [tensor.grad for tensor in tensors]))
+        (ours, grads), (truth, expected) = results
         assert (ours - truth).abs().mean() < 1e-6
         for name, a, b in zip(NAMES, grads, expected, strict=True):
             assert (a - b).norm() <= 1e-3 * b.norm(), (depth, name)

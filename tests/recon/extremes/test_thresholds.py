@@ -40,60 +40,60 @@ def visible(tensors: list[torch.Tensor], camera: SplatCamera, limits: Limits) ->
 
 def test_near_plane(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> None:
     near = 2.0**-7
-    found = [
+    counts = [
         visible(dot(dtype, depth=depth, scale=1e-4), axial_camera, Limits(near=near))
         for depth in beside(near)
     ]
-    assert found == [(0, 0), (1, 0), (1, 0)]
+    assert counts == [(0, 0), (1, 0), (1, 0)]
 
 
 @pytest.mark.parametrize("light", [1.0, 2.0**10])
 def test_alpha_floor(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype, light: float) -> None:
     """Use any light, and a Gaussian 2^10 brighter than the reference, whose floor is 2^-10 lower."""
     limits = Limits(alpha_min=2.0**-8, luminance_reference=1.0, tau=2.0**-8)
-    found = [
+    counts = [
         visible(dot(dtype, opacity=opacity, light=light), axial_camera, limits)
         for opacity in beside(2.0**-8 / light)
     ]
-    assert found == [(0, 0), (1, 0), (1, 0)]
+    assert counts == [(0, 0), (1, 0), (1, 0)]
 
 
 def test_lowest_floor(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> None:
     limits = Limits(luminance_reference=1e-20)
-    found = [
+    counts = [
         visible(dot(dtype, opacity=opacity, light=1e20), axial_camera, limits)
         for opacity in beside(ALPHA_FLOOR)
     ]
-    assert found == [(0, 0), (1, 0), (1, 0)]
+    assert counts == [(0, 0), (1, 0), (1, 0)]
 
 
 def test_largest_alpha(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> None:
     """At most alpha_max is drawn, on the axis exactly it."""
     limits = Limits(alpha_max=0.75)
-    found = [
+    counts = [
         float(rasterize(*dot(dtype, opacity=opacity), axial_camera, limits=limits).alpha[16, 16].detach())
         for opacity in beside(0.75)
     ]
-    assert found[0] < found[1] == found[2] == 0.75
+    assert counts[0] < counts[1] == counts[2] == 0.75
 
 
 def test_least_transmittance(sheets: Callable[..., Render], dtype: torch.dtype) -> None:
     """The layer behind is drawn while what is left is at least t_min; on the axis it is so exactly."""
-    limits, seen = Limits(t_min=2.0**-10), []
+    limits, lit = Limits(t_min=2.0**-10), []
     for opacity in beside(1 - 2.0**-10):
         image = sheets([2.0, 3.0], [opacity, 1.0], [0.0, 1.0], dtype, limits=limits).image
         assert torch.isfinite(image).all()
-        seen.append(bool(image[16, 16].any()))
-    assert seen == [True, True, False]
+        lit.append(bool(image[16, 16].any()))
+    assert lit == [True, True, False]
 
 
 def test_t_min_of_zero_never_stops(sheets: Callable[..., Render], dtype: torch.dtype) -> None:
     render = sheets(
         [2.0 + i for i in range(8)], [1 - 2.0**-12] * 8, [1.0] * 8, dtype, limits=Limits(t_min=0.0)
     )
-    left = 1 - render.alpha.double()
-    assert left.min() >= 0
-    assert left.max() < 1e-7
+    remaining = 1 - render.alpha.double()
+    assert remaining.min() >= 0
+    assert remaining.max() < 1e-7
     assert (render.image - 1).abs().max() < 1e-6
 
 
@@ -123,13 +123,13 @@ def test_brightest_colour(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtyp
 def test_largest_deviation(dot: Dot, dtype: torch.dtype) -> None:
     """2^29 px is drawn where that is max_sigma, the next float32 is degenerate."""
     camera = SplatCamera(np.eye(4), fx=16, fy=16, cx=8.5, cy=8.5, width=16, height=16)
-    found = []
+    counts = []
     for scale in beside(2.0**26):  # at depth 2: times 8 px
         tensors = dot(dtype, scale=scale)
         with torch.no_grad():
             tensors[2][0, 2] = 1.0
-        found.append(visible(tensors, camera, Limits(max_sigma=2.0**29)))
-    assert found == [(1, 0), (1, 0), (0, 1)]
+        counts.append(visible(tensors, camera, Limits(max_sigma=2.0**29)))
+    assert counts == [(1, 0), (1, 0), (0, 1)]
 
 
 def test_edge_of_the_clamped_field_of_view(dot: Dot, axial_camera: SplatCamera, dtype: torch.dtype) -> None:

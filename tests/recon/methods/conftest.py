@@ -229,10 +229,10 @@ def as_exr(
     identity = store.read_json(folder / "session.json")
     path = folder / "calibration" / "calibration.json"
     record = store.read_json(path)
-    for camera, found in zip(identity["cameras"], record["cameras"], strict=True):
+    for camera, calibrated in zip(identity["cameras"], record["cameras"], strict=True):
         if camera["name"] in of:
             camera["kind"] = "hdr"
-            found |= {"vignetting": [0, 0, 0], "gain": 1.0, "camera_from_rec709": None}
+            calibrated |= {"vignetting": [0, 0, 0], "gain": 1.0, "camera_from_rec709": None}
     lines = store.read_lines(folder / "shots.jsonl")
     store.discard(folder / "shots.jsonl")
     for line in lines:
@@ -241,8 +241,8 @@ def as_exr(
                 continue
             place = f"{line['frame']:04d}/{line['camera']}.exr"
             light = change(read_exr(folder / "truth" / place).rgb().astype(np.float64)).astype(np.float32)
-            for kept in ("truth", "raw"):
-                write_exr(folder / kept / place, light)
+            for shelf in ("truth", "raw"):
+                write_exr(folder / shelf / place, light)
             line["file"] = f"raw/{place}"
             record["exposure_scale"][line["file"]] = 1.0
         store.append_line(folder / "shots.jsonl", line)

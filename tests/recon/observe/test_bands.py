@@ -30,18 +30,18 @@ def view(*shots: Shot) -> Any:
 
 
 def test_each_shot_shows_its_band_at_its_exposure() -> None:
-    seen = view(shot(0, 0.5), shot(0, 2.0), shot(4, 1.0))
+    banded = view(shot(0, 0.5), shot(0, 2.0), shot(4, 1.0))
     image = torch.rand(*SIZE, 5, requires_grad=True)
     factors = torch.tensor([1.0, 1.5, 0.8], requires_grad=True)
-    prediction, target = BandedLight(3.0).compare(image, seen, 0.0, factors)
+    prediction, target = BandedLight(3.0).compare(image, banded, 0.0, factors)
     assert prediction.shape == target.shape == (3, *SIZE)
-    for row, (one, factor) in enumerate(zip(seen.shots, (1.0, 1.5, 0.8), strict=True)):
-        signal = image[:, :, one.band] * torch.from_numpy(seen.sensor.falloff) * (3.0 * one.k * factor)
+    for row, (one, factor) in enumerate(zip(banded.shots, (1.0, 1.5, 0.8), strict=True)):
+        signal = image[:, :, one.band] * torch.from_numpy(banded.sensor.falloff) * (3.0 * one.k * factor)
         expected = mu_law(signal, SIGNAL_MU)
         valid = torch.from_numpy(one.valid)
         torch.testing.assert_close(prediction[row][valid], expected[valid])
         assert torch.equal(prediction[row][~valid], target[row][~valid])
-        torch.testing.assert_close(BandedLight(3.0).predict(image, seen, one.k * factor, one.band), signal)
+        torch.testing.assert_close(BandedLight(3.0).predict(image, banded, one.k * factor, one.band), signal)
     prediction.sum().backward()
     assert image.grad is not None
     assert not image.grad[:, :, 1:4].any()
@@ -52,6 +52,6 @@ def test_each_shot_shows_its_band_at_its_exposure() -> None:
 
 
 def test_a_saturated_shot_asks_for_at_least_its_light() -> None:
-    seen = view(shot(1, 1.0, saturated=True))
-    prediction, target = BandedLight(1.0).compare(torch.full((*SIZE, 2), 50.0), seen, 0.0)
+    banded = view(shot(1, 1.0, saturated=True))
+    prediction, target = BandedLight(1.0).compare(torch.full((*SIZE, 2), 50.0), banded, 0.0)
     assert torch.equal(prediction, target)

@@ -17,12 +17,12 @@ def summed(image: np.ndarray) -> np.ndarray:
     y, x = np.ogrid[1 - height : height, 1 - width : width]
     # Of every distance down and across that there is, none in the middle.
     weights = 1 / (1 + (y**2 + x**2) / (height**2 + width**2) / RADIUS**2)
-    found = np.empty_like(image)
+    blurred = np.empty_like(image)
     for row in range(height):
         for column in range(width):
             weight = weights[height - 1 - row :, width - 1 - column :][:height, :width]
-            found[row, column] = np.tensordot(weight, image, 2) / weight.sum()
-    return found
+            blurred[row, column] = np.tensordot(weight, image, 2) / weight.sum()
+    return blurred
 
 
 def lamps(height: int, width: int) -> torch.Tensor:
@@ -62,11 +62,11 @@ def test_a_sensor_behind_it_sees_what_is_scattered(toy_dataset):
     light = torch.from_numpy(radiance_image(view)[0])
     veiled = replace(view, frame=90, sensor=replace(view.sensor, glare=0.05))
     observation, k = LinearLight(1.0), view.shots[-1].k
-    seen = observation.predict(scattered(light, 0.05), view, k)
-    torch.testing.assert_close(observation.predict(light, veiled, k), seen)
+    expected = observation.predict(scattered(light, 0.05), view, k)
+    torch.testing.assert_close(observation.predict(light, veiled, k), expected)
     torch.testing.assert_close(
         observation.compare(light, veiled, 1.0)[0], observation.compare(scattered(light, 0.05), view, 1.0)[0]
     )
-    assert float((observation.predict(light, view, k) - seen).abs().max()) == pytest.approx(
+    assert float((observation.predict(light, view, k) - expected).abs().max()) == pytest.approx(
         float((observation.predict(light - scattered(light, 0.05), view, k)).abs().max()), rel=1e-3
     )

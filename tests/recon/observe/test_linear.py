@@ -61,8 +61,8 @@ def direct(image: np.ndarray, view: View, scale: float) -> np.ndarray:
 def test_mosaic_of_every_phase_is_the_direct_formula(cfa):
     image = np.random.default_rng(2).uniform(0, 3, (HEIGHT, WIDTH, 3))
     view = make_view(cfa, ())
-    found = LinearLight(normaliser=5.0).predict(torch.from_numpy(image), view, k=0.02)
-    np.testing.assert_allclose(found.numpy(), direct(image, view, 5.0 * 0.02), rtol=1e-6)
+    predicted = LinearLight(normaliser=5.0).predict(torch.from_numpy(image), view, k=0.02)
+    np.testing.assert_allclose(predicted.numpy(), direct(image, view, 5.0 * 0.02), rtol=1e-6)
 
 
 @pytest.mark.parametrize("cfa", BAYER)
@@ -84,9 +84,9 @@ def test_comparison_holds_every_exposure_in_its_own_mu_law(cfa):
 def test_camera_rgb_without_a_mosaic():
     image = np.random.default_rng(4).uniform(0, 1, (HEIGHT, WIDTH, 3))
     view = make_view(None, ())
-    found = LinearLight(normaliser=1.0).predict(torch.from_numpy(image), view, k=0.5).numpy()
+    predicted = LinearLight(normaliser=1.0).predict(torch.from_numpy(image), view, k=0.5).numpy()
     expected = 0.5 * view.sensor.falloff[..., None] * (image @ MATRIX.T)
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(predicted, expected, rtol=1e-6)
 
 
 def test_the_scene_space_compares_radiance_not_signal():

@@ -32,19 +32,19 @@ def scene(dtype: torch.dtype, count: int = 12) -> Gaussians:
 
 
 def measured(depth: np.ndarray) -> SimpleNamespace:
-    told = SimpleNamespace(seen=lambda view: depth.astype(np.float32))
-    return SimpleNamespace(name="0000/cam0", held=True, depth=told)
+    stand_in = SimpleNamespace(seen=lambda view: depth.astype(np.float32))
+    return SimpleNamespace(name="0000/cam0", held=True, depth=stand_in)
 
 
 def card(distance: float) -> Gaussians:
     """One opaque Gaussian across the whole picture."""
-    own = {
+    geometry = {
         "means": torch.tensor([[0.0, 0.0, distance]]),
         "log_scales": torch.tensor([[3.0, 3.0, -6.0]]),
         "quats": torch.tensor([[1.0, 0, 0, 0]]),
         "opacity_logits": torch.tensor([9.0]),
     }
-    return Gaussians(own | LuminanceChromaticity().start(torch.ones(1, 3)))
+    return Gaussians(geometry | LuminanceChromaticity().start(torch.ones(1, 3)))
 
 
 @pytest.mark.parametrize("reference", [None, 2.0**-20, 1e-3])
@@ -73,15 +73,15 @@ def test_light_is_drawn_as_without_depth():
 
 def test_a_render_of_its_own_has_the_same_depth(monkeypatch):
     """Use the path of GPUs, and of light with the most channels."""
-    renderer, found = Renderer(LuminanceChromaticity(), limits_for(1e-3)), []
+    renderer, results = Renderer(LuminanceChromaticity(), limits_for(1e-3)), []
     for most in (16, 3):
         monkeypatch.setattr("recon.scene.gaussians.CHANNELS_MOST", most)
         gaussians = scene(torch.float32, 60)
         gaussians.parameters["means"].requires_grad_(True)
         render = renderer(gaussians, LENS, degree=0, depth=True)
         render.ln_depth.sum().backward()
-        found.append((render.image.detach(), render.ln_depth.detach(), gaussians.parameters["means"].grad))
-    for one, other in zip(*found, strict=True):
+        results.append((render.image.detach(), render.ln_depth.detach(), gaussians.parameters["means"].grad))
+    for one, other in zip(*results, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
@@ -109,8 +109,8 @@ def test_its_gradient_is_that_of_finite_differences():
                 with torch.no_grad():
                     both.append(float(value()))
                 flat[place] -= sign * step
-            found = float(tensor.grad.view(-1)[place])
-            assert found == pytest.approx((both[0] - both[1]) / (2 * step), rel=1e-3, abs=1e-6), name
+            gradient = float(tensor.grad.view(-1)[place])
+            assert gradient == pytest.approx((both[0] - both[1]) / (2 * step), rel=1e-3, abs=1e-6), name
 
 
 def test_float32_kernels_have_the_gradient_of_the_float64_reference():

@@ -84,11 +84,11 @@ def test_errors_of_light_count_alike_as_far_as_balance_says(balance):
     plain = make_curve(0.0)
     codes = [plain.compare(image * np.exp(sign * step / 2), view, 0.5)[0].detach() for sign in (-1, 1)]
     slope = ((codes[1] - codes[0]).unflatten(0, (-1, 3)).mean(0) / step).numpy()
-    told = slope > 1.2 * LEAST_SLOPE
-    assert told.mean() > 0.3
-    expected = slope[told] * (TYPICAL_SLOPE / slope[told]) ** balance
+    steep = slope > 1.2 * LEAST_SLOPE
+    assert steep.mean() > 0.3
+    expected = slope[steep] * (TYPICAL_SLOPE / slope[steep]) ** balance
     # Codes are rounded, so that the slope at a code is not quite that at its light.
-    np.testing.assert_allclose(gain[told], expected, rtol=0.1)
+    np.testing.assert_allclose(gain[steep], expected, rtol=0.1)
     # Where no shot tells anything, the weight has an end.
     assert (gain <= slope * (TYPICAL_SLOPE / LEAST_SLOPE) ** balance * 1.01 + 1e-5).all()
 
@@ -96,10 +96,10 @@ def test_errors_of_light_count_alike_as_far_as_balance_says(balance):
 def test_weights_are_those_of_the_start_when_a_training_goes_on():
     fresh, later, image = make_curve(0.5), make_curve(0.5), ramp()
     view = make_view(fresh, image)
-    own = later.theta.clone()
+    theta = later.theta.clone()
     later.theta.data.mul_(0.3)  # as a checkpoint sets it
     other = later.compare(image * 2, view, 0.5)[0]
-    later.theta.data.copy_(own)
+    later.theta.data.copy_(theta)
     expected = fresh.compare(image * 2, view, 0.5)[0]
     assert not torch.allclose(other, expected, atol=0.01)
     assert torch.equal(later.compare(image * 2, view, 0.5)[0], expected)
@@ -164,8 +164,8 @@ def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_d
     (ours,), (theirs,) = (torch.autograd.grad(each, shown, pull) for each in (prediction, expected))
     assert torch.equal(ours, theirs)
 
-    kept = vars(display._prepared._kept[view.name]).values()
-    held = sum(each.nbytes for each in kept if each is not None)
+    stored = vars(display._prepared._kept[view.name]).values()
+    held = sum(each.nbytes for each in stored if each is not None)
     assert held == (3 if whole else 6) * target.numel()
 
 
@@ -190,9 +190,9 @@ def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() ->
         loss = (prediction - target).abs().mean() + curve.penalty(0.5)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-    told = slice(int(np.searchsorted(nodes, -4.0)), int(np.searchsorted(nodes, 4.0)))
+    measured = slice(int(np.searchsorted(nodes, -4.0)), int(np.searchsorted(nodes, 4.0)))
     goal = true.curves()[0]
-    before, after = ((each - goal)[:, told].square().mean().sqrt() for each in (begun, curve.curves()[0]))
+    before, after = ((each - goal)[:, measured].square().mean().sqrt() for each in (begun, curve.curves()[0]))
     assert before > 0.1
     assert after < 0.02
 

@@ -62,8 +62,8 @@ def test_the_true_light_is_right_where_the_sensor_ends_below_white(tmp_path, mea
     assert shot.top == pytest.approx((CEILING - BLACK) / (WHITE - BLACK) if measured else 1)
     view, observation = view_of([shot], "raw", cfa), LinearLight(1.0)
     row, live = figures(view, observation, light)
-    told = [observation.predict(torch.from_numpy(light), view, shot.k)]
-    bench = trial._signal(told, [shot], np.ones((64, 64)))["raw_psnr"]
+    predicted = [observation.predict(torch.from_numpy(light), view, shot.k)]
+    bench = trial._signal(predicted, [shot], np.ones((64, 64)))["raw_psnr"]
     assert row["raw_psnr"] == pytest.approx(live, abs=1e-9)
     assert row["raw_psnr"] == pytest.approx(bench, abs=1e-9)
     # Codes are whole numbers: that is all that is left. Without the calibration nobody knows of the ceiling.
@@ -90,7 +90,7 @@ def test_the_same_error_gives_the_same_figures_whatever_is_masked(kind):
     truth = (0.5 + 0.3 * np.sin(np.arange(120) / 3)).astype(np.float32)[None, :, None].repeat(3, 2)
     model = np.clip(truth + rng.normal(0, 0.1, truth.shape), 0, 1).astype(np.float32)
     truth, model = np.repeat(truth, 100, 0), np.repeat(model, 100, 0)
-    found = []
+    results = []
     for share in (0.0, 0.5, 0.8):
         valid = np.ones(truth.shape, bool)
         valid[: int(share * len(truth))] = False
@@ -99,13 +99,13 @@ def test_the_same_error_gives_the_same_figures_whatever_is_masked(kind):
         pixels = np.where(valid, truth, 1 - truth).astype(np.float32)
         shot = Shot.of("a", 1.0, pixels, never, never, valid, ceiling=1.0 if kind == "raw" else None)
         observation = Display(LINEAR, 1.0) if kind == "ldr" else LinearLight(1.0)
-        found.append(figures(view_of([shot], kind), observation, model))
-    (row, live), *masked = found
+        results.append(figures(view_of([shot], kind), observation, model))
+    (row, live), *masked = results
     assert live == pytest.approx({"raw": 20, "ldr": 20, "hdr": 26}[kind], abs=1)
     assert set(row) == {"raw": {"raw_psnr"}, "ldr": {"ldr_psnr_oe", "ssim"}, "hdr": set()}[kind]
     assert row.get("ssim", 0.6) < 0.8
-    for own, curve in masked:
-        assert own == pytest.approx(row, abs=1e-6)
+    for masked_row, curve in masked:
+        assert masked_row == pytest.approx(row, abs=1e-6)
         assert curve == pytest.approx(live, abs=1e-4)
 
 

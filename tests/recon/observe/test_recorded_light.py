@@ -45,10 +45,10 @@ def figures(view, light, normaliser=1.0, observation=None):
 
 def test_the_light_itself_is_right_in_every_band():
     light = ramp()
-    found = figures(view_of(light, (2.0**-4, 2.0**-11)), light)
-    assert found.pop("stops_against") == "photographs"
-    assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-5)
-    assert set(found) == {
+    by_band = figures(view_of(light, (2.0**-4, 2.0**-11)), light)
+    assert by_band.pop("stops_against") == "photographs"
+    assert by_band == pytest.approx(dict.fromkeys(by_band, 0.0), abs=1e-5)
+    assert set(by_band) == {
         f"stops_{name}" for name in ("median", "dark", "middle", "bright", "brightest", "bound")
     }
 
@@ -59,9 +59,9 @@ def test_a_halo_that_is_too_dark_is_seen_however_bright_it_is():
     render = light.copy()
     render[:, 144:] /= 4
     render[:, :16] *= np.sqrt(2)
-    found = figures(view_of(light, (2.0**-4, 2.0**-11)), render, normaliser=7.0)
+    by_band = figures(view_of(light, (2.0**-4, 2.0**-11)), render, normaliser=7.0)
     expected = {"stops_dark": 0.5, "stops_middle": 0.0, "stops_bright": 2.0, "stops_brightest": 2.0}
-    assert {name: found[name] for name in expected} == pytest.approx(expected, abs=1e-4)
+    assert {name: by_band[name] for name in expected} == pytest.approx(expected, abs=1e-4)
 
 
 def test_where_every_shot_clips_more_light_is_right_and_less_is_not():
@@ -99,16 +99,16 @@ def test_photographs_are_compared_behind_their_lens_and_white_balance():
     light = ramp(stops=3)
     falloff = np.broadcast_to(np.linspace(0.5, 1, 64, dtype=np.float32)[:, None], (64, 160)).copy()
     balance = (2.0, 1.0, 0.5)
-    seen = light * falloff[..., None] * np.array(balance, np.float32)
-    view = view_of(seen, (2.0**-5,), "ldr", falloff=falloff, white_balance=balance)
+    photographed = light * falloff[..., None] * np.array(balance, np.float32)
+    view = view_of(photographed, (2.0**-5,), "ldr", falloff=falloff, white_balance=balance)
     display = Display(LINEAR, 2.0**-5)
-    found = figures(view, np.ascontiguousarray(light) * 2.0**-5, observation=display)
-    assert found["stops_median"] == pytest.approx(0.0, abs=0.02)
+    by_band = figures(view, np.ascontiguousarray(light) * 2.0**-5, observation=display)
+    assert by_band["stops_median"] == pytest.approx(0.0, abs=0.02)
 
 
 def test_of_a_large_view_so_many_samples_are_drawn():
     light = ramp(height=1600)
     view = view_of(light, (2.0**-11,))
-    found = recorded_light(LinearLight(1.0), torch.from_numpy(light.copy()), view)
-    assert len(found.recorded) == len(found.rendered) == MOST_SAMPLES
-    assert np.allclose(found.recorded, found.rendered, rtol=1e-5)
+    samples = recorded_light(LinearLight(1.0), torch.from_numpy(light.copy()), view)
+    assert len(samples.recorded) == len(samples.rendered) == MOST_SAMPLES
+    assert np.allclose(samples.recorded, samples.rendered, rtol=1e-5)

@@ -218,9 +218,9 @@ def test_a_motion_of_the_whole_world_is_no_correction(true):
     for row, view in enumerate(true.train):
         motion = view.lens.cam_from_world[:3, :3]
         off = motion @ (middle - view.centre)
-        own = motion @ turn
-        away = (motion @ shift + np.cross(off, own) + scale * off) / true.extent
-        poses[row] = 1e-3 * torch.tensor(np.concatenate([away, own]))
+        turn_of_view = motion @ turn
+        away = (motion @ shift + np.cross(off, turn_of_view) + scale * off) / true.extent
+        poses[row] = 1e-3 * torch.tensor(np.concatenate([away, turn_of_view]))
     logs += 0.3
     refinement.settle()
     assert poses.abs().max() < 1e-8
@@ -260,12 +260,12 @@ def test_gradients_of_a_pose_are_those_of_finite_differences(true):
     step = 1e-5 * torch.eye(6, dtype=torch.float64)
     expected = torch.stack([(loss(pose + e) - loss(pose - e)) / 2e-5 for e in step])
     fast = {name: value.float() for name, value in scene.items()}
-    own = pose.float().requires_grad_(True)
-    image = renderer(Gaussians(fast), lens, degree=0, camera_delta=camera_delta(own, extent)).image
+    single = pose.float().requires_grad_(True)
+    image = renderer(Gaussians(fast), lens, degree=0, camera_delta=camera_delta(single, extent)).image
     (image * weights).sum().backward()
     assert expected.abs().min() > 1e-3
     torch.testing.assert_close(
-        own.grad.double(), expected, rtol=2e-3, atol=2e-3 * float(expected.abs().max())
+        single.grad.double(), expected, rtol=2e-3, atol=2e-3 * float(expected.abs().max())
     )
 
 

@@ -103,17 +103,17 @@ def test_equal_planes_have_no_loss_and_no_gradient() -> None:
 
 def test_thread_count_changes_no_bit() -> None:
     x, y = pair((3, 200, 150))
-    before, found = threads.thread_count(), []
+    before, results = threads.thread_count(), []
     try:
         for count in (1, 2, 3):
             threads.set_threads(count)
             leaf = x.clone().requires_grad_()
             value = photometric_loss(leaf, y, 0.2)
             value.backward()
-            found.append((value.item(), leaf.grad.numpy().tobytes()))
+            results.append((value.item(), leaf.grad.numpy().tobytes()))
     finally:
         threads.set_threads(before)
-    assert found[0] == found[1] == found[2]
+    assert results[0] == results[1] == results[2]
 
 
 def test_strided_planes_and_no_gradient() -> None:

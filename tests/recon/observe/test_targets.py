@@ -21,7 +21,7 @@ class Planes:
 
 
 def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: Targets[Planes] = Targets()
+    cache: Targets[Planes] = Targets()
     made: list[str] = []
     full = {"left": 100}
     monkeypatch.setattr(targets, "room", lambda device: full["left"])
@@ -31,26 +31,26 @@ def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch
             made.append(name)
             return Planes(torch.ones(5, 5), None, 2.0)
 
-        return kept.of(SimpleNamespace(name=name, held=True), make, META)
+        return cache.of(SimpleNamespace(name=name, held=True), make, META)
 
-    for name, left in (("a", 100), ("b", 99), ("a", 0), ("b", 0)):  # 25 numbers take 100 bytes
-        full["left"] = left
-        found = look(name)
-        assert found.first.device == META
-        assert (found.second, found.number) == (None, 2.0)
+    for name, free in (("a", 100), ("b", 99), ("a", 0), ("b", 0)):  # 25 numbers take 100 bytes
+        full["left"] = free
+        planes = look(name)
+        assert planes.first.device == META
+        assert (planes.second, planes.number) == (None, 2.0)
     assert made == ["a", "b"]
-    assert kept._kept["a"].first.device == META
-    assert torch.equal(kept._kept["b"].first, torch.ones(5, 5))
+    assert cache._kept["a"].first.device == META
+    assert torch.equal(cache._kept["b"].first, torch.ones(5, 5))
 
 
 def test_an_array_of_several_views_is_kept_once() -> None:
-    kept: Targets[Planes] = Targets()
+    cache: Targets[Planes] = Targets()
     values, image = np.ones((3, 4), np.float32), torch.empty(3, 4, 3, device=META, dtype=torch.float64)
-    first, second = (kept.array(values, image) for _ in range(2))
+    first, second = (cache.array(values, image) for _ in range(2))
     assert (first.device, first.dtype, first.shape) == (META, torch.float64, (3, 4))
     assert second.device == META
-    assert len(kept._arrays) == 1
-    on_host = kept.array(values, torch.empty(0))
+    assert len(cache._arrays) == 1
+    on_host = cache.array(values, torch.empty(0))
     assert on_host.data_ptr() == torch.from_numpy(values).data_ptr()
 
 

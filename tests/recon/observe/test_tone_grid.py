@@ -61,10 +61,10 @@ def test_leaky_ends_are_continuous_with_the_published_slopes():
         [low - 1e-9, low + 1e-9, high - 1e-9, high + 1e-9, low - 3, high + 1e6], dtype=torch.float64
     )
     x.requires_grad_(True)
-    found = apply_curve(x, values, NODES, leaky=True)
-    np.testing.assert_allclose(found.detach()[:5], [0, 0, 1, 1, -3 * LEAK], atol=1e-8)
-    assert float(found[5].detach()) == pytest.approx(1 + LEAK, abs=1e-4)
-    found.sum().backward()
+    mapped = apply_curve(x, values, NODES, leaky=True)
+    np.testing.assert_allclose(mapped.detach()[:5], [0, 0, 1, 1, -3 * LEAK], atol=1e-8)
+    assert float(mapped[5].detach()) == pytest.approx(1 + LEAK, abs=1e-4)
+    mapped.sum().backward()
     assert torch.isfinite(x.grad).all()
     assert float(x.grad[0]) == pytest.approx(LEAK)
     assert float(x.grad[3]) == pytest.approx(LEAK / 2, rel=1e-6)
@@ -127,18 +127,18 @@ def test_the_kernel_does_what_plain_operations_do(shape):
     some = nodes[::3][: x.numel()]
     x.view(-1)[: len(some)] = some
     outer = torch.from_numpy(rng.normal(size=shape))
-    found = []
+    results = []
     for dtype in (torch.float32, torch.float64):
         a, b = (tensor.detach().clone().to(dtype).requires_grad_() for tensor in (x, values))
         result = apply_curve(a, b, nodes.to(dtype), leaky=True)
         (result * outer.to(dtype)).sum().backward()
-        found.append([result.detach().double(), a.grad.double(), b.grad.double()])
+        results.append([result.detach().double(), a.grad.double(), b.grad.double()])
     inside = (x > nodes[0]) & (x < nodes[-1]) & ~torch.isin(x, nodes)  # on a node there are two slopes
-    torch.testing.assert_close(found[0][0], found[1][0], rtol=1e-5, atol=1e-6)
-    torch.testing.assert_close(found[0][1][inside], found[1][1][inside], rtol=1e-3, atol=1e-6)
+    torch.testing.assert_close(results[0][0], results[1][0], rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(results[0][1][inside], results[1][1][inside], rtol=1e-3, atol=1e-6)
     outside = (x < nodes[0]) | (x > nodes[-1])
-    torch.testing.assert_close(found[0][1][outside], found[1][1][outside], rtol=1e-4, atol=1e-7)
-    torch.testing.assert_close(found[0][2], found[1][2], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(results[0][1][outside], results[1][1][outside], rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(results[0][2], results[1][2], rtol=1e-4, atol=1e-4)
 
 
 def test_the_kernel_finds_the_interval_of_every_node_and_of_its_neighbours():
@@ -149,10 +149,10 @@ def test_the_kernel_finds_the_interval_of_every_node_and_of_its_neighbours():
         values = torch.linspace(0, 1, len(nodes)).square()
         x = np.concatenate([nodes, np.nextafter(nodes, -99), np.nextafter(nodes, 99), [np.nan]])
         x = torch.from_numpy(x.astype(np.float32))
-        found = apply_curve(x, values, torch.from_numpy(nodes), leaky=True)
+        mapped = apply_curve(x, values, torch.from_numpy(nodes), leaky=True)
         expected = apply_curve(x.double(), values.double(), torch.from_numpy(nodes).double(), leaky=True)
-        torch.testing.assert_close(found[:-1].double(), expected[:-1], atol=2e-6, rtol=0)
-        assert found[-1].isnan()
+        torch.testing.assert_close(mapped[:-1].double(), expected[:-1], atol=2e-6, rtol=0)
+        assert mapped[-1].isnan()
 
 
 def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
@@ -175,11 +175,11 @@ def test_nodes_that_a_curve_needs_hold_it_everywhere():
     nodes = Grid().nodes()
     curves = np.stack([1 / (1 + np.exp(-nodes / rate)) for rate in (0.5, 1.0, 2.0)])
     curves[1] = np.minimum(curves[1], 0.8)
-    kept = needed(nodes, curves)
-    assert (kept[0], kept[-1]) == (0, len(nodes) - 1)
-    lines = np.stack([np.interp(nodes, nodes[kept], curve[kept]) for curve in curves])
+    chosen = needed(nodes, curves)
+    assert (chosen[0], chosen[-1]) == (0, len(nodes) - 1)
+    lines = np.stack([np.interp(nodes, nodes[chosen], curve[chosen]) for curve in curves])
     assert np.abs(lines - curves).max() <= EXACT
-    assert len(kept) < 100
+    assert len(chosen) < 100
 
 
 def test_a_straight_line_needs_its_ends_and_noise_everything():

@@ -67,10 +67,10 @@ def test_an_affine_change_of_the_signal_costs_no_rgb():
     smooth = np.broadcast_to(
         0.05 + 0.1 * np.linspace(0, 1, 160)[None, :, None] * np.array([1.0, 0.7, 0.4]), (128, 160, 3)
     )
-    own, changed = score(smooth, reference(smooth)), score(smooth * 1.7 - 0.01, reference(smooth))
-    assert changed["rgb_psnr"] == pytest.approx(own["rgb_psnr"], abs=0.01)
-    assert own["rgb_psnr"] > 60
-    assert own["rgb_ssim"] == pytest.approx(1.0, abs=1e-4)
+    same, changed = score(smooth, reference(smooth)), score(smooth * 1.7 - 0.01, reference(smooth))
+    assert changed["rgb_psnr"] == pytest.approx(same["rgb_psnr"], abs=0.01)
+    assert same["rgb_psnr"] > 60
+    assert same["rgb_ssim"] == pytest.approx(1.0, abs=1e-4)
     assert changed["raw_psnr"] < 30
 
 
@@ -96,11 +96,13 @@ def test_a_merged_mosaic_is_read_by_the_levels_and_the_exposure_of_the_shot(tmp_
     write_dng(tmp_path / "shot.dng", shot)
     # whatever the merged file says of its own levels
     write_dng(tmp_path / "merged.dng", RawMosaic(4 * codes + 2, Cfa.RGGB, ((0.0,),), 65535))
-    found = read_reference(tmp_path / "merged.dng", tmp_path / "shot.dng", 0.25)
+    reference_mosaic = read_reference(tmp_path / "merged.dng", tmp_path / "shot.dng", 0.25)
     tile = np.tile(black, (12, 15))
-    np.testing.assert_allclose(found.signal, 0.25 * (codes + 0.5 - tile) / (4095 - tile), rtol=1e-5)
-    assert found.cfa == Cfa.RGGB
-    np.testing.assert_allclose(found.rec709_from_camera @ neutral, 1.0, rtol=1e-4)
+    np.testing.assert_allclose(
+        reference_mosaic.signal, 0.25 * (codes + 0.5 - tile) / (4095 - tile), rtol=1e-5
+    )
+    assert reference_mosaic.cfa == Cfa.RGGB
+    np.testing.assert_allclose(reference_mosaic.rec709_from_camera @ neutral, 1.0, rtol=1e-4)
     write_dng(tmp_path / "small.dng", RawMosaic(codes[:, :24], Cfa.RGGB, black, 4095))
     with pytest.raises(InputError, match=r"merged\.dng and .*small\.dng differ in size"):
         read_reference(tmp_path / "merged.dng", tmp_path / "small.dng", 1.0)

@@ -71,16 +71,16 @@ LENSES = {
 @pytest.mark.parametrize("rows", [quaternion_rows, matrix_rows])
 def test_a_table(tmp_path: Path, lens: str, rows) -> None:
     lines = [{"frame": 1001 + 2 * i} | row | LENSES[lens] for i, row in enumerate(rows())]
-    found = read_camera_path(written(tmp_path / "shot.csv", lines), SCENE)
-    assert (found.name, found.numbers) == ("shot", (1001, 1003, 1005))
-    for number, camera in enumerate(found.cameras):
+    path_of_file = read_camera_path(written(tmp_path / "shot.csv", lines), SCENE)
+    assert (path_of_file.name, path_of_file.numbers) == ("shot", (1001, 1003, 1005))
+    for number, camera in enumerate(path_of_file.cameras):
         check(camera, number)
 
 
 def test_what_a_table_leaves_out_is_as_the_first_view(tmp_path: Path) -> None:
-    found = read_camera_path(written(tmp_path / "shot.csv", quaternion_rows()), SCENE)
-    assert not found.numbers
-    check(found.cameras[2], 2, 40.0, (48, 36))
+    path_of_file = read_camera_path(written(tmp_path / "shot.csv", quaternion_rows()), SCENE)
+    assert not path_of_file.numbers
+    check(path_of_file.cameras[2], 2, 40.0, (48, 36))
 
 
 def test_transforms_json(tmp_path: Path) -> None:
@@ -91,9 +91,9 @@ def test_transforms_json(tmp_path: Path) -> None:
     top = {"camera_angle_x": 2 * np.arctan(32 / 60), "w": 64, "h": 48, "frames": frames}
     (tmp_path / "transforms.json").write_text(json.dumps(top))
     for path in (tmp_path / "transforms.json", tmp_path):
-        found = read_camera_path(path, SCENE)
-        assert found.name == "transforms"
-        for number, camera in enumerate(found.cameras):
+        path_of_file = read_camera_path(path, SCENE)
+        assert path_of_file.name == "transforms"
+        for number, camera in enumerate(path_of_file.cameras):
             check(camera, number)
             assert camera.k1 == (0.1 if number == 1 else 0.0)
 
@@ -108,8 +108,8 @@ def test_a_colmap_model(tmp_path: Path) -> None:
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(np.linalg.inv(pose)[:3]))
     (tmp_path / "sparse").mkdir()
     model.write(str(tmp_path / "sparse"))
-    found = read_camera_path(tmp_path / "sparse", SCENE)
-    for number, camera in enumerate(found.cameras):
+    path_of_file = read_camera_path(tmp_path / "sparse", SCENE)
+    for number, camera in enumerate(path_of_file.cameras):
         check(camera, number)
         assert camera.k1 == pytest.approx(0.1)
 
@@ -126,9 +126,9 @@ def test_a_usd_camera_that_moves(tmp_path: Path) -> None:
     for number, pose in enumerate(matrices()):
         moved.Set(Gf.Matrix4d(*pose.T.ravel().tolist()), Usd.TimeCode(1001 + number))
     stage.Save()
-    found = read_camera_path(tmp_path / "shot.usda", SCENE)
-    assert found.numbers == (1001, 1002, 1003)
-    for number, one in enumerate(found.cameras):
+    path_of_file = read_camera_path(tmp_path / "shot.usda", SCENE)
+    assert path_of_file.numbers == (1001, 1002, 1003)
+    for number, one in enumerate(path_of_file.cameras):
         check(one, number, 60.0, (48, 32))
 
 

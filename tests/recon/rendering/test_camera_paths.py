@@ -40,9 +40,9 @@ def centre(camera: SplatCamera) -> np.ndarray:
 
 
 def path(views: tuple[SceneView, ...], text: str) -> tuple[SplatCamera, ...]:
-    found = named_path(scene(CARD, views), text)
-    assert found is not None
-    return found.cameras
+    named = named_path(scene(CARD, views), text)
+    assert named is not None
+    return named.cameras
 
 
 def test_an_orbit_goes_round_what_the_views_surround() -> None:

@@ -30,10 +30,10 @@ def test_depth_and_normal_of_a_tilted_surface() -> None:
     camera = placed(WORLD)
     normal = axis_of(np.cross(right, down))
     depth = 2.5 * (normal @ (0, 0, 3)) / (directions(camera) @ normal)
-    found = layers.depth(camera)
-    assert np.abs(np.log(found / depth)).max() < 0.02
+    estimated = layers.depth(camera)
+    assert np.abs(np.log(estimated / depth)).max() < 0.02
     # What is drawn first hides some of what is behind it: a third of a disc, of 0.03, nearer than the plane.
-    assert np.abs(np.log(found / depth)).mean() < 0.008
+    assert np.abs(np.log(estimated / depth)).mean() < 0.008
     towards = -normal * np.sign(normal[2])
     np.testing.assert_allclose(layers.normal(camera), np.broadcast_to(towards, (*depth.shape, 3)), atol=1e-3)
     assert layers.alpha(camera).min() > 0.99
@@ -83,8 +83,8 @@ def test_trust_counts_views_that_saw_and_measured() -> None:
         view("cam7", beyond).model_copy(update={"use": "test"}),
     )
     layers = DataLayers(scene(card.joined(wall), views))
-    told = []
-    layers = DataLayers(layers.scene, lambda what, done, total: told.append((done, total)))
+    reports = []
+    layers = DataLayers(layers.scene, lambda what, done, total: reports.append((done, total)))
     camera = SplatCamera.of(LENS, beyond)
     trust = layers.trust(camera)
     x, y = np.moveaxis(directions(camera)[..., :2] * 3, -1, 0)
@@ -94,9 +94,9 @@ def test_trust_counts_views_that_saw_and_measured() -> None:
         told_of = trust[where & (np.abs(y) < 1.2)]
         np.testing.assert_allclose(told_of, count, atol=0.45)
         assert told_of.mean() == pytest.approx(count, abs=0.1)
-    assert told[-1] == (7, 7)
+    assert reports[-1] == (7, 7)
     layers.trust(camera)
-    assert len(told) == 8, "counted once"
+    assert len(reports) == 8, "counted once"
     card_seen = layers.trust(view().splat_camera)[:, 21:27]  # by one; a few of its discs hide behind others
     assert card_seen.mean() == pytest.approx(1, abs=0.2)
 

@@ -41,7 +41,7 @@ def test_a_view_as_its_own_camera_would_record_it(trained: Path, tmp_path: Path)
     light = scene.render(view) @ np.array(camera.camera_from_rec709).T
     height, width = light.shape[:2]
     letters = np.tile([["RGBW".find(site) for site in row] for row in view.cfa], (height // 2, width // 2))
-    seen = np.take_along_axis(light, letters[..., None], axis=2)[..., 0] * falloff(camera, height, width)
+    filtered = np.take_along_axis(light, letters[..., None], axis=2)[..., 0] * falloff(camera, height, width)
     for path, shot in zip(files, view.shots, strict=True):
         with rawpy.imread(str(path)) as raw:
             codes = raw.raw_image.astype(float)
@@ -49,7 +49,7 @@ def test_a_view_as_its_own_camera_would_record_it(trained: Path, tmp_path: Path)
             colours = np.where(raw.raw_colors == 3, 1, raw.raw_colors)  # LibRaw counts the second green apart
             np.testing.assert_array_equal(colours, letters)
         signal = (codes - black) / (65535 - black)
-        expected, (slope, floor) = seen * shot.k, shot.noise
+        expected, (slope, floor) = filtered * shot.k, shot.noise
         lit = expected < 0.9 * (white - black) / (65535 - black)
         z = (signal - expected)[lit] / np.sqrt(slope * expected + floor)[lit]
         assert abs(z.mean()) < 5 / np.sqrt(lit.sum())

@@ -53,26 +53,26 @@ def fitted(lamps, steps=100, exposure=0.5):
     gaussians, renderer = lamps
     return display_colours(
         gaussians, gaussians, renderer, 2, exposure, steps, fitted=[CAMERAS[i] for i in (0, 1, 2, 4, 5, 6)],
-        judged=[CAMERAS[3]], progress=lambda *told: None,
+        judged=[CAMERAS[3]], progress=lambda *_: None,
     )  # fmt: skip
 
 
 def test_another_program_draws_the_display_of_the_light_as_near_as_is_stated(lamps, tmp_path):
     gaussians, renderer = lamps
-    found = fitted(lamps)
+    colours = fitted(lamps)
     path = tmp_path / "splats.ply"
-    write_ply(path, gaussians, found.harmonics, ["a note"])
+    write_ply(path, gaussians, colours.harmonics, ["a note"])
     drawn = foreign_3dgs.draw(foreign_3dgs.read(path), CAMERAS[3]).clip(0, 1)
     with torch.no_grad():
         light = renderer(gaussians, CAMERAS[3], degree=2).image.numpy()
     error = drawn - displayed(light, 0.5) / 255
-    assert -10 * np.log10(np.mean(error**2)) == pytest.approx(found.db, abs=0.1)
+    assert -10 * np.log10(np.mean(error**2)) == pytest.approx(colours.db, abs=0.1)
 
 
 def test_the_fit_is_worth_it_and_the_same_every_time(lamps):
-    unfitted, found = fitted(lamps, steps=0), fitted(lamps)
-    assert found.db > unfitted.db + 8
-    np.testing.assert_array_equal(found.harmonics, fitted(lamps).harmonics)
+    unfitted, colours = fitted(lamps, steps=0), fitted(lamps)
+    assert colours.db > unfitted.db + 8
+    np.testing.assert_array_equal(colours.harmonics, fitted(lamps).harmonics)
 
 
 def test_light_of_display_values_stays_what_it_is():
@@ -89,11 +89,11 @@ def test_light_of_display_values_stays_what_it_is():
     colours = torch.from_numpy(rng.uniform(0.2, 1, (12, 3))).float()
     gaussians = Gaussians({**places, **appearance.start(colours)})
     renderer = Renderer(appearance, Limits.gsplat())
-    found = display_colours(
-        gaussians, gaussians, renderer, 0, 1.0, 0, fitted=CAMERAS[:1], judged=(), progress=lambda *told: None
+    shown = display_colours(
+        gaussians, gaussians, renderer, 0, 1.0, 0, fitted=CAMERAS[:1], judged=(), progress=lambda *_: None
     )
-    assert found.harmonics.shape == (12, 1, 3)
-    codes = found.harmonics[:, 0] * 0.28209479177387814 + 0.5
+    assert shown.harmonics.shape == (12, 1, 3)
+    codes = shown.harmonics[:, 0] * 0.28209479177387814 + 0.5
     np.testing.assert_allclose(255 * codes, displayed(colours.numpy(), 1.0), atol=0.6)
 
 

@@ -47,7 +47,7 @@ def drawn(values: dict[str, np.ndarray], scene: Scene) -> np.ndarray:
     rest = np.zeros((COUNT, 8, 3), np.float32)
     rest[:, : min(values["shN"].shape[1], 8)] = values["shN"][:, :8]
     names = {"means": "means", "log_scales": "scales", "quats": "quats", "opacity_logits": "opacities"}
-    tensors = {name: torch.from_numpy(values[own]) for name, own in names.items()}
+    tensors = {name: torch.from_numpy(values[fields]) for name, fields in names.items()}
     tensors |= {"sh_dc": torch.from_numpy(values["sh0"][:, None]), "sh_rest": torch.from_numpy(rest)}
     image = Renderer(PlainHarmonics(), Limits.gsplat())(
         Gaussians(tensors), scene.views[0].splat_camera, degree=scene.record.degree
@@ -81,13 +81,13 @@ def test_an_orbit_sees_all_of_it_from_all_around(tmp_path: Path) -> None:
     sides = []
     for view in scene.views:
         camera = view.splat_camera
-        seen = means @ camera.cam_from_world[:3, :3].T + camera.cam_from_world[:3, 3]
-        across = camera.fx * seen[:, 0] / seen[:, 2] + camera.cx
-        down = camera.fy * seen[:, 1] / seen[:, 2] + camera.cy
+        local = means @ camera.cam_from_world[:3, :3].T + camera.cam_from_world[:3, 3]
+        across = camera.fx * local[:, 0] / local[:, 2] + camera.cx
+        down = camera.fy * local[:, 1] / local[:, 2] + camera.cy
         inside = (
-            (across > 0) & (across < camera.width) & (down > 0) & (down < camera.height) & (seen[:, 2] > 0)
+            (across > 0) & (across < camera.width) & (down > 0) & (down < camera.height) & (local[:, 2] > 0)
         )
-        assert (inside & (seen[:, 2] > 0)).mean() > 0.8
+        assert (inside & (local[:, 2] > 0)).mean() > 0.8
         sides.append(camera.cam_from_world[2, :3])
     assert np.linalg.norm(np.mean(sides, axis=0)[[0, 2]]) < 1e-6
     assert np.allclose(scene.up, [0, -1, 0], atol=1e-6)
@@ -100,9 +100,9 @@ def test_light_goes_out_and_comes_back(name: str, tmp_path: Path) -> None:
     back = open_scene(tmp_path / name)
     for view in scene.views:
         camera = pinhole(view.splat_camera)
-        light, found = scene.render(camera) * scene.exposure, back.render(camera)
+        light, returned = scene.render(camera) * scene.exposure, back.render(camera)
         bright = light > 1e-3
-        off = np.abs(found[bright] / light[bright] - 1)
+        off = np.abs(returned[bright] / light[bright] - 1)
         assert np.median(off) < 0.01
         assert np.quantile(off, 0.99) < 0.08  # the file does not say at which distances it was trained
     if name.endswith("usdc"):
@@ -146,9 +146,9 @@ def test_a_file_stands_where_a_scene_does(tmp_path: Path) -> None:
     assert exr.name == "0000_orbit.exr"
     with Image.open(png) as picture:
         assert picture.size == (640, 480)
-    told = export(tmp_path / "a.ply", tmp_path / "again.spz")
-    assert told.loss is not None
-    assert told.loss.pixel_p99 < 1
+    exported = export(tmp_path / "a.ply", tmp_path / "again.spz")
+    assert exported.loss is not None
+    assert exported.loss.pixel_p99 < 1
     with pytest.raises(ReconstructionError, match="a file of splats, without the photographs"):
         evaluate(tmp_path / "a.ply")
 

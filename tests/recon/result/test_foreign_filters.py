@@ -110,15 +110,15 @@ def record(axes: int) -> bytes:
 def test_spz_in_other_axes_than_those_of_opengl(axes: int, signs: tuple[int, ...], tmp_path: Path) -> None:
     """Letters of the number: left or right, down or up, back or front; PLY has right, down, front."""
     usual = spz.read_spz(packed(tmp_path / "usual.spz", 0))
-    found = spz.read_spz(packed(tmp_path / "other.spz", spz.EXTENDED, record(axes)))
+    read_back = spz.read_spz(packed(tmp_path / "other.spz", spz.EXTENDED, record(axes)))
     # What is stored is the same, in other axes; `usual` is in PLY's by the signs of OpenGL.
     stored = usual.means * [1, -1, -1]
-    np.testing.assert_allclose(found.means, stored * signs)
-    x, y, z = (sign * own for sign, own in zip(signs, (1, -1, -1), strict=True))
-    np.testing.assert_allclose(found.quats, usual.quats * [1, y * z, x * z, x * y], atol=1e-12)
-    assert found.harmonics[0, 3, 0] == x * usual.harmonics[0, 3, 0]  # of degree 1, along x
-    assert found.harmonics[0, 10, 0] == x * y * z * usual.harmonics[0, 10, 0]  # xyz
-    assert found.harmonics[0, 12, 0] == z * usual.harmonics[0, 12, 0]
+    np.testing.assert_allclose(read_back.means, stored * signs)
+    x, y, z = (sign * usual_sign for sign, usual_sign in zip(signs, (1, -1, -1), strict=True))
+    np.testing.assert_allclose(read_back.quats, usual.quats * [1, y * z, x * z, x * y], atol=1e-12)
+    assert read_back.harmonics[0, 3, 0] == x * usual.harmonics[0, 3, 0]  # of degree 1, along x
+    assert read_back.harmonics[0, 10, 0] == x * y * z * usual.harmonics[0, 10, 0]  # xyz
+    assert read_back.harmonics[0, 12, 0] == z * usual.harmonics[0, 12, 0]
 
 
 def test_spz_whose_axes_are_in_another_order_is_refused(tmp_path: Path) -> None:

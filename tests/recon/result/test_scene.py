@@ -113,22 +113,22 @@ def test_a_scene_renders_and_measures_the_same_after_its_session_was_calibrated_
 
 def test_the_record_has_the_views_as_training_corrected_them(trained):
     opened = open_model(trained)
-    found = open_scene(trained).views
-    assert [view.name for view in found] == [view.name for view in opened.dataset.views]
-    assert {view.name for view in found if view.use == "test"} == {
+    views = open_scene(trained).views
+    assert [view.name for view in views] == [view.name for view in opened.dataset.views]
+    assert {view.name for view in views if view.use == "test"} == {
         view.name for view in opened.dataset.held_out
     }
     calibrated = {view.id: view for view in opened.dataset.calibration.views}
-    for own, view in zip(found, opened.dataset.views, strict=True):
-        camera = own.splat_camera
+    for recorded, view in zip(views, opened.dataset.views, strict=True):
+        camera = recorded.splat_camera
         assert (
             np.abs(opened.dataset.world.camera(camera).cam_from_world - view.lens.cam_from_world).max()
             < 1e-12
         )
         assert (camera.lens, camera.width, camera.height) == (view.lens.lens, 32, 24)
-        assert [shot.k for shot in own.shots] == [shot.k for shot in view.shots]
-        uncorrected = calibrated[own.id].cam_from_world.matrix()
-        assert np.allclose(camera.cam_from_world, uncorrected, atol=1e-9) == (own.use != "training")
+        assert [shot.k for shot in recorded.shots] == [shot.k for shot in view.shots]
+        uncorrected = calibrated[recorded.id].cam_from_world.matrix()
+        assert np.allclose(camera.cam_from_world, uncorrected, atol=1e-9) == (recorded.use != "training")
 
 
 def test_a_view_of_the_data_set_is_drawn_where_the_scene_has_it(scene):
@@ -146,12 +146,12 @@ def test_a_pose_that_no_camera_had_is_rendered_in_linear_light(trained, tmp_path
     novel = replace(camera, cam_from_world=ahead @ camera.cam_from_world, width=40, cx=20.0)
     image = scene.render(novel)
     assert (image.shape, image.dtype) == ((24, 40, 3), np.float32)
-    own = scene.render(camera)
-    assert np.abs(np.log2(np.median(image) / np.median(own))) < 0.5
-    assert not np.array_equal(image[:, 4:36], own)
+    rendered = scene.render(camera)
+    assert np.abs(np.log2(np.median(image) / np.median(rendered))) < 0.5
+    assert not np.array_equal(image[:, 4:36], rendered)
     (file, _) = render(trained, tmp_path, views=["0000/cam0"])
     written = read_exr(file)
-    assert np.array_equal(written.rgb(), own)
+    assert np.array_equal(written.rgb(), rendered)
     assert written.attributes["rig:exposure"] == pytest.approx(scene.exposure, rel=1e-6)
     assert "relative to camera signal" in written.attributes["rig:values"]
 

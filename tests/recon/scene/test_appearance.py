@@ -107,13 +107,13 @@ def test_a_series_is_the_same_by_plain_operations(degree: int) -> None:
     """Compare the path of a GPU with the kernel: value and gradients."""
     rng = np.random.default_rng(3)
     directions = torch.tensor(sphere(20))
-    found = []
+    results = []
     for function in (series, series_by_torch):
         constant = torch.tensor(rng.normal(size=(20, 1, 3)), requires_grad=True)
         rest = torch.tensor(rng.normal(size=(20, COEFFICIENTS - 1, 3)), requires_grad=True)
         value = function(constant, rest, directions, degree)
         (value * torch.tensor(rng.normal(size=(20, 3)))).sum().backward()
-        found.append((value.detach(), constant.grad, rest.grad))
+        results.append((value.detach(), constant.grad, rest.grad))
         rng = np.random.default_rng(3)
-    for ours, theirs in zip(*found, strict=True):
+    for ours, theirs in zip(*results, strict=True):
         torch.testing.assert_close(ours, theirs)

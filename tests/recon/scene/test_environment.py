@@ -43,15 +43,15 @@ def test_light_comes_from_where_it_was_put_across_the_seam_and_at_the_poles() ->
     directions = rng.normal(size=(500, 3))
     directions[:50] = np.stack([rng.normal(0, 1e-3, 50), rng.normal(size=50), -np.ones(50)], 1)  # the seam
     directions[50:60, [0, 2]] *= 1e-2
-    found = environment().light(torch.from_numpy(7 * directions)).numpy()
-    np.testing.assert_allclose(found, smooth(directions), rtol=0.03)
+    light = environment().light(torch.from_numpy(7 * directions)).numpy()
+    np.testing.assert_allclose(light, smooth(directions), rtol=0.03)
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE])
 def test_a_camera_sees_far_points_and_the_environment_at_the_same_pixels(camera: SplatCamera) -> None:
     rows, columns = np.mgrid[1 : camera.height : 4, 1 : camera.width : 4].reshape(2, -1)
     far = environment()
-    seen = far.seen(camera).numpy()
+    picture = far.seen(camera).numpy()
     centre = -POSE[:3, :3].T @ POSE[:3, 3]
     directions = np.random.default_rng(1).normal(size=(4000, 3))
     pixels, depth = project(camera, centre + 1e9 * directions)
@@ -59,8 +59,8 @@ def test_a_camera_sees_far_points_and_the_environment_at_the_same_pixels(camera:
     shown &= ((pixels > 0) & (pixels < (camera.width, camera.height))).all(1)
     assert shown.sum() > 3
     x, y = np.floor(pixels[shown]).astype(int).T
-    np.testing.assert_allclose(seen[y, x], smooth(directions[shown] @ AXES.T), rtol=0.12)
-    assert np.isfinite(seen[rows, columns]).all()
+    np.testing.assert_allclose(picture[y, x], smooth(directions[shown] @ AXES.T), rtol=0.12)
+    assert np.isfinite(picture[rows, columns]).all()
 
 
 def scene(dtype: torch.dtype) -> list[torch.Tensor]:

@@ -131,23 +131,23 @@ def test_the_range_is_that_of_the_views_that_see_a_gaussian(camera: SplatCamera)
     certain = torch.ones(6000, dtype=torch.bool)
     for one in cameras:
         pixels, depth = project(one, means.double().numpy())
-        seen = torch.from_numpy(inside(one, pixels, depth))
+        visible = torch.from_numpy(inside(one, pixels, depth))
         centre = np.array([one.width, one.height]) / 2
         # A bowed picture's field of view is taken as a rectangle, a fisheye's as a circle.
         border = np.abs(pixels - centre).max(axis=1) > 0.8 * one.width / 2
         certain &= torch.from_numpy(~border | (depth <= 0))
         spacing = spacing_of(away_from(means, one), one)
-        least = torch.where(seen, torch.minimum(least, spacing), least)
-        most = torch.where(seen, torch.maximum(most, spacing), most)
-    found = Sampling.of(means, cameras)
+        least = torch.where(visible, torch.minimum(least, spacing), least)
+        most = torch.where(visible, torch.maximum(most, spacing), most)
+    sampling = Sampling.of(means, cameras)
     known = certain & (most > 0)
     assert known.sum() > 100
-    torch.testing.assert_close(found.least[known], least[known], rtol=2e-4, atol=0)
-    torch.testing.assert_close(found.most[known], most[known], rtol=2e-4, atol=0)
+    torch.testing.assert_close(sampling.least[known], least[known], rtol=2e-4, atol=0)
+    torch.testing.assert_close(sampling.most[known], most[known], rtol=2e-4, atol=0)
     unseen = certain & (most == 0)
     assert unseen.sum() > 100
-    assert (found.least[unseen] == 0).all()
-    assert found.most[unseen].isinf().all()
+    assert (sampling.least[unseen] == 0).all()
+    assert sampling.most[unseen].isinf().all()
 
 
 def test_what_no_view_saw_is_drawn_as_it_is() -> None:
@@ -188,8 +188,8 @@ def test_without_gradient_the_kernel_draws_what_torch_does(camera: SplatCamera, 
     )
     expected = sampling.drawn(*given, place, 0.1)
     with torch.no_grad():
-        found = sampling.drawn(*given, place, 0.1)
-    for one, other in zip(found, expected, strict=True):
+        drawn = sampling.drawn(*given, place, 0.1)
+    for one, other in zip(drawn, expected, strict=True):
         torch.testing.assert_close(one, other, rtol=2e-5, atol=0)
-    changed = [not torch.equal(one, before) for one, before in zip(found, (given[1], given[3]), strict=True)]
+    changed = [not torch.equal(one, before) for one, before in zip(drawn, (given[1], given[3]), strict=True)]
     assert changed == [distance < 0, distance > 1]

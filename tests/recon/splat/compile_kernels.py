@@ -60,7 +60,7 @@ def resources(cubin: bytes) -> dict[str, int]:
 
 
 def main() -> None:
-    found = []
+    rows = []
     for kernel, constants, options, types in KERNELS:
         signature = {name: types.get(name, "constexpr") for name in kernel.arg_names}
         assert {name for name, kind in signature.items() if kind == "constexpr"} == set(constants)
@@ -73,7 +73,7 @@ def main() -> None:
                 options={"num_warps": 4, "enable_fp_fusion": True, **options},
             )
             cubin = compiled.asm["cubin"]
-            found.append(
+            rows.append(
                 {
                     "kernel": kernel.__name__,
                     "architecture": architecture,
@@ -83,7 +83,7 @@ def main() -> None:
                     **resources(cubin),
                 }
             )
-    print(json.dumps(found))
+    print(json.dumps(rows))
 
 
 if __name__ == "__main__":

@@ -32,10 +32,10 @@ class Scene:
     limits: Limits = field(default_factory=Limits)
 
     def tensors(self, dtype: torch.dtype, grad: bool = True) -> list[torch.Tensor]:
-        found = [self.means, self.quats, self.scales, self.opacities, self.colours]
+        values = [self.means, self.quats, self.scales, self.opacities, self.colours]
         if self.background is not None:
-            found.append(self.background)
-        return [t.to(dtype).detach().clone().requires_grad_(grad) for t in found]
+            values.append(self.background)
+        return [t.to(dtype).detach().clone().requires_grad_(grad) for t in values]
 
     def render(self, tensors: list[torch.Tensor], stats: SplatStats | None = None) -> Render:
         background = tensors[5] if len(tensors) > 5 else None

@@ -65,13 +65,13 @@ def same_gradient(name: str, ours: torch.Tensor | None, theirs: torch.Tensor | N
 
 def test_statistics_add_up_over_renders(scene_of: Any) -> None:
     scene = scene_of("lens")
-    found = []
+    statistics = []
     for seeds in ((0,), (1,), (0, 1)):
         stats = SplatStats(len(scene.means))
         for seed in seeds:
             loss(scene.render(scene.tensors(torch.float32), stats), seed).backward()
-        found.append(stats)
-    first, second, both = found
+        statistics.append(stats)
+    first, second, both = statistics
     assert both.tension.max() > first.tension.max()
     torch.testing.assert_close(first.tension + second.tension, both.tension, rtol=1e-6, atol=0)
     assert torch.equal(torch.maximum(first.weight, second.weight), both.weight)
@@ -82,7 +82,7 @@ def test_tension_is_of_pixels_that_pull_both_ways(scene_of: Any) -> None:
     scene = scene_of("plain")
     tensors = [t[:1].detach() for t in scene.tensors(torch.float32)[:5]]
     tensors[3][:], tensors[4][:] = 0.5, 1.0
-    found = []
+    tensions = []
     rows, columns = torch.meshgrid(
         torch.arange(scene.camera.height), torch.arange(scene.camera.width), indexing="ij"
     )
@@ -92,9 +92,9 @@ def test_tension_is_of_pixels_that_pull_both_ways(scene_of: Any) -> None:
         given = [t.clone().requires_grad_() for t in tensors]
         image = rasterize(*given, scene.camera, None, scene.limits, stats).image
         (image * error[..., None]).sum().backward()
-        found.append(float(stats.tension))
+        tensions.append(float(stats.tension))
     assert stats.weight > 0.1
-    assert found[0] < 0.01 * found[1]
+    assert tensions[0] < 0.01 * tensions[1]
 
 
 def test_gradient_of_the_image_alone_and_of_alpha_alone(scene_of: Any) -> None:
@@ -119,8 +119,8 @@ def test_thread_count_changes_no_bit(scene_of: Any, name: str) -> None:
             render = scene.render(tensors, stats)
             loss(render).backward()
             arrays = [render.image, render.alpha, *(t.grad for t in tensors)]
-            found = [a.detach().numpy().tobytes() for a in arrays if a is not None]
-            results.append([*found, *(a.numpy().tobytes() for a in (stats.tension, stats.weight))])
+            outputs = [a.detach().numpy().tobytes() for a in arrays if a is not None]
+            results.append([*outputs, *(a.numpy().tobytes() for a in (stats.tension, stats.weight))])
     finally:
         threads.set_threads(before)
     assert results[0] == results[1] == results[2]

@@ -51,7 +51,7 @@ def test_the_kernels_function_is_exact_on_the_axis_and_far_from_it() -> None:
     """Against arithmetic of 120 digits: the ratio to 1e-14, its derivatives to 1e-10."""
     out = np.empty(88)
     _functions(np.array(SQUARES), parameters(CAMERA, Limits()), out)
-    found = out.reshape(11, 8)
+    table = out.reshape(11, 8)
     with mpmath.workdps(120):
         for at, s in enumerate(SQUARES):
             place = mpmath.mpf(s) or mpmath.mpf("1e-25")
@@ -63,16 +63,16 @@ def test_the_kernels_function_is_exact_on_the_axis_and_far_from_it() -> None:
                     return float((ends[2] - ends[0]) / (2 * step))
                 return float((ends[2] - 2 * ends[1] + ends[0]) / step**2)
 
-            assert found[0, at] == pytest.approx(float(_exact(place, TERMS)), rel=1e-14)
-            assert found[1, at] == pytest.approx(2 * derivative(1, TERMS), rel=1e-10)
-            assert found[2, at] == pytest.approx(4 * derivative(2, TERMS), rel=1e-9)
+            assert table[0, at] == pytest.approx(float(_exact(place, TERMS)), rel=1e-14)
+            assert table[1, at] == pytest.approx(2 * derivative(1, TERMS), rel=1e-10)
+            assert table[2, at] == pytest.approx(4 * derivative(2, TERMS), rel=1e-9)
             for i in range(4):
                 one = [float(i == j) for j in range(4)]
                 none = [0.0] * 4
                 apart = float(_exact(place, one) - _exact(place, none))
-                assert found[3 + i, at] == pytest.approx(apart, rel=1e-12, abs=1e-20)
+                assert table[3 + i, at] == pytest.approx(apart, rel=1e-12, abs=1e-20)
                 apart = 2 * (derivative(1, one) - derivative(1, none))
-                assert found[7 + i, at] == pytest.approx(apart, rel=1e-9, abs=1e-9)
+                assert table[7 + i, at] == pytest.approx(apart, rel=1e-9, abs=1e-9)
 
 
 def test_the_oracle_projects_as_the_lens_and_its_jacobian_is_the_derivative() -> None:
@@ -83,8 +83,8 @@ def test_the_oracle_projects_as_the_lens_and_its_jacobian_is_the_derivative() ->
     bent = torch.stack([x, y], dim=1).detach().numpy()
     np.testing.assert_allclose(bent, optics.distort(points, TERMS, fisheye=True), rtol=1e-12, atol=1e-300)
     slopes = [torch.autograd.grad(one.sum(), (u, v), retain_graph=True) for one in (x, y)]
-    for found, expected in zip(jacobian, [s for pair in slopes for s in pair], strict=True):
-        torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+    for slope, expected in zip(jacobian, [s for pair in slopes for s in pair], strict=True):
+        torch.testing.assert_close(slope, expected, rtol=1e-9, atol=1e-12)
 
 
 def gaussian(x: float, y: float, z: float, dtype: torch.dtype) -> list[torch.Tensor]:
@@ -112,7 +112,7 @@ def test_what_lies_beyond_the_fold_or_the_widest_angle_is_not_drawn(dtype: torch
     folding = replace(plain, k1=-0.4)
     fold = optics.fisheye_fold((-0.4, 0.0, 0.0, 0.0))
     assert 0 < fold < 1
-    for camera, angle, seen in (
+    for camera, angle, visible in (
         (plain, optics.WIDEST - 0.01, 1),
         (plain, optics.WIDEST + 0.01, 0),
         (plain, 2.0, 0),
@@ -121,7 +121,7 @@ def test_what_lies_beyond_the_fold_or_the_widest_angle_is_not_drawn(dtype: torch
     ):
         tensors = gaussian(math.sin(angle), 0.0, math.cos(angle), dtype)
         limits = Limits(near=1e-3)
-        assert rasterize(*tensors, camera, None, limits).visible == seen, angle
+        assert rasterize(*tensors, camera, None, limits).visible == visible, angle
 
 
 def test_a_fisheye_from_calibration_and_one_that_sees_too_far() -> None:

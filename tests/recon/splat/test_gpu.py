@@ -158,13 +158,13 @@ def test_several_renders_alive_and_backward_twice(scene_of: Any, device: str) ->
 
 def test_statistics_add_up_over_renders(scene_of: Any, device: str) -> None:
     scene = scene_of("lens").smaller(6)
-    found = []
+    statistics = []
     for seeds in ((0,), (1,), (0, 1)):
         stats = SplatStats(len(scene.means), torch.device(device))
         for seed in seeds:
             loss(scene.render_on(device, scene.tensors(torch.float32), stats), seed).backward()
-        found.append(stats)
-    first, second, both = found
+        statistics.append(stats)
+    first, second, both = statistics
     assert both.tension.max() > first.tension.max()
     torch.testing.assert_close(first.tension + second.tension, both.tension, rtol=1e-6, atol=0)
     assert torch.equal(torch.maximum(first.weight, second.weight), both.weight)
@@ -190,16 +190,18 @@ def test_gradient_of_the_camera(
 ) -> None:
     """Against the oracle, through the same entry."""
     scene = scene_of(name).smaller(10)
-    found = []
+    gradients = []
     for dtype, place in ((torch.float64, "cpu"), (torch.float32, device)):
         tensors = [t.to(place) for t in scene.tensors(dtype, grad=False)]
         delta = torch.full((14,), 1e-3, dtype=torch.float64, requires_grad=True)
         render = rasterize(*tensors[:5], scene.camera, tensors[5], scene.limits, camera_delta=delta)
         loss(render).backward()
-        found.insert(0, delta.grad)
+        gradients.insert(0, delta.grad)
         monkeypatch.setattr(splat, "_rasterizer", lambda *_: rasterize_gpu)
-    assert (found[0] - found[1]).abs().max() < 1e-5 * found[1].abs().max()
-    torch.testing.assert_close(found[0], found[1], rtol=1e-3, atol=1e-6 * float(found[1].abs().max()))
+    assert (gradients[0] - gradients[1]).abs().max() < 1e-5 * gradients[1].abs().max()
+    torch.testing.assert_close(
+        gradients[0], gradients[1], rtol=1e-3, atol=1e-6 * float(gradients[1].abs().max())
+    )
 
 
 def test_constants_are_those_of_the_cpu_kernels() -> None:

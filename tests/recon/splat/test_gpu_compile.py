@@ -22,12 +22,12 @@ def test_every_kernel_compiles_and_spills_next_to_nothing() -> None:
     command = [sys.executable, str(Path(__file__).with_name("compile_kernels.py")), *map(str, ARCHITECTURES)]
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
     assert result.returncode == 0, result.stderr
-    found = json.loads(result.stdout)
-    assert len({(one["kernel"], one["architecture"]) for one in found}) == 7 * len(ARCHITECTURES)
-    for one in found:
+    compiled = json.loads(result.stdout)
+    assert len({(one["kernel"], one["architecture"]) for one in compiled}) == 7 * len(ARCHITECTURES)
+    for one in compiled:
         assert one["elf"], one
         assert one["shared"] <= 48 * 1024, one
         assert one["REG"] <= 255, one
         assert one["STACK"] <= 256, one
-    tiles = [one for one in found if one["kernel"].startswith("composite")]
+    tiles = [one for one in compiled if one["kernel"].startswith("composite")]
     assert all(one["REG"] <= 160 for one in tiles), tiles  # room for 12 warps on a multiprocessor

@@ -160,15 +160,15 @@ def test_an_overflow_stays_in_its_tile(device: str) -> None:
     means = torch.tensor([[-0.7, -0.5, 2.0], [0.8, -0.5, 2.0]])
     quats, scales = torch.tensor([[1.0, 0, 0, 0]]).repeat(2, 1), torch.full((2, 3), 0.05)
     opacities, colours = torch.full((2,), 0.5), torch.tensor([[1.0] * 3, [1e30] * 3])
-    found = []
+    gradients = []
     for count in (1, 2):
         tensors = [t[:count].to(device).requires_grad_() for t in (means, quats, scales, opacities, colours)]
         render = rasterize_gpu(RasterInputs(*tensors, CAMERA, None, Limits(), None))
         assert render.visible == count
         (render.image * 1e9).sum().backward()
-        found.append([t.grad[0] for t in tensors])
-    assert all(torch.equal(*pair) for pair in zip(*found, strict=True))
-    assert all(torch.isfinite(gradient).all() for gradient in found[1])
+        gradients.append([t.grad[0] for t in tensors])
+    assert all(torch.equal(*pair) for pair in zip(*gradients, strict=True))
+    assert all(torch.isfinite(gradient).all() for gradient in gradients[1])
 
 
 @pytest.mark.parametrize("length", [1e3, 1e7])
@@ -197,7 +197,7 @@ def test_degenerate_needles(scene_of: Any, device: str) -> None:
 def test_nothing_is_folded_back_into_the_image(device: str) -> None:
     """Beyond the radius where distortion stops growing, the polynomial would put Gaussians in the image."""
     camera = replace(CAMERA, k1=-0.5)
-    for tangent, seen in ((1.2, 0), (0.3, 1)):
+    for tangent, visible in ((1.2, 0), (0.3, 1)):
         tensors = [
             torch.tensor([[2 * tangent, 0.0, 2.0]], device=device),
             torch.tensor([[1.0, 0.0, 0.0, 0.0]], device=device),
@@ -206,21 +206,21 @@ def test_nothing_is_folded_back_into_the_image(device: str) -> None:
             torch.ones(1, 3, device=device),
         ]
         render = rasterize_gpu(RasterInputs(*tensors, camera, None, Limits(), None))
-        assert (render.visible, render.culled) == (seen, 0)
-        assert bool(render.image.any()) == bool(seen)
+        assert (render.visible, render.culled) == (visible, 0)
+        assert bool(render.image.any()) == bool(visible)
 
 
 def test_opacity_above_the_largest_alpha_keeps_its_gradient(scene_of: Any, device: str) -> None:
     scene = scene_of("plain").smaller(8)
     scene.limits = replace(scene.limits, alpha_max=0.75)
     scene.opacities[3:6] = torch.tensor([0.75, 0.9, 1.5])
-    found = []
+    results = []
     for opacities in (scene.opacities, scene.opacities.clamp(max=0.75)):
         scene.opacities = opacities
         tensors = scene.tensors(torch.float32)
         render = scene.render_on(device, tensors)
         render.image.sum().backward()
-        found.append((render.image.detach(), tensors[3].grad))
-    assert torch.equal(found[0][0], found[1][0])
-    assert torch.equal(found[0][1], found[1][1])
-    assert found[0][1][3:6].any()
+        results.append((render.image.detach(), tensors[3].grad))
+    assert torch.equal(results[0][0], results[1][0])
+    assert torch.equal(results[0][1], results[1][1])
+    assert results[0][1][3:6].any()

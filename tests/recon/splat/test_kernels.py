@@ -118,7 +118,7 @@ def test_every_touched_pixel_is_listed_and_no_far_one() -> None:
         padded = np.zeros((80, 160), bool)
         padded[:height, :width] = inside
         expected = padded.reshape(10, 8, 20, 8).any(axis=(1, 3))
-        found = np.zeros((10, 20), bool)
+        blocks = np.zeros((10, 20), bool)
         if box[0] <= box[1] and box[2] <= box[3]:
             shape = np.zeros((1, 8))
             shape[0, :5] = (*mean, m11, m21, m22)
@@ -134,10 +134,10 @@ def test_every_touched_pixel_is_listed_and_no_far_one() -> None:
             for t, mask in zip(tile[:n], bits[:n], strict=True):
                 for block in range(4):
                     if mask >> block & 1:
-                        found[2 * (t // 10) + (block >> 1), 2 * (t % 10) + (block & 1)] = True
-        missed += (expected & ~found).sum()
-        extra += (found & ~expected).sum()
-        listed += found.sum()
+                        blocks[2 * (t // 10) + (block >> 1), 2 * (t % 10) + (block & 1)] = True
+        missed += (expected & ~blocks).sum()
+        extra += (blocks & ~expected).sum()
+        listed += blocks.sum()
     assert missed == 0
     assert extra < 0.06 * listed  # an ellipse may pass between pixel centres
 
@@ -185,19 +185,19 @@ def test_error_in_a_helper_reaches_the_caller() -> None:
 def test_two_python_threads_may_render(scene_of: Any) -> None:
     scene = scene_of("many")
     expected = scene.render(scene.tensors(torch.float32, grad=False)).image
-    found: list[torch.Tensor] = []
+    images: list[torch.Tensor] = []
 
     def work() -> None:
         for _ in range(10):
-            found.append(scene.render(scene.tensors(torch.float32, grad=False)).image)
+            images.append(scene.render(scene.tensors(torch.float32, grad=False)).image)
 
     workers = [threading.Thread(target=work) for _ in range(2)]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
-    assert len(found) == 20
-    assert all(torch.equal(image, expected) for image in found)
+    assert len(images) == 20
+    assert all(torch.equal(image, expected) for image in images)
 
 
 def test_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -59,14 +59,14 @@ def start(zero: bool) -> torch.Tensor:
 @pytest.mark.parametrize("name", SCENES)
 def test_kernels_equal_the_oracle(scene_of: Any, name: str, zero: bool) -> None:
     """With the cut-offs of the scene: number by number, in units of a visible step."""
-    scene, found = scene_of(name), []
+    scene, gradients = scene_of(name), []
     for dtype in (torch.float32, torch.float64):
         delta = start(zero).requires_grad_()
         tensors = scene.tensors(dtype)
         value(scene, tensors, delta).backward()
-        found.append(delta.grad * STEPS)
+        gradients.append(delta.grad * STEPS)
         assert all(torch.isfinite(tensor.grad).all() for tensor in tensors)
-    ours, truth = found
+    ours, truth = gradients
     assert truth.any()
     assert (ours - truth).norm() < 1e-3 * truth.norm(), name
     assert ((ours - truth).abs() < 1e-3 * truth.abs() + 1e-4 * truth.norm()).all(), name
@@ -98,8 +98,8 @@ def test_gradients_equal_finite_differences(scene_of: Any, name: str, zero: bool
                 ends = [value(scene, tensors, delta.detach() + sign * step) for sign in (1, -1)]
                 slopes.append((ends[0] - ends[1]) / (2 * part))
             expected = float((4 * slopes[1] - slopes[0]) / 3)
-            found, ours = (float(d.grad[number] * STEPS[number]) for d in (delta, fast))
-            assert abs(found - expected) < 1e-6 * abs(expected) + 1e-7 * size, number
+            gradient, ours = (float(d.grad[number] * STEPS[number]) for d in (delta, fast))
+            assert abs(gradient - expected) < 1e-6 * abs(expected) + 1e-7 * size, number
             assert abs(ours - expected) < 1e-3 * abs(expected) + 1e-4 * size, number
 
 

@@ -47,9 +47,9 @@ def test_gradients_equal_finite_differences(scene_of: Any, name: str) -> None:
                 ends.append(value(moved))
             slopes.append((ends[0] - ends[1]) / (2 * step))
         expected = (4 * slopes[1] - slopes[0]) / 3
-        found = (tensor.grad * direction).sum()
+        slope = (tensor.grad * direction).sum()
         scale = (tensor.grad * direction).abs().sum()
-        assert abs(found - expected) < 1e-5 * scale + 1e-9, (name, number)
+        assert abs(slope - expected) < 1e-5 * scale + 1e-9, (name, number)
 
 
 def test_one_gaussian_by_hand() -> None:
@@ -88,8 +88,8 @@ def test_distortion_equals_opencv() -> None:
     matrix = np.array([[50, 0, 20], [0, 60, 15], [0, 0, 1.0]])
     lens = np.array([-0.2, 0.05, 0.01, -0.02])
     expected, _ = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), matrix, lens)
-    found = camera.distort(points) * [50, 60] + [20, 15]
-    np.testing.assert_allclose(found, expected.reshape(-1, 2), atol=1e-9)
+    distorted = camera.distort(points) * [50, 60] + [20, 15]
+    np.testing.assert_allclose(distorted, expected.reshape(-1, 2), atol=1e-9)
 
 
 def test_folding_lens_has_a_last_radius() -> None:
@@ -97,9 +97,9 @@ def test_folding_lens_has_a_last_radius() -> None:
     radius = np.sqrt(camera.monotone_radius2)
     assert radius == pytest.approx(np.sqrt(1 / 1.5))
     steps = np.linspace(0, radius, 100)
-    seen = camera.distort(np.stack([steps, 0 * steps], axis=1))[:, 0]
-    assert (np.diff(seen) > 0).all()
-    assert camera.distort(np.array([radius * 1.05, 0.0]))[0] < seen[-1]
+    distorted = camera.distort(np.stack([steps, 0 * steps], axis=1))[:, 0]
+    assert (np.diff(distorted) > 0).all()
+    assert camera.distort(np.array([radius * 1.05, 0.0]))[0] < distorted[-1]
     assert replace(camera, k1=0.1).monotone_radius2 == np.inf
 
 

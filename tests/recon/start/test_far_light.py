@@ -83,10 +83,10 @@ def test_no_gaussian_starts_in_the_air_where_views_look_through_to_the_sky(
         points.append((view.centre + along[..., None] * towards).reshape(-1, 3))
         colours.append(rgb[::4, ::4].reshape(-1, 3))
     start = Start(np.concatenate(points), np.concatenate(colours).astype(np.float64), sparse=20)
-    kept = without_far(start, toy_dataset.train, images, far, lambda radiance: radiance / 4)
-    assert kept.sparse == 20
-    assert np.array_equal(kept.xyz[:20], start.xyz[:20])
-    share = (len(kept.xyz) - 20) / (len(start.xyz) - 20)
+    near = without_far(start, toy_dataset.train, images, far, lambda radiance: radiance / 4)
+    assert near.sparse == 20
+    assert np.array_equal(near.xyz[:20], start.xyz[:20])
+    share = (len(near.xyz) - 20) / (len(start.xyz) - 20)
     assert share < 0.05 if wall is None else share > 0.9, share
 
 
@@ -167,12 +167,12 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     asked = settings().model_copy(update={"quality": "draft"})
     sky = pictures(toy_dataset, wall=None)
     taken = {
-        told: environment_for(
-            replace(toy_dataset, train=covered if told else toy_dataset.train),
+        with_alpha: environment_for(
+            replace(toy_dataset, train=covered if with_alpha else toy_dataset.train),
             asked, sky, start_of(toy_dataset, sky), lambda light: light, "no trials here", Ranks(),
             unreported,
         )
-        for told in (True, False)
+        for with_alpha in (True, False)
     }  # fmt: skip
-    assert [taken[told][0] for told in (True, False)] == [False, True]
+    assert [taken[with_alpha][0] for with_alpha in (True, False)] == [False, True]
     assert "transparent" in taken[True][1].reason

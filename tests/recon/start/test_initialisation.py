@@ -53,18 +53,18 @@ def test_pixels_to_points_and_back_through_a_distorted_lens(lens):
     x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     pixels = np.stack([x, y], -1)
     depth = np.random.default_rng(0).uniform(0.5, 9, pixels.shape[:2])
-    found, at = project(lens, lift(lens, pixels, depth))
-    np.testing.assert_allclose(found, pixels, atol=1e-6)
+    projected, at = project(lens, lift(lens, pixels, depth))
+    np.testing.assert_allclose(projected, pixels, atol=1e-6)
     np.testing.assert_allclose(at, depth, rtol=1e-12)
 
 
 @pytest.mark.parametrize("lens", [LENS, FISHEYE])
 def test_projection_is_that_of_the_rasteriser(lens):
     points = np.random.default_rng(1).uniform((-1, -1, 1), (1, 1, 3), (50, 3))
-    found, _ = project(lens, points)
+    projected, _ = project(lens, points)
     camera = points @ lens.cam_from_world[:3, :3].T + lens.cam_from_world[:3, 3]
     tangents = lens.distort(camera[:, :2] / camera[:, 2:])
-    np.testing.assert_allclose(found, tangents * [lens.fx, lens.fy] + [lens.cx, lens.cy], rtol=1e-12)
+    np.testing.assert_allclose(projected, tangents * [lens.fx, lens.fy] + [lens.cx, lens.cy], rtol=1e-12)
 
 
 def test_a_fisheye_folds_nothing_back_into_the_image():
@@ -146,8 +146,8 @@ def test_colours_forgive_what_is_covered_in_a_few_views(toy_dataset, images):
     pixels = np.array([[32.5, 20.5], [12.5, 40.5]])
     points = lift(view.lens, pixels, true_depth(toy_dataset, view, pixels))
     behind = np.array([[0.0, 0, 500.0]]) @ view.lens.cam_from_world[:3, :3]
-    rgb, seen = colours_at(toy_dataset, images, np.concatenate([points, view.centre - behind]))
-    assert seen[:2].all()
+    rgb, visible = colours_at(toy_dataset, images, np.concatenate([points, view.centre - behind]))
+    assert visible[:2].all()
     truth = true_radiance(toy_dataset.session, view)[[20, 40], [32, 12]]
     assert (np.abs(np.log2(rgb[:2] / truth)) < 1.5).all()
 

@@ -34,14 +34,14 @@ def test_points_are_found_where_the_scene_is(pointless):
     assert start.sparse > 100
     assert len(start.xyz) > 2500
     truth = store.read_json(dataset.session / "truth" / "truth.json")
-    found = dataset.world.to_world(start.xyz)
+    points = dataset.world.to_world(start.xyz)
     scene, off = simulate(truth["rig"], truth["seed"]).scene, []
     for view in dataset.train:
         centre = np.linalg.inv(dataset.world.camera_in_world(view.lens).cam_from_world)[:3, 3]
-        reach = np.linalg.norm(found - centre, axis=1)
-        seen = inside(view.lens, *project(view.lens, start.xyz))
-        surface = scene.depth(np.broadcast_to(centre, found.shape), (found - centre) / reach[:, None])
-        off.append((reach / surface)[seen & np.isfinite(surface)])
+        reach = np.linalg.norm(points - centre, axis=1)
+        visible = inside(view.lens, *project(view.lens, start.xyz))
+        surface = scene.depth(np.broadcast_to(centre, points.shape), (points - centre) / reach[:, None])
+        off.append((reach / surface)[visible & np.isfinite(surface)])
     # Of each view's rays, half meet the surface within 4 % of the point; what is hidden lies behind it.
     assert np.median(np.abs(np.log(np.concatenate(off)))) < 0.04
     light = np.median([np.median(true_radiance(dataset.session, view)) for view in dataset.train])

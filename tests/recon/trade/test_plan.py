@@ -27,16 +27,16 @@ def test_the_front_is_what_nothing_beats() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         points = [tuple(pair) for pair in rng.integers(0, 8, (30, 2)).tolist()]
-        found = front(points, lambda p: p[0], lambda p: p[1])
-        kept = {
+        front_of = front(points, lambda p: p[0], lambda p: p[1])
+        unbeaten = {
             (x, y) for x, y in points if not any((a <= x and b >= y) and (a, b) != (x, y) for a, b in points)
         }
-        assert set(found) == kept
-        assert found == sorted(found)
+        assert set(front_of) == unbeaten
+        assert front_of == sorted(front_of)
         for p in points:
             short = behind(points, lambda q: q[0], lambda q: q[1], p)
             assert short == max(b for a, b in points if a <= p[0]) - p[1]
-            assert short == 0 or p not in kept
+            assert short == 0 or p not in unbeaten
 
 
 def test_presets_and_single_changes_are_planned_once_each() -> None:
@@ -82,12 +82,12 @@ def test_nothing_is_planned_that_a_session_does_not_have(views: int, exposures: 
 def test_neighbours_are_new_and_no_more_work_than_what_was_done() -> None:
     done = [point(choice, db=30 + n, seconds=10 + n) for n, choice in enumerate(planned(RICH, None))]
     known = {RICH.trained(one) for one in done}
-    found = list(neighbours(done, RICH))
-    assert found
-    assert not known & {RICH.effective(choice) for choice in found}
+    choices = list(neighbours(done, RICH))
+    assert choices
+    assert not known & {RICH.effective(choice) for choice in choices}
     most = max(RICH.work(one.choice) for one in done)
-    assert all(RICH.work(choice) <= most for choice in found)
-    assert [RICH.work(choice) for choice in found] == sorted(RICH.work(choice) for choice in found)
+    assert all(RICH.work(choice) <= most for choice in choices)
+    assert [RICH.work(choice) for choice in choices] == sorted(RICH.work(choice) for choice in choices)
     assert list(neighbours([], RICH)) == []
 
 
@@ -119,11 +119,11 @@ def test_a_scene_that_needed_few_gaussians_is_expected_to_need_no_more() -> None
     count = QUALITIES["standard"].gaussians // 8
     few = [full[0], full[1].model_copy(update={"gaussians": count})]
     # As long as a training would that has just so many.
-    told = expected_seconds(best, few, RICH)
+    seconds = expected_seconds(best, few, RICH)
     overrides = expected_seconds(
         Choice(axis="", quality="best", overrides=Overrides(gaussians=count)), few, RICH
     )
-    assert told == overrides
+    assert seconds == overrides
     # More than the preset allows it never is.
     draft = Choice(axis="preset", quality="draft")
     many = [full[1].model_copy(update={"gaussians": QUALITIES["standard"].gaussians - 1})]

@@ -31,7 +31,7 @@ def depth(dataset: Dataset, view: View) -> np.ndarray:
     return demo_scene().depth(origin, directions) / (lengths * dataset.world.unit)
 
 
-def cut_out(dataset: Dataset, view: View, told: bool) -> View:
+def cut_out(dataset: Dataset, view: View, with_alpha: bool) -> View:
     """A view of what stands on the table's near part: before black, and with alpha if it is told."""
     height, width = view.lens.height, view.lens.width
     pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
@@ -41,17 +41,17 @@ def cut_out(dataset: Dataset, view: View, told: bool) -> View:
     cover = (np.linalg.norm(place - dataset.points().xyz.mean(0), axis=-1) < NEAR / 2).astype(np.float32)
     shots = tuple(
         shot.showing(
-            pixels=(shot.pixels * cover[..., None]).astype(np.float32), alpha=cover if told else None
+            pixels=(shot.pixels * cover[..., None]).astype(np.float32), alpha=cover if with_alpha else None
         )
         for shot in view.shots
     )
     return replace(view, shots=shots)
 
 
-def errors_of_alpha(dataset: Dataset, told: bool) -> float:
+def errors_of_alpha(dataset: Dataset, with_alpha: bool) -> float:
     """Mean absolute error of the rendered alpha, over the training views, of a short training."""
     goal = [cut_out(dataset, view, True).alpha for view in dataset.train]
-    part = replace(dataset, train=tuple(cut_out(dataset, view, told) for view in dataset.train))
+    part = replace(dataset, train=tuple(cut_out(dataset, view, with_alpha) for view in dataset.train))
     images = [radiance_image(view) for view in part.train]
     light = light_of(part, images)
     start = start_points(part, images, 600, np.random.Generator(np.random.PCG64(0)))
@@ -71,6 +71,6 @@ def errors_of_alpha(dataset: Dataset, told: bool) -> float:
 
 def test_alpha_of_photographs_is_learned(toy_ldr: Path) -> None:
     dataset = load(toy_ldr)
-    told, guessed = (errors_of_alpha(dataset, told) for told in (True, False))
-    assert told < 0.1
-    assert told < guessed / 2
+    given, guessed = (errors_of_alpha(dataset, given) for given in (True, False))
+    assert given < 0.1
+    assert given < guessed / 2

@@ -71,18 +71,18 @@ def test_every_parameter_and_every_memory_stays_in_step():
         for group in training.optimizer.param_groups
     }
     change = adapt(training, make_stats(), DensityRules(COUNT + 6))
-    kept = int(change.keep.sum())
+    staying = int(change.keep.sum())
     born = len(change.new["means"])
-    assert born == 2 * (COUNT - kept) > 0
+    assert born == 2 * (COUNT - staying) > 0
     for group in training.optimizer.param_groups:
         name, (value,) = group["name"], group["params"]
         assert value is training.gaussians.parameters[name]
         assert value.requires_grad
-        assert len(value) == kept + born
-        assert torch.equal(value.detach()[:kept], before[name][change.keep])
+        assert len(value) == staying + born
+        assert torch.equal(value.detach()[:staying], before[name][change.keep])
         state = training.optimizer.state[value]
-        assert torch.equal(state["exp_avg"][:kept], memory[name][change.keep])
-        assert state["exp_avg"][kept:].eq(0).all()
+        assert torch.equal(state["exp_avg"][:staying], memory[name][change.keep])
+        assert state["exp_avg"][staying:].eq(0).all()
         assert state["exp_avg_sq"].shape == value.shape
     assert len(training.optimizer.state) == len(training.optimizer.param_groups)
     sum((value**2).sum() for value in training.gaussians.parameters.values()).backward()

@@ -91,23 +91,23 @@ def test_a_time_is_kept_whatever_the_machine_does(begun, toy_dataset, cost, plan
 
 def test_a_schedule_that_turns_makes_no_progress_jump(begun, toy_dataset):
     """Require growing progress, of a length that stays, though its iterations change at each turn."""
-    training, clock, told = begun(), Clock(lambda t: 0.01 if t.iteration < 45 else 0.03), []
+    training, clock, reports = begun(), Clock(lambda t: 0.01 if t.iteration < 45 else 0.03), []
     train(
         training,
         toy_dataset,
         Plan(100, DensityRules(CAP), log_every=5, measure=True),
         log=lambda line: None,
         save=lambda: None,
-        progress=lambda message, done, total: told.append((done, total)),
+        progress=lambda message, done, total: reports.append((done, total)),
         steers=[clock.tick, Deadline(1.0, 1000, CAP)],
         clock=clock,
     )
     assert len(training.schedule.turns) > 2
     assert training.iteration < 100
-    done = [place for place, _ in told]
+    done = [place for place, _ in reports]
     assert done == sorted(done)
     assert max(np.diff(done)) < 40
-    assert {total for _, total in told} == {100}
+    assert {total for _, total in reports} == {100}
     assert done[-1] == 100
 
 
@@ -198,10 +198,10 @@ def test_stopped_by_hand_and_gone_on_it_stops_where_it_would_have(begun, toy_dat
 
 def test_what_the_test_views_show_ends_no_training(begun, toy_dataset):
     """One of two held-out views is for validation; the other may show anything."""
-    seen = toy_dataset.held_out[0]
-    other = replace(seen, frame=seen.frame + 1)
+    test_view = toy_dataset.held_out[0]
+    other = replace(test_view, frame=test_view.frame + 1)
     blank = replace(other, shots=tuple(shot.showing(pixels=0 * shot.pixels) for shot in other.shots))
-    whole, spoiled = (replace(toy_dataset, held_out=(view, seen)) for view in (other, blank))
+    whole, spoiled = (replace(toy_dataset, held_out=(view, test_view)) for view in (other, blank))
     steers = [EarlyStop(least=100.0, moments=2)]
 
     def curve(dataset):

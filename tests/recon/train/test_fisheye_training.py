@@ -40,8 +40,8 @@ def test_a_session_of_fisheyes_is_learned_up_to_the_corners(dataset):
         """mu-law PSNR, dB, and the median error in stops where the angle from the axis is above 0.7."""
         with torch.no_grad():
             image = training.renderer()(training.gaussians, view.lens, degree=2).image
-        found = training.method.observation.radiance(image).numpy()
-        return metrics.hdr_psnr_mu(found, truth), metrics.stops_median(found[far][None], truth[far][None])
+        learned = training.method.observation.radiance(image).numpy()
+        return metrics.hdr_psnr_mu(learned, truth), metrics.stops_median(learned[far][None], truth[far][None])
 
     before, _ = quality()
     plan = Plan(150, DensityRules(900), log_every=50)

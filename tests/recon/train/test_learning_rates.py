@@ -84,5 +84,5 @@ def test_a_short_training_gets_further_at_the_rates_of_its_length(begun, toy_dat
         run(begun(), toy_dataset, Plan(40, DensityRules(CAP), rate_factor=factor))
         for factor in (1.0, rate_factor(40))
     )
-    told = [training.held_out_psnr(toy_dataset.held_out, 1.0, Ranks()) for training in (usual, short)]
-    assert told[1] > told[0] + 1.0
+    psnrs = [training.held_out_psnr(toy_dataset.held_out, 1.0, Ranks()) for training in (usual, short)]
+    assert psnrs[1] > psnrs[0] + 1.0

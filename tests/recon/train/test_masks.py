@@ -82,8 +82,8 @@ def test_what_is_masked_starts_nothing_and_moves_nothing(which, name, request):
     light = light_of(one, images)
     assert light == light_of(other, others)
     points, same = (
-        start_points(painting, found, 600, np.random.Generator(np.random.PCG64(0)))
-        for painting, found in ((one, images), (other, others))
+        start_points(painting, radiance, 600, np.random.Generator(np.random.PCG64(0)))
+        for painting, radiance in ((one, images), (other, others))
     )
     np.testing.assert_array_equal(points.xyz, same.xyz)
     np.testing.assert_array_equal(points.rgb, same.rgb)
@@ -113,8 +113,8 @@ def test_what_is_masked_costs_little_and_what_is_not_costs_more(which, name, har
     dataset = load(request.getfixturevalue(which))
     trainings = []
     for seed in range(PAINTINGS):
-        hidden, seen = (painted(dataset, masked=masked, seed=seed + 4) for masked in (True, False))
-        trainings.append([quality(shown, name, seed) for shown in (dataset, hidden, seen)])
+        hidden, visible = (painted(dataset, masked=masked, seed=seed + 4) for masked in (True, False))
+        trainings.append([quality(shown, name, seed) for shown in (dataset, hidden, visible)])
     clean, masked, spoilt = np.mean(trainings, axis=0)
     assert masked > clean - 0.8
     assert spoilt < masked - harm
@@ -128,9 +128,9 @@ def test_no_colour_comes_from_behind_a_mask(toy_dataset):
         for v, (rgb, ok) in zip(dataset.train, images, strict=True)
     ]
     points = start_points(toy_dataset, images, 300, np.random.Generator(np.random.PCG64(0))).xyz
-    one, seen = colours_at(dataset, images, points)
+    one, visible = colours_at(dataset, images, points)
     other, _ = colours_at(dataset, spoilt, points)
-    assert seen.sum() > 100
+    assert visible.sum() > 100
     np.testing.assert_array_equal(one, other)
 
 
@@ -151,11 +151,11 @@ def test_the_mask_of_a_shot_is_read_and_scaled_with_it(session_copy, width):
     file = masked_session(session_copy, image)
     views = load(session_copy, max_width=width).views
     (shot,) = [shot for view in views for shot in view.shots if shot.file == file]
-    kept = shot.valid if shot.valid.ndim == 2 else shot.valid.all(-1)
+    counted = shot.valid if shot.valid.ndim == 2 else shot.valid.all(-1)
     expected = (
         image > 0 if width is None else cv2.resize(image, (32, 24), interpolation=cv2.INTER_AREA) == 255
     )
-    np.testing.assert_array_equal(kept, expected)
+    np.testing.assert_array_equal(counted, expected)
     others = [other for view in views for other in view.shots if other.file != file]
     assert all(other.valid.all() for other in others)
 

@@ -17,9 +17,9 @@ from recon.train.training import Training
 @pytest.fixture(scope="module")
 def dataset(toy_deep):
     loaded = load(toy_deep)
-    found = fit(loaded.train, *loaded.tracks())
-    assert found.fits
-    return loaded.with_depths(found.scale)
+    fitted = fit(loaded.train, *loaded.tracks())
+    assert fitted.fits
+    return loaded.with_depths(fitted.scale)
 
 
 def trained(dataset, start, light, weight: float) -> Training:
@@ -41,8 +41,8 @@ def error(dataset, training) -> float:
         with torch.no_grad():
             render = training.renderer()(training.gaussians, view.lens, degree=0, depth=True)
         truth = np.log(true_depth(dataset, view) / dataset.world.unit)
-        found = (render.ln_depth / render.alpha.clamp_min(1e-6)).numpy()
-        off.append(np.abs(found - truth)[render.alpha.numpy() > 0.5])
+        rendered = (render.ln_depth / render.alpha.clamp_min(1e-6)).numpy()
+        off.append(np.abs(rendered - truth)[render.alpha.numpy() > 0.5])
     return float(np.median(np.concatenate(off)))
 
 

@@ -76,8 +76,8 @@ def together(arguments: list[str], count: int = 2) -> list[tuple[int, str, str]]
 
 def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
     """To the last bit: a sum of two gradients does not depend on who adds."""
-    found = together([__file__, str(toy), str(tmp_path)])
-    assert [code for code, _, _ in found] == [0, 0], found[0][2] + found[1][2]
+    results = together([__file__, str(toy), str(tmp_path)])
+    assert [code for code, _, _ in results] == [0, 0], results[0][2] + results[1][2]
     alone = tmp_path / "alone"
     alone.mkdir()
     lines = train_here(toy, alone, Ranks())
@@ -90,7 +90,7 @@ def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
             torch.testing.assert_close(first[name], value, rtol=1e-12, atol=0)
         else:
             assert torch.equal(first[name], value), name
-    logged = [json.loads(out) for _, out, _ in found]
+    logged = [json.loads(out) for _, out, _ in results]
     assert logged[1] == []
     assert [line["iteration"] for line in logged[0]] == [line["iteration"] for line in lines] == [4, 8, 12]
     for ours, theirs in zip(logged[0], lines, strict=True):

@@ -105,7 +105,7 @@ def an_iteration(kind: str, corrected: tuple[Refined, ...] = ()) -> Counts:
             **appearance.start(torch.rand(COUNT, 3, generator=generator)),
         }
     )
-    seen: list[Counts] = []
+    counted: list[Counts] = []
     with pretended() as counts:
         method = Method("test", appearance, observation(kind))
         refinement = Refinement.of(dataset, corrected) if corrected else None
@@ -119,10 +119,10 @@ def an_iteration(kind: str, corrected: tuple[Refined, ...] = ()) -> Counts:
             log=lambda line: None,
             save=lambda: None,
             until=4,
-            steers=[lambda _: seen.append(counts.copy())],
+            steers=[lambda _: counted.append(counts.copy())],
         )
         assert not torch.equal(training.gaussians.parameters["means"].detach().cpu(), before)
-    first, second = seen
+    first, second = counted
     return second - first
 
 

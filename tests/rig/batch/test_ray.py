@@ -64,8 +64,8 @@ def test_the_scheduler_is_given_the_forecast(cluster: RayWorkers) -> None:
 
 def killed(share: Share, lives: Path) -> str:
     """Kills its process as often as the file has characters."""
-    if left := lives.read_text():
-        lives.write_text(left[1:])
+    if remaining := lives.read_text():
+        lives.write_text(remaining[1:])
         os.kill(os.getpid(), signal.SIGKILL)
     return "done"
 
@@ -79,11 +79,11 @@ def test_a_lost_worker_is_made_up_for(cluster: RayWorkers, tmp_path: Path) -> No
 def test_one_that_is_lost_again_is_an_error_of_rig(cluster: RayWorkers) -> None:
     import ray
 
-    lost, told = Future[str](), Future[str]()
+    lost, passed_on = Future[str](), Future[str]()
     lost.set_exception(ray.exceptions.WorkerCrashedError())
-    cluster._pass_on(lost, told)
+    cluster._pass_on(lost, passed_on)
     with pytest.raises(WorkerLost, match="lost 2 times"):
-        told.result()
+        passed_on.result()
 
 
 def refused(share: Share) -> None:
@@ -112,10 +112,10 @@ def test_a_trade_off_is_what_it_is_on_one_machine(
     store.discard(toy / "trade" / "trade.json")
     alone = trade_sweep(toy, budget=1e6)
     rest = {"seconds", "processor_seconds", "at_once", "device"}
-    found, expected = (
+    made, expected = (
         {point.key: point.model_dump(exclude=rest) for point in trade.points} for trade in (spread, alone)
     )
-    assert found == expected
+    assert made == expected
     assert {(point.at_once, point.device) for point in spread.points} == {(cluster.beside, "CPU, 1 thread")}
 
 

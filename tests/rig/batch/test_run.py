@@ -78,8 +78,8 @@ def test_what_is_calibrated_is_trained_and_exports_follow(tmp_path: Path) -> Non
     assert [path.name for path in result.rows[0].exports] == ["x.ply", "y.usdc"]
     assert all(row.failed is None and row.db == 30.0 for row in result.rows)
     assert [row.forecast for row in result.rows] == [1, 2, 1, 2]
-    told = dict(zip((words[0] for words in recorder.commands), recorder.tasks, strict=True))
-    assert (told["calibrate"], told["export"], told["reconstruct"].gpu) == (Task(100), Task(50), True)
+    tasks = dict(zip((words[0] for words in recorder.commands), recorder.tasks, strict=True))
+    assert (tasks["calibrate"], tasks["export"], tasks["reconstruct"].gpu) == (Task(100), Task(50), True)
     assert len(store.read_json(record_path(tmp_path / "PLAN.toml"))["rows"]) == 4
 
 

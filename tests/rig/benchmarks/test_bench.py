@@ -24,18 +24,18 @@ def bench(rig, *arguments):
 def test_rawnerf_is_measured_against_the_clean_mosaic_once(rig, tmp_path, monkeypatch):
     scene = rawnerf_scene(tmp_path / "data" / "wall")
     (tmp_path / "data" / "notes").mkdir()
-    code, found, err = bench(rig, "rawnerf", tmp_path / "data", "--out", tmp_path / "out")
+    code, result, err = bench(rig, "rawnerf", tmp_path / "data", "--out", tmp_path / "out")
     assert (code, err) == (0, "")
-    figures = found["scenes"]["wall"]
-    assert figures == found["mean"]
+    figures = result["scenes"]["wall"]
+    assert figures == result["mean"]
     # a grey wall has 34 dB, one whose exposure is taken for that of the burst 17
     assert figures["raw_psnr"] > 42
     assert figures["rgb_psnr"] > 25
     assert figures["rgb_ssim"] > 0.8
-    assert found["published"]["Raw3DGS (Li et al., arXiv 2406.08300)"]["raw_psnr"] == 59.49
+    assert result["published"]["Raw3DGS (Li et al., arXiv 2406.08300)"]["raw_psnr"] == 59.49
     monkeypatch.setattr("recon.reconstruct.reconstruct", None)  # nothing is trained again
     code, again, _ = bench(rig, "rawnerf", scene, "--out", tmp_path / "out")
-    assert (code, again["scenes"]) == (0, found["scenes"])
+    assert (code, again["scenes"]) == (0, result["scenes"])
     code, out, _ = rig("bench", "rawnerf", str(scene), "--out", str(tmp_path / "out"), "--quality", "draft")
     assert code == 0
     for word in (
@@ -54,22 +54,22 @@ def test_a_scene_that_fails_is_told_and_the_others_are_measured(rig, tmp_path):
     rawnerf_scene(tmp_path / "data" / "a")
     shutil.copytree(tmp_path / "data" / "a", tmp_path / "data" / "b")
     (tmp_path / "data" / "b" / "raw" / "train" / "IMG_3.dng").unlink()
-    code, found, err = bench(rig, "rawnerf", tmp_path / "data", "--views", "4", "--out", tmp_path / "out")
+    code, result, err = bench(rig, "rawnerf", tmp_path / "data", "--views", "4", "--out", tmp_path / "out")
     assert code == 3
-    assert list(found["scenes"]) == ["a"]
+    assert list(result["scenes"]) == ["a"]
     assert "1 of 2 scenes could not be measured" in err
-    assert "IMG_3.dng" in found["failed"]["b"]
+    assert "IMG_3.dng" in result["failed"]["b"]
     model = json.loads((tmp_path / "out/a/session/reconstructions/draft-0-4-views/model.json").read_text())
     assert sum(view["use"] == "training" for view in model["views"]) == 4
 
 
 def test_hdr_plenoxels_is_measured_on_halves_that_nothing_was_fitted_to(rig, tmp_path):
     scene = plenoxels_scene(tmp_path / "wall")
-    code, found, err = bench(rig, "hdr-plenoxels", scene, "--out", tmp_path / "out")
+    code, result, err = bench(rig, "hdr-plenoxels", scene, "--out", tmp_path / "out")
     assert (code, err) == (0, "")
     split = Session.open(tmp_path / "out" / "wall" / "session").split()
     assert (len(split.train), len(split.test)) == (6, 3)
-    assert found["mean"]["psnr"] > 22
+    assert result["mean"]["psnr"] > 22
 
 
 def test_folders_that_are_no_scenes_are_refused(rig, tmp_path):

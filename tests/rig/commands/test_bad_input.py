@@ -197,9 +197,9 @@ def test_a_calibration_without_poses_says_what_there_is_to_do(
     ],
 )
 def test_a_refusal_names_the_fix_of_its_own_reason(number: int, fix: str) -> None:
-    told = str(store.refused(Path("S"), OSError(number, os.strerror(number))))
-    assert fix in told
-    assert told.endswith(".")
+    message = str(store.refused(Path("S"), OSError(number, os.strerror(number))))
+    assert fix in message
+    assert message.endswith(".")
 
 
 @pytest.fixture(params=[errno.EROFS, errno.ENOSPC, errno.EACCES], ids=["EROFS", "ENOSPC", "EACCES"])

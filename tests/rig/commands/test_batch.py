@@ -23,16 +23,16 @@ def test_a_scene_is_made_and_what_fails_is_told(rig, toy: Path) -> None:
         '[[scene]]\nmethod = "hdr-gs"\n'
     )
     code, out, err = rig("batch", str(plan), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 3, err
-    made, failed = told["rows"]
+    made, failed = data["rows"]
     assert (made["failed"], made["already_there"], made["iterations"]) == (None, False, 20)
     assert made["db"] > 5
     assert (toy / "exports" / "small" / "scene.ply").is_file()
     assert (failed["failed"], failed["scene"]) == ("reconstruct", "hdr-gs standard")
-    assert "1 scene of 2 could not be made" in told["missing"]
-    assert failed["says"] in told["missing"]
-    page = Path(told["report"]).read_text()
+    assert "1 scene of 2 could not be made" in data["missing"]
+    assert failed["says"] in data["missing"]
+    page = Path(data["report"]).read_text()
     assert "toy/reconstructions/small/report.html" in page
     assert "reconstruct failed" in page
 

@@ -36,15 +36,15 @@ def test_a_scene_is_explained_stage_by_stage(rig, scene) -> None:
 def test_json_has_every_rung_of_both_records(rig, scene) -> None:
     folder = scene / "reconstructions" / "nh-3dgs-draft"
     code, out, _ = rig("explain", str(folder), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
     calibration = store.read_json(scene / "calibration" / "calibration.json")
-    assert told["calibration"] == [Rung(**rung).model_dump() for rung in calibration["rungs"]]
-    assert told["model_rungs"] == store.read_json(folder / "model.json")["rungs"]
-    (plan,) = told["capture"]
+    assert data["calibration"] == [Rung(**rung).model_dump() for rung in calibration["rungs"]]
+    assert data["model_rungs"] == store.read_json(folder / "model.json")["rungs"]
+    (plan,) = data["capture"]
     assert (plan["exposures"], plan["frames"], plan["cameras"], plan["shots"]) == (3, 3, 2, 18)
     assert plan["reason"]
-    assert not told["calibration_is_stale"]
+    assert not data["calibration_is_stale"]
 
 
 def test_a_calibrated_session_without_a_scene(rig, toy) -> None:
@@ -76,10 +76,10 @@ def test_a_scene_away_from_its_session_is_explained(rig, scene, tmp_path) -> Non
     moved = shutil.copytree(folder, tmp_path / "sent")
     shutil.rmtree(scene)
     code, out, err = rig("explain", str(moved), "--json")
-    told = json.loads(out)
-    assert (code, err, told["session"], told["capture"]) == (0, "", None, [])
+    data = json.loads(out)
+    assert (code, err, data["session"], data["capture"]) == (0, "", None, [])
     for name in ("calibration", "model", "model_rungs"):
-        assert told[name] == within[name]
+        assert data[name] == within[name]
     assert "vignetting" in rig("explain", str(moved))[1]
 
 

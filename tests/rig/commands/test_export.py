@@ -14,11 +14,11 @@ def test_a_file_and_what_it_lost(rig, scene: Path, tmp_path: Path) -> None:
     assert lost.startswith("lost: ")
     assert "stops" in lost
     code, out, _ = rig("export", str(scene), "--out", str(tmp_path / "scene.usda"), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
-    assert told["format"] == "usd"
-    assert told["loss"]["pixel_p99"] < 0.01
-    assert told["files"] == [str(tmp_path / "scene.usda")]
+    assert data["format"] == "usd"
+    assert data["loss"]["pixel_p99"] < 0.01
+    assert data["files"] == [str(tmp_path / "scene.usda")]
 
 
 def test_the_hand_over_folder_and_cameras(rig, scene: Path, tmp_path: Path) -> None:

@@ -23,22 +23,22 @@ Run = Callable[..., tuple[int, str, str]]
 
 def test_every_bracket_becomes_an_exr_and_all_share_one_unit(rig: Run, toy: Path, tmp_path: Path) -> None:
     code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
-    assert told["exposures"] == "calibration"
-    assert len(told["files"]) == 6
+    assert data["exposures"] == "calibration"
+    assert len(data["files"]) == 6
     scales = []
-    for entry in told["files"]:
+    for entry in data["files"]:
         image = read_exr(Path(entry["file"]))
         assert set(image.channels) == {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B", "mask"}
         assert "per second of exposure scale" in str(image.attributes["rig:units"])
         assert image.attributes["rig:colour"] == "Rec.709"
         truth = read_exr(toy / "truth" / f"{entry['frame']:04d}" / f"{entry['camera']}.exr").rgb()
         # In blocks: demosaicking blurs what is as fine as the mosaic of so small a picture.
-        found, real = _blocks(image.rgb()), _blocks(truth)
-        lit = (real > 0.1 * np.median(real)) & (found > 0)  # a lamp of one pixel lacks its other colours
+        merged, real = _blocks(image.rgb()), _blocks(truth)
+        lit = (real > 0.1 * np.median(real)) & (merged > 0)  # a lamp of one pixel lacks its other colours
         assert lit.mean() > 0.8
-        logs = np.log2(found[lit] / real[lit])
+        logs = np.log2(merged[lit] / real[lit])
         scales.append(np.median(logs))
         assert np.median(np.abs(logs - scales[-1])) < 0.1
         sigma = image.channels["sigma.G"]
@@ -139,12 +139,12 @@ def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:
     light = np.exp(np.kron(rng.uniform(-4, -1, (12, 24)), np.ones((10, 10))))
     codes, masks = [], []
     for step, k in enumerate((1.0, 0.5, 0.25)):
-        seen = light.copy()
+        hidden_light = light.copy()
         counts = np.ones(light.shape, bool)
         if step == 0:
-            seen[20:100, 10:80], counts[20:100, 10:80] = 0.15, False
-        seen[:, 200:], counts[:, 200:] = rng.uniform(0, 1, (120, 40)), False
-        code = np.rint(255 * srgb_encode(np.clip(seen * k + 0.002 * rng.standard_normal(light.shape), 0, 1)))
+            hidden_light[20:100, 10:80], counts[20:100, 10:80] = 0.15, False
+        hidden_light[:, 200:], counts[:, 200:] = rng.uniform(0, 1, (120, 40)), False
+        code = np.rint(255 * srgb_encode(np.clip(hidden_light * k + 0.002 * rng.standard_normal(light.shape), 0, 1)))
         codes.append(code.astype(np.uint8)[..., None].repeat(3, 2))
         masks.append(counts)
     return bracket(folder, codes, [1.0, 0.5, 0.25], masks), light
@@ -154,10 +154,10 @@ def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Pa
     session, light = masked_bracket(tmp_path)
     code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--exposure", "0", "--json")
     assert code == 0
-    (told,) = json.loads(out)["files"]
-    assert told["ghost"] < 0.01
-    assert told["hidden"] == pytest.approx(40 / 240)
-    assert told["warnings"] == []
+    (entry,) = json.loads(out)["files"]
+    assert entry["ghost"] < 0.01
+    assert entry["hidden"] == pytest.approx(40 / 240)
+    assert entry["warnings"] == []
     image = read_exr(tmp_path / "M" / "0000" / "cam0.exr")
     mask = image.channels["mask"].astype(int)
     np.testing.assert_array_equal(mask & HIDDEN > 0, np.arange(240)[None].repeat(120, 0) >= 200)
@@ -169,9 +169,9 @@ def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Pa
 
     lines = (session / "shots.jsonl").read_text().splitlines()
     bare = [json.loads(line) for line in lines]
-    for own in bare:
-        del own["mask"]
-    (session / "shots.jsonl").write_text("".join(json.dumps(own) + "\n" for own in bare))
+    for record in bare:
+        del record["mask"]
+    (session / "shots.jsonl").write_text("".join(json.dumps(record) + "\n" for record in bare))
     blind = json.loads(rig("merge", str(session), str(tmp_path / "M"), "--json")[1])["files"][0]
     assert not blind["kept"]
     assert blind["ghost"] > 0.1
@@ -260,8 +260,8 @@ def test_a_scale_of_light_makes_the_values_absolute(rig: Run, toy: Path, tmp_pat
     assert code == 0
     assert "a value of 1 is" in out
     image = read_exr(tmp_path / "M" / "0000" / "cam1.exr")
-    found = image.attributes["whiteLuminance"] * np.median(image.rgb()[1:13, 48:60] @ np.array(LUMINANCE))
-    assert found == pytest.approx(100 * np.median(truth), rel=0.1)
+    luminance = image.attributes["whiteLuminance"] * np.median(image.rgb()[1:13, 48:60] @ np.array(LUMINANCE))
+    assert luminance == pytest.approx(100 * np.median(truth), rel=0.1)
     assert image.attributes["rig:whiteLuminanceError"] > 0.03 * image.attributes["whiteLuminance"]
     # Nobody has compared the other camera with this one.
     assert "whiteLuminance" not in read_exr(tmp_path / "M" / "0000" / "cam0.exr").attributes

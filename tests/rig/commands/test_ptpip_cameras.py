@@ -71,9 +71,9 @@ def test_a_camera_that_is_not_there_is_told(rig, served: str) -> None:
         port = there.getsockname()[1]
     code, out, err = rig("cameras", "--camera", f"ptpip:127.0.0.1:{port}")
     assert code == 2
-    told = f"PTP/IP 127.0.0.1:{port} cannot be reached (connection refused): switch the camera's Wi-Fi"
-    assert out.startswith(told)
-    assert f"1 camera could not be asked: {told}" in err
+    message = f"PTP/IP 127.0.0.1:{port} cannot be reached (connection refused): switch the camera's Wi-Fi"
+    assert out.startswith(message)
+    assert f"1 camera could not be asked: {message}" in err
     code, _, err = rig("doctor", "--camera", "ptpip:nowhere")
     assert (code, "--camera 'ptpip:nowhere' has to be gige: or ptpip: and an IPv4 address" in err) == (
         2,

@@ -29,13 +29,13 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("budget", "most"), [("0.2k", 200), ("12KB", 178)])
 def test_gaussians_and_bytes_limit_the_scene(rig, toy: Path, budget: str, most: int) -> None:
     code, out, _ = rig("reconstruct", str(toy), "--quality", "draft", "--budget", budget, "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
-    assert 0.9 * most < told["metrics"]["gaussians"] <= most
-    assert told["predicted"]["low"] < told["predicted"]["db"] < told["predicted"]["high"]
+    assert 0.9 * most < data["metrics"]["gaussians"] <= most
+    assert data["predicted"]["low"] < data["predicted"]["db"] < data["predicted"]["high"]
     scene = toy / f"{RECON}-{budget}"
-    assert told["held_out_db"] == store.read_json(scene / "model.json")["held_out_db"]
-    assert told["metrics"]["raw_psnr"] == pytest.approx(told["held_out_db"], abs=0.01)
+    assert data["held_out_db"] == store.read_json(scene / "model.json")["held_out_db"]
+    assert data["metrics"]["raw_psnr"] == pytest.approx(data["held_out_db"], abs=0.01)
     if budget.endswith("KB"):
         assert (scene / "splats.ply").stat().st_size <= 12_000
 
@@ -112,11 +112,11 @@ def test_more_gaussians_than_pixels_are_not_made(rig, toy: Path, monkeypatch) ->
 
 def test_a_quality_that_is_reached_ends_the_training(rig, toy: Path, quick: None) -> None:
     code, out, err = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "12dB", "--json")
-    told = json.loads(out)
-    assert (code, told["ending"]) == (0, "goal")
+    data = json.loads(out)
+    assert (code, data["ending"]) == (0, "goal")
     assert err.startswith("predicted: held-out ")
-    assert told["held_out_db"] >= 12
-    assert told["iterations"] < 60
+    assert data["held_out_db"] >= 12
+    assert data["iterations"] < 60
 
 
 def test_figures_of_the_view_that_ended_a_training_are_called_so(rig, toy: Path, quick: None) -> None:
@@ -132,11 +132,11 @@ def test_figures_of_the_view_that_ended_a_training_are_called_so(rig, toy: Path,
 
 def test_a_quality_that_is_not_reached_is_said_and_the_scene_stays(rig, toy: Path, quick: None) -> None:
     code, out, err = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "80dB", "--json")
-    told = json.loads(out)
-    assert code == told["exit_code"] == 3
+    data = json.loads(out)
+    assert code == data["exit_code"] == 3
     assert "not 80 dB" in err
-    assert (told["ending"], told["iterations"]) == ("schedule", 60)
-    assert told["metrics"]["raw_psnr"] > 10
+    assert (data["ending"], data["iterations"]) == ("schedule", 60)
+    assert data["metrics"]["raw_psnr"] > 10
 
 
 def test_a_quality_cannot_be_asked_for_where_nothing_is_held_out(rig, toy: Path) -> None:
@@ -172,8 +172,8 @@ def test_ctrl_c_leaves_a_scene_and_the_same_command_ends_it(rig, toy: Path, quic
     code, out, _ = rig("evaluate", str(toy / RECON), "--json")
     assert (code, json.loads(out)["scenes"][0]["metrics"]["iterations"]) == (0, stopped)
     code, out, _ = rig(*command, "--json")
-    told = json.loads(out)
-    assert (code, told["ending"], told["iterations"]) == (0, "schedule", 60)
+    data = json.loads(out)
+    assert (code, data["ending"], data["iterations"]) == (0, "schedule", 60)
 
 
 def test_early_stop_trains_no_longer_than_it_was_worth_and_says_so(rig, toy: Path, monkeypatch) -> None:

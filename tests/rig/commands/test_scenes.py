@@ -49,9 +49,9 @@ def test_scenes_of_a_session_are_compared_at_the_width_of_the_finest(rig, scene:
 def test_a_scene_that_cannot_be_measured_does_not_keep_others_from_it(rig, two: list[str]) -> None:
     (Path(two[0]) / "checkpoint.safetensors").unlink()
     code, out, err = rig("evaluate", *two, "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 3
-    assert [one["reconstruction"] for one in told["scenes"]] == [two[1]]
+    assert [one["reconstruction"] for one in data["scenes"]] == [two[1]]
     assert "1 of 2 scenes could not be evaluated" in err
     assert "checkpoint.safetensors is missing" in err
 
@@ -73,12 +73,12 @@ def test_render_says_which_scene_of_a_session_it_took_and_how_bright_it_is(
 ) -> None:
     session = Path(two[0]).parent.parent
     code, out, _ = rig("render", str(session), "--out", str(tmp_path / "out"), "--json")
-    (told,) = json.loads(out)["scenes"]
+    (entry,) = json.loads(out)["scenes"]
     assert code == 0
-    assert told["reconstruction"] in two
-    exr = read_exr(Path(told["files"][0]))
-    assert exr.attributes["rig:exposure"] == pytest.approx(told["exposure"], rel=1e-6)
-    assert told["exposure"] == store.read_json(Path(two[0]) / "model.json")["exposure"]
+    assert entry["reconstruction"] in two
+    exr = read_exr(Path(entry["files"][0]))
+    assert exr.attributes["rig:exposure"] == pytest.approx(entry["exposure"], rel=1e-6)
+    assert entry["exposure"] == store.read_json(Path(two[0]) / "model.json")["exposure"]
 
 
 def test_an_exposure_brightens_the_pngs_and_leaves_the_light(rig, two: list[str], tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_p
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--probe", "1,2"], "three numbers with commas between"),
         (["--probe", "-1,2,inf"], "three numbers with commas between"),
@@ -124,11 +124,11 @@ def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_p
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_a_sentence(
-    rig, two: list[str], tmp_path: Path, words: list[str], told: str
+    rig, two: list[str], tmp_path: Path, words: list[str], message: str
 ) -> None:
     code, out, err = rig("render", two[0], "--out", str(tmp_path / "out"), *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert message in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 

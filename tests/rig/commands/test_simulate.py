@@ -21,10 +21,10 @@ def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
         [*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stderr is not None
-        told = next(line for line in process.stderr if "ptpip:" in line)
-        found = re.search(r"Z 6 is at 127\.0\.0\.1:(\d+), try: .* ptpip:127\.0\.0\.1:\1:\1", told)
-        assert found, told
-        port = int(found[1])
+        line = next(line for line in process.stderr if "ptpip:" in line)
+        matched = re.search(r"Z 6 is at 127\.0\.0\.1:(\d+), try: .* ptpip:127\.0\.0\.1:\1:\1", line)
+        assert matched, line
+        port = int(matched[1])
         with socket.create_connection(("127.0.0.1", port), timeout=30.0) as link:
             link.sendall(struct.pack("<II", 8 + 22, 1) + bytes(22))
             assert struct.unpack("<II", link.recv(8))[1] == 2
@@ -81,10 +81,10 @@ def test_it_is_a_gige_camera_at_an_address_of_this_host() -> None:
     command = [sys.executable, "-m", "rig", "simulate", "--gige", address, "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        told = next(line for line in process.stderr if "gige:" in line)
-        (found,) = only_at(address).discover()
-        assert found.serial in told
-        assert f"rig cameras --camera gige:{address}" in told
+        line = next(line for line in process.stderr if "gige:" in line)
+        (discovered,) = only_at(address).discover()
+        assert discovered.serial in line
+        assert f"rig cameras --camera gige:{address}" in line
         camera = camera_at(address)
         assert shoot(camera).pixels.ndim == 2
         camera.close()

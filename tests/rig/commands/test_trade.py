@@ -160,17 +160,17 @@ def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pyt
         monkeypatch.setitem(QUALITIES, name, quality)
     monkeypatch.setattr("rig.commands.trade.started_at", time.monotonic)
     code, out, err = rig("trade", str(toy), "--budget", "12s", "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
     assert "standard: " in err
-    keys = [point["key"] for point in told["points"]]
-    assert set(told["front"]) <= set(keys)
-    assert Path(told["report"]).is_file()
+    keys = [point["key"] for point in data["points"]]
+    assert set(data["front"]) <= set(keys)
+    assert Path(data["report"]).is_file()
     # What was made stays, and a time that is over makes nothing more.
     code, out, _ = rig("trade", str(toy), "--budget", "0.000001s")
     assert code == 0
     assert f"{len(keys)} training" in out
-    assert told["left"] == 0 or "more did not fit the budget: run the same command to go on." in out
+    assert data["left"] == 0 or "more did not fit the budget: run the same command to go on." in out
     assert f"rig reconstruct {toy} --method nh-3dgs --quality " in out
 
 
@@ -217,10 +217,10 @@ def test_what_is_not_calibrated_is_refused(rig, toy: Path, missing: str) -> None
 
 
 def test_a_failed_training_is_listed(rig, toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = made(*POINTS, failed={"rig reconstruct S --set views=3": "nothing to start from."})
+    trade = made(*POINTS, failed={"rig reconstruct S --set views=3": "nothing to start from."})
     store.make_folder(toy / "trade")
-    store.write_json(toy / "trade" / "trade.json", found.model_dump(mode="json"))
-    monkeypatch.setattr("recon.trade.trade_sweep", lambda *arguments, **options: found)
+    store.write_json(toy / "trade" / "trade.json", trade.model_dump(mode="json"))
+    monkeypatch.setattr("recon.trade.trade_sweep", lambda *arguments, **options: trade)
     code, _, err = rig("trade", str(toy))
     assert code == 3
     assert "1 training failed, the first is `rig reconstruct S --set views=3`" in err

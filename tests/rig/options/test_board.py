@@ -20,14 +20,14 @@ def test_the_example_everywhere_is_the_board_that_simulated_cameras_see() -> Non
 
 
 def test_order_units_and_case_do_not_matter() -> None:
-    told = board_text("dict_5x5_100, marker=2.2cm ,square=0.03m,12x9").board()
-    assert told.dictionary == "DICT_5X5_100"
-    assert (told.columns, told.rows) == (12, 9)
-    assert told.marker == pytest.approx(0.022)
+    board = board_text("dict_5x5_100, marker=2.2cm ,square=0.03m,12x9").board()
+    assert board.dictionary == "DICT_5X5_100"
+    assert (board.columns, board.rows) == (12, 9)
+    assert board.marker == pytest.approx(0.022)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("7x5", "square: field required"),
         ("7x5,square=110mm,marker=120mm", "a marker has to be smaller"),
@@ -39,10 +39,10 @@ def test_order_units_and_case_do_not_matter() -> None:
         ("a board", "'a board' does not describe a board"),
     ],
 )
-def test_words_that_describe_no_board_say_so_in_one_sentence(text: str, told: str) -> None:
+def test_words_that_describe_no_board_say_so_in_one_sentence(text: str, message: str) -> None:
     with pytest.raises(InputError) as error:
         board_text(text).board()
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert EXAMPLE in str(error.value)
     assert "\n" not in str(error.value)
 

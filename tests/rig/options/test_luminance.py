@@ -34,7 +34,7 @@ def test_lux_need_a_reflectance_and_a_chart_has_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("85cd/m2", "a reading follows after '='"),
         ("0000/cam0=85", "a view and left, top, width and height"),
@@ -50,10 +50,10 @@ def test_lux_need_a_reflectance_and_a_chart_has_its_own() -> None:
         ("0000/cam0:1,2,3,4=0", "greater than 0"),
     ],
 )
-def test_what_is_no_reading_is_refused_in_a_sentence_with_the_fix(text: str, told: str) -> None:
+def test_what_is_no_reading_is_refused_in_a_sentence_with_the_fix(text: str, message: str) -> None:
     with pytest.raises(InputError) as error:
         reading_text(text).reading()
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert EXAMPLE in str(error.value)
 
 

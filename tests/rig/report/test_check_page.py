@@ -32,10 +32,10 @@ def test_check_writes_every_shot_with_its_three_exposures(rig, toy: Path) -> Non
     value = told(rig, "check", str(toy))
     assert value["exit_code"] == 0
     assert value["report"] == str(toy / "check" / "report.html")
-    kept = store.read_json(toy / "check" / "check.json")
+    stored = store.read_json(toy / "check" / "check.json")
     for key in ("looks", "exposures", "problems", "warnings", "skews", "sound"):
-        assert kept[key] == value[key]
-    assert "thumbnails" not in kept
+        assert stored[key] == value[key]
+    assert "thumbnails" not in stored
     page = Page.read(toy / "check" / "report.html")
     assert_self_contained(page)
     assert len(page.all("img")) == 18
@@ -107,7 +107,7 @@ def test_clipped_pixels_are_painted_over(toy: Path) -> None:
     page = Page.read(check_report(toy, report))
     pictures = {(one["alt"] or ""): pixels(one) for one in page.all("img")}
     painted = {
-        name: float(np.mean(np.abs(own - (255, 0, 150)).max(-1) < 60)) for name, own in pictures.items()
+        name: float(np.mean(np.abs(pixels - (255, 0, 150)).max(-1) < 60)) for name, pixels in pictures.items()
     }
     looks = {f"{one.camera}, frame {one.frame}, step {one.step}": one for one in report.looks}
     assert painted.keys() == looks.keys()
@@ -137,7 +137,7 @@ def many(count: int, problems: int = 0) -> CheckReport:
         )
         for number, step in ((number, number // 4 % 7) for number in range(count))
     ]
-    found = [
+    problems = [
         Problem(kind="stray", file=f"raw/x{n}", message=f"raw/x{n} is a stray.") for n in range(problems)
     ]
     return CheckReport(
@@ -146,7 +146,7 @@ def many(count: int, problems: int = 0) -> CheckReport:
         shots=count,
         sound=count,
         exposures=(),
-        problems=tuple(found),
+        problems=tuple(problems),
         looks=tuple(looks),
         thumbnails={look.file: picture for look in looks},
     )

@@ -29,12 +29,12 @@ CHART = ChartEvidence(
 
 
 def record(**camera: object) -> CalibrationRecord:
-    own = CameraCalibration(name="cam", serial="1", response=Response(kind="linear", evidence="RAW"))
+    plain = CameraCalibration(name="cam", serial="1", response=Response(kind="linear", evidence="RAW"))
     return CalibrationRecord(
         created=datetime.now(UTC),
         versions={},
         shots_sha256="0",
-        cameras=(own.model_copy(update=camera),),
+        cameras=(plain.model_copy(update=camera),),
         views=(),
         exposure_scale={},
     )

@@ -20,31 +20,31 @@ from .drawings import drawings, of_class
 
 
 def test_residuals_are_seen_less_projected(toy: Path) -> None:
-    found = read_residuals(toy / "calibration" / "colmap")
-    assert sorted(found.cameras) == ["cam0", "cam1"]
-    assert len(found.views) == 6
-    for own in found.cameras.values():
-        assert own.size == (64, 48)
-        assert own.rms == pytest.approx(math.hypot(*MISS), rel=1e-6)
-        right = own.seen[:, 0] - own.miss[:, 0] > own.size[0] / 2
-        np.testing.assert_allclose(own.miss[right], np.broadcast_to(MISS, own.miss[right].shape), atol=1e-6)
-        left = own.miss[~right]
+    residuals = read_residuals(toy / "calibration" / "colmap")
+    assert sorted(residuals.cameras) == ["cam0", "cam1"]
+    assert len(residuals.views) == 6
+    for of_camera in residuals.cameras.values():
+        assert of_camera.size == (64, 48)
+        assert of_camera.rms == pytest.approx(math.hypot(*MISS), rel=1e-6)
+        right = of_camera.seen[:, 0] - of_camera.miss[:, 0] > of_camera.size[0] / 2
+        np.testing.assert_allclose(of_camera.miss[right], np.broadcast_to(MISS, of_camera.miss[right].shape), atol=1e-6)
+        left = of_camera.miss[~right]
         assert abs(left.mean(0)[0]) < 0.1 * MISS[0]
-    assert found.views[ViewId(0, "cam0")] == pytest.approx(math.hypot(*MISS), rel=1e-6)
+    assert residuals.views[ViewId(0, "cam0")] == pytest.approx(math.hypot(*MISS), rel=1e-6)
 
 
 def test_without_a_model_there_are_no_residuals(tmp_path: Path) -> None:
-    found = read_residuals(tmp_path / "nothing")
-    assert not found.cameras
-    assert not found.views
+    residuals = read_residuals(tmp_path / "nothing")
+    assert not residuals.cameras
+    assert not residuals.views
 
 
 def test_the_field_shows_a_pattern_and_keeps_noise_faint() -> None:
     """Left half noise of 0.2 px, right half shifted by 0.1 px to the right."""
     rng = np.random.default_rng(1)
-    seen = rng.uniform((0, 0), (120, 80), (20_000, 2))
-    miss = rng.normal(0, 0.2, seen.shape) + np.where(seen[:, :1] > 60, (0.1, 0.0), (0.0, 0.0))
-    (drawing,) = drawings(field("<cam>", CameraResiduals((120, 80), seen, miss)))
+    places = rng.uniform((0, 0), (120, 80), (20_000, 2))
+    miss = rng.normal(0, 0.2, places.shape) + np.where(places[:, :1] > 60, (0.1, 0.0), (0.0, 0.0))
+    (drawing,) = drawings(field("<cam>", CameraResiduals((120, 80), places, miss)))
     arrows = of_class(drawing, "arrow")
     assert len(arrows) == 12 * 8
     for arrow in arrows:
@@ -57,8 +57,8 @@ def test_the_field_shows_a_pattern_and_keeps_noise_faint() -> None:
 
 
 def test_arrows_are_magnified_by_what_is_told() -> None:
-    seen = np.stack(np.meshgrid(np.arange(0.5, 120), np.arange(0.5, 80)), -1).reshape(-1, 2)
-    markup = field("cam", CameraResiduals((120, 80), seen, np.broadcast_to((0.03, 0.0), seen.shape)))
+    places = np.stack(np.meshgrid(np.arange(0.5, 120), np.arange(0.5, 80)), -1).reshape(-1, 2)
+    markup = field("cam", CameraResiduals((120, 80), places, np.broadcast_to((0.03, 0.0), places.shape)))
     factor = float(re.search(r"arrows × ([\d,]+)", markup)[1].replace(",", ""))
     arrow = of_class(drawings(markup)[0], "arrow")[0]
     x, _, tip_x, _ = (float(v) for v in re.findall(r"-?[\d.]+", arrow.get("d"))[:4])
@@ -67,8 +67,8 @@ def test_arrows_are_magnified_by_what_is_told() -> None:
 
 
 def test_points_that_miss_nothing_have_a_field_too() -> None:
-    seen = np.full((10, 2), 5.0)
-    (drawing,) = drawings(field("cam", CameraResiduals((10, 10), seen, np.zeros((10, 2)))))
+    places = np.full((10, 2), 5.0)
+    (drawing,) = drawings(field("cam", CameraResiduals((10, 10), places, np.zeros((10, 2)))))
     assert "nan" not in ElementTree.tostring(drawing, encoding="unicode")
 
 

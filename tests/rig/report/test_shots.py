@@ -54,9 +54,9 @@ def test_a_photograph_is_averaged_in_linear_light(tmp_path: Path, depth: int, si
         return slice(factor * row, factor * (row + 1)), slice(factor * column, factor * (column + 1))
 
     for row, column in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
-        own = values[block(row, column)]
-        np.testing.assert_allclose(preview.rgb[row, column], srgb_decode(own).mean((0, 1)), atol=1e-6)
-        assert preview.valid[row, column] == bool((own <= CLIPPED).all())
+        codes = values[block(row, column)]
+        np.testing.assert_allclose(preview.rgb[row, column], srgb_decode(codes).mean((0, 1)), atol=1e-6)
+        assert preview.valid[row, column] == bool((codes <= CLIPPED).all())
     assert not preview.valid[0, 0]
 
 
@@ -72,11 +72,11 @@ def a_walk(folder: Path, count: int) -> Session:
 
 
 def test_views_are_shown_in_their_order_and_torn_ones_are_named(tmp_path: Path) -> None:
-    found = read_previews(a_walk(tmp_path / "S", 9), unreported)
-    assert (found.views, found.of_views) == (9, 9)
-    assert [thumbnail.frame for thumbnail in found.thumbnails] == list(range(8))
-    assert found.unreadable == ("raw/0008/cam_0.png",)
-    assert len(found.shares) == 8
+    previews = read_previews(a_walk(tmp_path / "S", 9), unreported)
+    assert (previews.views, previews.of_views) == (9, 9)
+    assert [thumbnail.frame for thumbnail in previews.thumbnails] == list(range(8))
+    assert previews.unreadable == ("raw/0008/cam_0.png",)
+    assert len(previews.shares) == 8
 
 
 def test_when_time_is_up_the_views_seen_by_then_are_spread_evenly(
@@ -91,9 +91,9 @@ def test_when_time_is_up_the_views_seen_by_then_are_spread_evenly(
     monkeypatch.setattr("rig.report.sections.shots.read_preview", look)
     monkeypatch.setattr("rig.report.sections.shots.thread_count", lambda: 1)
     monkeypatch.setattr("rig.report.sections.shots.time.monotonic", lambda: float(len(looked)))
-    found = read_previews(session, unreported, 4.0)
-    frames = [thumbnail.frame for thumbnail in found.thumbnails]
-    assert (found.views, found.of_views, len(looked)) == (4, 20, 4)
+    previews = read_previews(session, unreported, 4.0)
+    frames = [thumbnail.frame for thumbnail in previews.thumbnails]
+    assert (previews.views, previews.of_views, len(looked)) == (4, 20, 4)
     assert frames[0] < 5
     assert frames[-1] >= 10
     assert max(np.diff(frames)) <= 8

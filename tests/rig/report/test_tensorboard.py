@@ -37,10 +37,10 @@ def test_curves_are_the_numbers_of_the_log(logged: tuple[Path, EventAccumulator]
     lines = store.read_lines(scene / "train.jsonl")
     for name in ("loss", "gaussians", "seconds", "held_out_db"):
         expected = [(line["iteration"], line[name]) for line in lines if name in line]
-        found = [(event.step, event.value) for event in events.Scalars(f"training/{name}")]
-        assert [step for step, _ in found] == [step for step, _ in expected]
+        curve = [(event.step, event.value) for event in events.Scalars(f"training/{name}")]
+        assert [step for step, _ in curve] == [step for step, _ in expected]
         np.testing.assert_allclose(
-            [value for _, value in found], [value for _, value in expected], rtol=1e-6, atol=1e-7
+            [value for _, value in curve], [value for _, value in expected], rtol=1e-6, atol=1e-7
         )
 
 

@@ -39,11 +39,11 @@ def test_a_camera_and_a_view_that_miss_are_named(toy: Path) -> None:
         return CameraResiduals((64, 48), np.ones((5, 2)), np.full((5, 2), miss))
 
     record = read_calibration(toy)
-    found = Residuals(
+    residuals = Residuals(
         {"a": own(0.1), "b": own(0.1), "c": own(1.0)},
         {ViewId(0, "a"): 0.1, ViewId(1, "a"): 0.1, ViewId(0, "b"): 0.9},
     )
-    named = list(outliers(record, found))
+    named = list(outliers(record, residuals))
     assert len(named) == 2
     assert named[0].startswith("Camera c misses scene points by 1.41 px rms, the others by 0.14 px")
     assert named[1].startswith("View 0000/b misses by 0.90 px rms")
@@ -66,16 +66,16 @@ def test_a_view_that_is_less_sure_is_named_and_heads_its_table(toy: Path) -> Non
 
 def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
     session, record = Session.open(toy), with_sensor(toy, SENSOR)
-    told = "\n".join(next_shots(session, record))
+    text = "\n".join(next_shots(session, record))
     for words in (
         "rig capture --darks",
         "rig capture --flats",
         "rig capture --board",
         "cam0, cam1 saturates",
     ):
-        assert words in told
+        assert words in text
     for words in ("got no pose", "The gain of", "response of"):
-        assert words not in told
+        assert words not in text
     store.write_json(toy / "session.json", store.read_json(toy / "session.json") | {"origin": "import"})
     assert "rig capture" not in "\n".join(next_shots(Session.open(toy), record))
     lost = changed(record, views=record.views[1:], unregistered=(ViewId(0, "cam0"),))
@@ -147,8 +147,8 @@ def test_each_part_of_light_that_was_taken_is_named_with_how_to_leave_it_out(
 ) -> None:
     record = read_calibration(toy)
     for taken in (True, False):
-        told = changed(record, rungs=(Rung(name=name, taken=taken, reason="they differ by 7 %"),))
-        lines = [line for line in poses_result(toy, told).lines if "they differ by 7 %" in line]
+        with_rung = changed(record, rungs=(Rung(name=name, taken=taken, reason="they differ by 7 %"),))
+        lines = [line for line in poses_result(toy, with_rung).lines if "they differ by 7 %" in line]
         assert len(lines) == taken
         assert all(line.endswith(f"(--without {part} leaves it out)") for line in lines)
 
@@ -179,11 +179,11 @@ def test_how_cameras_that_see_nothing_in_common_stand_is_told_and_what_motion_la
 ) -> None:
     record = read_calibration(toy)
     for taken in (True, False):
-        told = changed(
+        with_rung = changed(
             record, rungs=(*record.rungs, Rung(name=MOTION, taken=taken, reason="the others moved"))
         )
-        assert f"{toy}: the others moved" in poses_result(toy, told).lines
-        assert ("The others moved." in list(next_shots(Session.open(toy), told))) == (not taken)
+        assert f"{toy}: the others moved" in poses_result(toy, with_rung).lines
+        assert ("The others moved." in list(next_shots(Session.open(toy), with_rung))) == (not taken)
 
 
 def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> None:
@@ -209,9 +209,9 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
     record = CalibrationRecord.model_validate(
         changed(record, cameras=(*cameras, *record.cameras[1:])).model_dump() | {"board": board, "unit": "m"}
     )
-    told = "\n".join(next_shots(Session.open(toy), record))
-    assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10 px)" in told
-    assert "--board" not in told
+    text = "\n".join(next_shots(Session.open(toy), record))
+    assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10 px)" in text
+    assert "--board" not in text
     assert any("0007/cam0" in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
     page = Page.read(calibration_report(toy))
@@ -241,8 +241,8 @@ def test_of_a_camera_whose_response_is_all_that_was_measured_it_is_said() -> Non
         created="2026-01-01T00:00:00Z", versions={}, shots_sha256="", cameras=(camera,), views=(),
         unregistered=(ViewId(0, "a"),), exposure_scale={},
     )  # fmt: skip
-    _, own = verdicts(record, NOTHING)
-    assert own.text == "a: response measured, with overlapping exposures agreeing to 2 %"
+    _, verdict = verdicts(record, NOTHING)
+    assert verdict.text == "a: response measured, with overlapping exposures agreeing to 2 %"
 
 
 def test_of_photographs_no_sensor_is_spoken() -> None:

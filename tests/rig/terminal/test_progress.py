@@ -66,11 +66,11 @@ def test_the_time_left_falls_while_the_next_report_is_under_way() -> None:
     stage.move("iterations", 0, 10)
     clock.now += 10
     stage.move("iterations", 5, 10)
-    left = []
+    remaining = []
     for _ in range(3):
-        left.append(stage.remaining())
+        remaining.append(stage.remaining())
         clock.now += 4
-    assert left == pytest.approx([10, 6, 2])
+    assert remaining == pytest.approx([10, 6, 2])
     clock.now += 4
     assert stage.remaining() == 0
 

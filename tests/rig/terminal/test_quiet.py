@@ -60,20 +60,20 @@ def on_a_terminal(environment: dict[str, str]) -> bytes:
         "    status.say('a remark'); status.progress.refresh()\n"
     )
     master, slave = pty.openpty()
-    kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM", "COLUMNS")}
+    inherited = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM", "COLUMNS")}
     with subprocess.Popen(
-        [sys.executable, "-c", code], stderr=slave, stdout=slave, stdin=slave, env=kept | environment
+        [sys.executable, "-c", code], stderr=slave, stdout=slave, stdin=slave, env=inherited | environment
     ) as process:
         os.close(slave)
-        found = b""
+        output = b""
         try:
             while part := os.read(master, 4096):
-                found += part
+                output += part
         except OSError:  # the other side is closed
             pass
         os.close(master)
         assert process.wait() == 0
-    return found
+    return output
 
 
 def test_no_color_is_honoured_on_a_terminal() -> None:

@@ -22,9 +22,9 @@ LIMIT = 20.0
 
 @pytest.fixture(scope="package")
 def viewer(scene_template: Path) -> Iterator[Viewer]:
-    with Viewer("toy", 0) as found:
-        show_scenes(found, [find_reconstruction(scene_template)])
-        yield found
+    with Viewer("toy", 0) as running:
+        show_scenes(running, [find_reconstruction(scene_template)])
+        yield running
 
 
 class Window:
@@ -75,10 +75,10 @@ class Window:
         """Return whether the lower half of the canvas, where nothing lies over it, is a picture, but for
         JPEG.
         """
-        truth, seen = np.asarray(picture(), np.float64), self.canvas()
-        if truth.shape != seen.shape:
-            truth = np.asarray(Image.fromarray(truth.astype(np.uint8)).resize(seen.shape[1::-1]), np.float64)
-        return bool(np.abs(truth - seen)[self.height // 2 :].mean() < 4)
+        truth, drawn = np.asarray(picture(), np.float64), self.canvas()
+        if truth.shape != drawn.shape:
+            truth = np.asarray(Image.fromarray(truth.astype(np.uint8)).resize(drawn.shape[1::-1]), np.float64)
+        return bool(np.abs(truth - drawn)[self.height // 2 :].mean() < 4)
 
     def choose(self, now: str, wanted: str) -> None:
         self.tab.locator(f"input:not([type=hidden])[value='{now}']").first.click()

@@ -85,7 +85,9 @@ def test_a_rig_comes_with_its_frames_and_its_mounting(project, seen_at):
     assert len(names) == 9
     frame_of = {image.name: image.frame_id for image in truth.images.values()}
     for frame in range(3):
-        assert len({frame_of[name] for (_, own), name in names.items() if own == frame}) == 1
+        assert (
+            len({frame_of[name] for (_, frame_number), name in names.items() if frame_number == frame}) == 1
+        )
     for view in record.views:
         mounting = record.camera(view.camera).cam_from_rig.matrix()
         (reference,) = (

@@ -265,8 +265,8 @@ def test_listed_photographs_that_are_not_there_are_one_sentence(scene):
     result = import_photos(folder, folder.parent / "s")
     result.require_complete()
     assert len(Session.open(folder.parent / "s").shots()) == 2
-    (told,) = (guess for guess in result.guesses if "not there" in guess)
-    assert told.startswith("2 photos that are listed are not there and left out")
+    (guess_of_missing,) = (guess for guess in result.guesses if "not there" in guess)
+    assert guess_of_missing.startswith("2 photos that are listed are not there and left out")
 
 
 def test_photographs_of_a_panorama_come_without_poses(tmp_path, picture, put):

@@ -168,8 +168,8 @@ def test_what_the_data_set_tests_on_is_what_training_does_not_see(tmp_path, form
         assert [shot.k for shot in view.shots] == list(TIMES if test else TIMES[::2])
         for shot in view.shots:
             path = sources[shot.file]
-            own = path.parent.name if form is rendered else path.stem.split("_")[0]
-            assert (own in tested) == test
+            view_name = path.parent.name if form is rendered else path.stem.split("_")[0]
+            assert (view_name in tested) == test
     assert len(dataset.held_out) == len(dataset.train) == 2
     assert [dataset.trained_at(time) for time in TIMES] == [True, False, True, False, True]
 
@@ -348,6 +348,6 @@ def test_the_true_light_comes_byte_for_byte_and_the_originals_stay(tmp_path):
     before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()}
     _, session, _ = imported(folder)
     assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()} == before
-    kept = {path.read_bytes() for path in (session.folder / "truth").rglob("*.exr")}
-    assert kept == {path.read_bytes() for path in (folder / "exr").iterdir()}
+    stored = {path.read_bytes() for path in (session.folder / "truth").rglob("*.exr")}
+    assert stored == {path.read_bytes() for path in (folder / "exr").iterdir()}
     assert all(read_exr(path).rgb().min() > 0 for path in (session.folder / "truth").rglob("*.exr"))

@@ -75,11 +75,11 @@ def test_a_point_is_seen_where_opengl_axes_and_centres_at_a_half_put_it(tmp_path
     record = read_calibration(session.folder)
     xyz = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
     for n, centre in enumerate(CENTRES):
-        own = (xyz - centre) @ looking_at(centre)[:3, :3]
+        local = (xyz - centre) @ looking_at(centre)[:3, :3]
         camera = pycolmap.Camera.create_from_model_name(1, "OPENCV", 70.0, 64, 48)
         camera.params = [70.0, 72.0, 33.0, 22.5, *TERMS.values()]
-        expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in own])
-        assert (own[:, 2] < 0).all()
+        expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in local])
+        assert (local[:, 2] < 0).all()
         np.testing.assert_allclose(seen_at(record, *at[f"{n}.png"], xyz), expected, atol=1e-6)
     # What the camera looks at is in the middle; what is above it is above it.
     middle, above = seen_at(record, *at["0.png"], np.array([[0, 0, 0], [0, 0, 0.2]], float))
@@ -170,8 +170,8 @@ def test_a_fisheye_sees_what_colmaps_sees(tmp_path, seen_at):
     camera = pycolmap.Camera.create_from_model_name(1, "OPENCV_FISHEYE", 70.0, 64, 48)
     camera.params = [70.0, 72.0, 33.0, 22.5, *terms.values()]
     xyz = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
-    own = (xyz - CENTRES[1]) @ looking_at(CENTRES[1])[:3, :3]
-    expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in own])
+    local = (xyz - CENTRES[1]) @ looking_at(CENTRES[1])[:3, :3]
+    expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in local])
     np.testing.assert_allclose(seen_at(record, *at["1.png"], xyz), expected, atol=1e-6)
     model = pycolmap.Reconstruction(str(session.folder / "calibration" / "colmap"))
     assert {camera.model_name for camera in model.cameras.values()} == {"OPENCV_FISHEYE"}
@@ -185,11 +185,11 @@ def test_the_flag_of_instant_ngp_makes_a_fisheye(tmp_path, seen_at, terms):
     record = read_calibration(session.folder)
     assert record.cameras[0].lens.fisheye
     xyz = np.random.default_rng(2).uniform(-2.5, 2.5, (20, 3))
-    own = (xyz - CENTRES[0]) @ looking_at(CENTRES[0])[:3, :3] * [1, -1, -1]
-    xyz, own = xyz[own[:, 2] > 0.5], own[own[:, 2] > 0.5]
+    local = (xyz - CENTRES[0]) @ looking_at(CENTRES[0])[:3, :3] * [1, -1, -1]
+    xyz, local = xyz[local[:, 2] > 0.5], local[local[:, 2] > 0.5]
     matrix = np.array([[70.0, 0, 33.0], [0, 72.0, 22.5], [0, 0, 1]])
     k = np.array([terms.get(f"k{n}", 0.0) for n in range(1, 5)])
-    expected, _ = cv2.fisheye.projectPoints(own[:, None], np.zeros(3), np.zeros(3), matrix, k)
+    expected, _ = cv2.fisheye.projectPoints(local[:, None], np.zeros(3), np.zeros(3), matrix, k)
     np.testing.assert_allclose(seen_at(record, *at["0.png"], xyz), expected.reshape(-1, 2), atol=1e-6)
 
 
@@ -276,10 +276,10 @@ def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digit
     motion[:3, 3] = centre
     rounded = [[float(f"{value:.{digits}g}") for value in row] for row in motion]
     entry = PosedFrame({"transform_matrix": rounded}, {}, "here")
-    found = np.linalg.inv(entry.cam_from_world().matrix()) @ np.diag([1, -1, -1, 1])
+    returned = np.linalg.inv(entry.cam_from_world().matrix()) @ np.diag([1, -1, -1, 1])
     scale = max(1.0, *map(abs, centre))
-    np.testing.assert_allclose(found[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
-    np.testing.assert_allclose(found[:3, 3], centre, atol=scale * (10.0 ** (1 - digits) + 1e-12) * 10)
+    np.testing.assert_allclose(returned[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
+    np.testing.assert_allclose(returned[:3, 3], centre, atol=scale * (10.0 ** (1 - digits) + 1e-12) * 10)
 
 
 # Anything that JSON can say, and a little that it cannot.
@@ -317,12 +317,12 @@ def test_any_value_of_any_key_is_read_or_refused(tmp_path_factory, top, frame):
     whole = LENS | {"frames": frames()[:1]}
     changed_top = whole | top | {"frames": [whole["frames"][0] | frame]}
     try:
-        found = nerfstudio.read(scene(folder, changed_top, photos=1))
+        layout = nerfstudio.read(scene(folder, changed_top, photos=1))
     except InputError as error:
         sentence = str(error)
     else:
-        sentence = "; ".join(found.missing)
-        assert len(found.photos) + len(found.missing) == 1
+        sentence = "; ".join(layout.missing)
+        assert len(layout.photos) + len(layout.missing) == 1
     assert len(sentence) < 1000
 
 

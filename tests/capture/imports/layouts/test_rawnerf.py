@@ -27,14 +27,16 @@ NAMES = [f"IMG_{number}" for number in (9, 10, 11, 12, 13, 14, 15, 16, 17, 18)]
 
 def dng(seed: int, time: float = 1 / 45) -> bytes:
     pixels = np.random.default_rng(seed).integers(528, 4096, SIZE, dtype=np.uint16)
-    told = FrameMetadata(make="Apple", model="iPhone X", exposure=Exposure(time=time, f_number=1.8, iso=100))
-    return encode_dng(RawMosaic(pixels, Cfa.RGGB, ((528.0,),), 4095, metadata=told))
+    metadata = FrameMetadata(
+        make="Apple", model="iPhone X", exposure=Exposure(time=time, f_number=1.8, iso=100)
+    )
+    return encode_dng(RawMosaic(pixels, Cfa.RGGB, ((528.0,),), 4095, metadata=metadata))
 
 
 def sidecar(time: str = "1/45") -> str:
     """Write it as exiftool -json does: a list of one, vectors as text."""
-    told = {"SourceFile": "x.dng", "ShutterSpeed": time, "ISO": 2000, "FNumber": 1.8, "BlackLevel": 528}
-    return json.dumps([told | {"AsShotNeutral": "0.8357477784 1 0.3002712429"}])
+    fields = {"SourceFile": "x.dng", "ShutterSpeed": time, "ISO": 2000, "FNumber": 1.8, "BlackLevel": 528}
+    return json.dumps([fields | {"AsShotNeutral": "0.8357477784 1 0.3002712429"}])
 
 
 def model(folder: Path, names: list[str]) -> None:
@@ -116,10 +118,10 @@ def test_a_sidecar_tells_the_exposure_and_every_eighth_name_is_for_testing(tmp_p
     (folder / "raw" / "IMG_12.json").unlink()
     (folder / "raw" / "IMG_13.json").write_text(json.dumps([{"ExposureTime": 0.5, "ISO": 64}]))
     _, session, _ = imported(folder)
-    told = {Path(s.source).stem: s.reported for s in session.shots()}
-    assert told["IMG_9"] == Exposure(time=1 / 45, f_number=1.8, iso=2000)
-    assert told["IMG_13"] == Exposure(time=0.5, iso=64)
-    assert told["IMG_12"].iso == 100  # the file's own
+    reported = {Path(s.source).stem: s.reported for s in session.shots()}
+    assert reported["IMG_9"] == Exposure(time=1 / 45, f_number=1.8, iso=2000)
+    assert reported["IMG_13"] == Exposure(time=0.5, iso=64)
+    assert reported["IMG_12"].iso == 100  # the file's own
     dataset = load(session.folder)
     assert {stems(session)[view.frame][0] for view in dataset.held_out} == {"IMG_10", "IMG_18"}
     assert len(dataset.train) == 8

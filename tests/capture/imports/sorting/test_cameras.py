@@ -27,10 +27,10 @@ def shot(seed=0, size=(24, 32), at=None, make="Acme", **said) -> bytes:
 
 def cameras_of(session: Path) -> list[list[int]]:
     """The numbers in the names of the photographs of each camera."""
-    found: dict[str, list[int]] = {}
+    photos_by_camera: dict[str, list[int]] = {}
     for one in Session.open(session).shots():
-        found.setdefault(one.camera, []).append(int(Path(one.source).stem))
-    return sorted(sorted(own) for own in found.values())
+        photos_by_camera.setdefault(one.camera, []).append(int(Path(one.source).stem))
+    return sorted(sorted(numbers) for numbers in photos_by_camera.values())
 
 
 ZOOM = [{"focal_length_mm": 24.0}, {"focal_length_mm": 70.0}]

@@ -80,17 +80,17 @@ def test_no_answer_is_cancelled_and_the_next_one_is_heard(monkeypatch: pytest.Mo
 
     with connected(answer) as (there, transport):
         there.on_cancel = lambda _, transaction: response(transaction, ResponseCode.TRANSACTION_CANCELLED)
-        with pytest.raises(CameraTimeout, match=r"^PTP/IP 127\.0\.0\.1:\d+ does not answer: ") as told:
+        with pytest.raises(CameraTimeout, match=r"^PTP/IP 127\.0\.0\.1:\d+ does not answer: ") as error:
             transport.transact(Command(GET, 4), timeout=0.05)
-        assert transport.recover(told.value, 4)
+        assert transport.recover(error.value, 4)
         assert there.wait_for(PacketType.CANCEL) == struct.pack("<I", 4)
         assert transport.transact(Command(GET, 5)).response.code == ResponseCode.OK
         monkeypatch.setattr(module, "_CANCEL_TIMEOUT", 0.05)
         there.on_cancel = None
-        with pytest.raises(CameraTimeout) as told:
+        with pytest.raises(CameraTimeout) as error:
             transport.transact(Command(GET, 4), timeout=0.05)
         with pytest.raises(CameraLost, match="stays stuck"):
-            transport.recover(told.value, 4)
+            transport.recover(error.value, 4)
 
 
 def test_a_packet_that_a_time_out_cut_in_two_is_read_on() -> None:
@@ -103,9 +103,9 @@ def test_a_packet_that_a_time_out_cut_in_two_is_read_on() -> None:
 
     with connected(answer) as (there, transport):
         there.on_cancel = lambda _, transaction: parts.pop()
-        with pytest.raises(CameraTimeout) as told:
+        with pytest.raises(CameraTimeout) as error:
             transport.transact(Command(GET, 1), timeout=0.05)
-        assert transport.recover(told.value, 1)
+        assert transport.recover(error.value, 1)
         there.answer = lambda operation, transaction: response(transaction)
         assert transport.transact(Command(GET, 2)).response.code == ResponseCode.OK
 
@@ -125,9 +125,9 @@ def test_a_packet_that_a_time_out_cut_in_two_is_read_on() -> None:
 def test_nonsense_in_whole_packets_is_told_and_left_behind(answer: Answer) -> None:
     with connected(answer) as (there, transport):
         there.on_cancel = lambda _, transaction: response(transaction, ResponseCode.TRANSACTION_CANCELLED)
-        with pytest.raises(CameraProtocol) as told:
+        with pytest.raises(CameraProtocol) as error:
             transport.transact(Command(GET, 5))
-        assert transport.recover(told.value, 5)
+        assert transport.recover(error.value, 5)
 
 
 def test_more_data_than_asked_for_are_refused() -> None:

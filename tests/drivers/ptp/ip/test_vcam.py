@@ -58,10 +58,10 @@ def test_open_info_properties_and_download(session: PtpSession) -> None:
     battery = session.describe(PropertyCode.BATTERY_LEVEL)
     assert battery.current == 50
     assert "1024x768" in session.describe(PropertyCode.IMAGE_SIZE).form.values
-    found = {session.object_info(handle).filename: handle for handle in session.handles()}
-    about = session.object_info(found["IMG_0001.JPG"])
+    handles = {session.object_info(handle).filename: handle for handle in session.handles()}
+    about = session.object_info(handles["IMG_0001.JPG"])
     assert (about.size, about.format) == (len(PICTURE), FormatCode.EXIF_JPEG)
-    assert session.download(Download(found["IMG_0001.JPG"], about, bytearray())) == PICTURE
+    assert session.download(Download(handles["IMG_0001.JPG"], about, bytearray())) == PICTURE
     session.write_property(PropertyCode.IMAGE_SIZE, "2048x1536")
     assert session.describe(PropertyCode.IMAGE_SIZE).current == "2048x1536"
     session.close()

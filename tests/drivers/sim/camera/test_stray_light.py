@@ -9,8 +9,8 @@ from drivers.sim.camera.stray_light import scattered
 
 def test_light_is_moved_and_not_made():
     light = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)) ** 8
-    seen = scattered(light, 0.1)
-    assert seen.mean() == pytest.approx(light.mean(), rel=0.05)
+    blurred = scattered(light, 0.1)
+    assert blurred.mean() == pytest.approx(light.mean(), rel=0.05)
     np.testing.assert_allclose(scattered(np.ones((48, 64, 3)), 0.1), 1)
     np.testing.assert_allclose(scattered(light, 0.0), light, atol=1e-12)
 
@@ -18,9 +18,9 @@ def test_light_is_moved_and_not_made():
 def test_a_lamp_lightens_the_dark_all_over_the_picture():
     light = np.zeros((48, 64, 1))
     light[24, 32] = 1.0
-    seen = scattered(light, 0.02)[..., 0]
-    assert seen[24, 32] == pytest.approx(0.98, abs=0.005)
-    assert seen[24, 36] > seen[24, 44] > seen[24, 62] > 1e-7
+    blurred = scattered(light, 0.02)[..., 0]
+    assert blurred[24, 32] == pytest.approx(0.98, abs=0.005)
+    assert blurred[24, 36] > blurred[24, 44] > blurred[24, 62] > 1e-7
 
 
 def test_a_rig_has_it_if_asked_for():

@@ -92,12 +92,12 @@ def transfers(plug: Plug, fault: Fault) -> list[bytes]:
     host = plug("generic", fault)
     out = host.pipe.endpoint(into_host=False)
     host.pipe.write(out, Command(Operation.GET_DEVICE_INFO, 1).pack(), 1.0)
-    found = []
+    parts = []
     while True:
         try:
-            found.append(host.pipe.read(host.incoming, 4096, 0.5))
+            parts.append(host.pipe.read(host.incoming, 4096, 0.5))
         except CameraTimeout:
-            return found
+            return parts
 
 
 def test_how_an_answer_is_cut_into_transfers(plug: Plug) -> None:
@@ -135,8 +135,8 @@ def test_unplugged_in_a_download_and_back_with_its_files(plug: Plug) -> None:
     host.pipe.close()
     assert find(STILL_IMAGE, host.bus) == []
     host.clock.sleep(0.3)
-    (found,) = find(STILL_IMAGE, host.bus)
-    assert (found.device.address, found.serial()) == (2, "SIM-RAW-001")
+    (discovered,) = find(STILL_IMAGE, host.bus)
+    assert (discovered.device.address, discovered.serial()) == (2, "SIM-RAW-001")
     host.connect()
     assert len(host.get(Operation.GET_OBJECT, handle)) > 2000
 
@@ -152,7 +152,7 @@ def driven(rig_name: str, seed: int) -> tuple[list[object], list[object]]:
         assert isinstance(camera, SimulatedCamera)
         bus.plug(PtpDevice(Responder(camera, profile(name), clock, plan)))
     shots: list[object] = []
-    jobs = [(found, clock.worker(found.where)) for found in find_cameras(bus, clock)]
+    jobs = [(discovered, clock.worker(discovered.where)) for discovered in find_cameras(bus, clock)]
 
     def work(camera: PtpCamera, worker: Worker) -> None:
         with worker:
@@ -165,8 +165,8 @@ def driven(rig_name: str, seed: int) -> tuple[list[object], list[object]]:
                         frame = camera.collect()
                         break
                 assert isinstance(frame, CameraFile)
-                told = frame.metadata
-                shots.append((clock.now(), told.serial, told.exposure, frame.data))
+                metadata = frame.metadata
+                shots.append((clock.now(), metadata.serial, metadata.exposure, frame.data))
             camera.close()
 
     threads = [threading.Thread(target=work, args=job) for job in jobs]

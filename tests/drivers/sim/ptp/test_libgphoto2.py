@@ -105,11 +105,11 @@ def test_usb_ids_are_those_of_the_model(gp: Any, name: str) -> None:
     """libgphoto2 knows cameras by USB vendor and product, under names of its own."""
     models = gp.CameraAbilitiesList()
     models.load()
-    told = profile(name)
+    simulated = profile(name)
     known = [
         models[index].model
         for index in range(models.count())
-        if (models[index].usb_vendor, models[index].usb_product) == (told.vendor, told.product)
+        if (models[index].usb_vendor, models[index].usb_product) == (simulated.vendor, simulated.product)
     ]
     called = {
         "canon-eos-6d": "EOS 6D",

@@ -63,8 +63,8 @@ def test_canon_tells_values_in_records_and_waits_for_the_transfer(plug: Plug) ->
     host = plug("canon-eos-6d")
     for operation in (CanonOperation.SET_REMOTE_MODE, CanonOperation.SET_EVENT_MODE):
         assert host.run(operation, 1).code == OK
-    told = canon_records(host.get(CanonOperation.GET_EVENT))
-    values = {struct.unpack_from("<II", body) for kind, body in told if kind == 0xC189}
+    records = canon_records(host.get(CanonOperation.GET_EVENT))
+    values = {struct.unpack_from("<II", body) for kind, body in records if kind == 0xC189}
     assert {(0xD102, 0x68), (0xD101, 0x28), (0xD103, 0x48), (0xD11C, 2)} <= values  # 1/60 f/4 ISO 100, card
     assert dict(values)[0xD11B] == (1 << 34) // (1 << 25)  # shots: the card over what a picture may need
     assert canon_records(host.get(CanonOperation.GET_EVENT)) == []

@@ -37,10 +37,10 @@ def test_device_info_is_what_the_profile_says(plug: Plug) -> None:
         assert info.serial == find(STILL_IMAGE, host.bus)[0].serial() == "SIM-RAW-001"
         assert info.vendor_extension == one.extension
         for code in info.properties:
-            told = DevicePropDesc.unpack(host.get(Operation.GET_DEVICE_PROP_DESC, code))
-            assert told.code == code
-            if isinstance(told.form, EnumForm):
-                assert told.current in told.form.values
+            description = DevicePropDesc.unpack(host.get(Operation.GET_DEVICE_PROP_DESC, code))
+            assert description.code == code
+            if isinstance(description.form, EnumForm):
+                assert description.current in description.form.values
 
 
 def test_a_shot_ends_after_its_exposure_in_virtual_time(plug: Plug) -> None:

@@ -194,14 +194,14 @@ def test_lambertian_points_look_the_same_from_everywhere() -> None:
     points = eye + depth[..., None] * directions
     matte = (scene.materials["gloss"] == 0)[scene.solids["material"][which]]
     distance = np.linalg.norm(points - other, axis=-1)
-    seen = np.abs(scene.depth(other, points - other) - distance) < 1e-6
-    compared = matte & seen
+    visible = np.abs(scene.depth(other, points - other) - distance) < 1e-6
+    compared = matte & visible
     assert compared.mean() > 0.6
     first, second = scene.radiance(eye, directions), scene.radiance(other, points - other)
     same = np.all(np.isclose(first, second, rtol=1e-6), axis=-1)
     # A point on the very line of a shadow may fall to either side.
     assert same[compared].mean() > 0.998
-    assert not np.all(same[seen & ~matte])
+    assert not np.all(same[visible & ~matte])
 
 
 def test_a_point_projects_to_the_pixel_whose_ray_hits_it() -> None:

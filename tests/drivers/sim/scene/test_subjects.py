@@ -100,28 +100,28 @@ def corners(demo: SimulatedRig, camera: int, frame: int) -> tuple[np.ndarray, np
     board = demo.board
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     sought = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
-    found, numbers, _, _ = cv2.aruco.CharucoDetector(sought).detectBoard(picture)
+    detected, numbers, _, _ = cv2.aruco.CharucoDetector(sought).detectBoard(picture)
     if numbers is None:
         return np.empty((0, 2)), np.empty((0, 2))
     points = sought.getChessboardCorners()[numbers.ravel()].astype(float)
     pose = demo.cam_from_world(camera, frame, "board") @ np.linalg.inv(demo.board_from_world(frame))
     true = project(demo.mounts[camera].optics.lens, points @ pose[:3, :3].T + pose[:3, 3])
-    return true, (found.reshape(-1, 2) + 0.5) / 2
+    return true, (detected.reshape(-1, 2) + 0.5) / 2
 
 
 def test_the_board_is_where_the_truth_says(demo: SimulatedRig) -> None:
-    errors, seen = [], np.zeros((5, 4), int)
+    errors, counts = [], np.zeros((5, 4), int)
     for frame in range(5):
         for camera in range(4):
-            true, found = corners(demo, camera, frame)
-            errors.append(found - true)
-            seen[frame, camera] = len(true)
+            true, detected = corners(demo, camera, frame)
+            errors.append(detected - true)
+            counts[frame, camera] = len(true)
     together = np.concatenate(errors)
     assert len(together) > 200
     assert np.median(np.abs(together)) < 0.2
     assert np.all(np.abs(together.mean(axis=0)) < 0.05)
-    assert np.sum((seen > 0).sum(axis=1) >= 2) >= 4, "several cameras see most boards"
-    assert np.sum((seen > 0) & (seen < 24)) > 4, "and some of them only in part"
+    assert np.sum((counts > 0).sum(axis=1) >= 2) >= 4, "several cameras see most boards"
+    assert np.sum((counts > 0) & (counts < 24)) > 4, "and some of them only in part"
 
 
 def test_the_board_tilts_and_comes_near(demo: SimulatedRig) -> None:

@@ -130,9 +130,9 @@ def test_a_short_packet_divides_transfers(bus: VirtualBus) -> None:
 def test_time_outs_are_virtual_and_tell_a_short_count_first(bus: VirtualBus) -> None:
     echo, device = plugged(bus)
     assert echo.port is not None
-    with pytest.raises(usb.core.USBTimeoutError) as told:
+    with pytest.raises(usb.core.USBTimeoutError) as timeout:
         device.read(IN, 512, 20_000)
-    assert (told.value.errno, told.value.backend_error_code) == (110, -7)
+    assert (timeout.value.errno, timeout.value.backend_error_code) == (110, -7)
     assert bus.timeline.now() == pytest.approx(20.0)
     echo.port.send_open(IN, bytes(128))
     assert len(device.read(IN, 512, 1000)) == 128
@@ -200,12 +200,12 @@ def test_unplugged_and_back_at_a_new_address(bus: VirtualBus) -> None:
             call()
     usb.util.dispose_resources(device)
     bus.timeline.sleep(1.0)
-    found = usb.core.find(backend=bus)
-    assert (found.address, found.serial_number) == (2, "A1")
+    again = usb.core.find(backend=bus)
+    assert (again.address, again.serial_number) == (2, "A1")
     old.send(IN, b"into the void")
     assert echo.port is not old
     with refused(errno.ETIMEDOUT):
-        found.read(IN, 64, 100)
+        again.read(IN, 64, 100)
 
 
 def test_a_read_that_waits_ends_when_the_cable_comes_out(bus: VirtualBus) -> None:

@@ -75,15 +75,15 @@ def test_events_of_one_moment_keep_the_order_of_their_making() -> None:
 
 
 def test_time_stands_while_a_worker_runs_or_is_still_to_come() -> None:
-    clock, seen, release = VirtualClock(), [], threading.Event()
+    clock, log, release = VirtualClock(), [], threading.Event()
 
     def busy() -> None:
         release.wait(10.0)  # working, not waiting on the clock
-        seen.append(("busy", clock.now()))
+        log.append(("busy", clock.now()))
 
     def sleeper() -> None:
         clock.sleep(5.0)
-        seen.append(("sleeper", clock.now()))
+        log.append(("sleeper", clock.now()))
 
     places = clock.worker("sleeper"), clock.worker("busy")
 
@@ -95,20 +95,20 @@ def test_time_stands_while_a_worker_runs_or_is_still_to_come() -> None:
         threading.Thread(target=enter, args=pair) for pair in zip(places, (sleeper, busy), strict=True)
     ]
     threads[0].start()
-    assert not seen
+    assert not log
     threads[1].start()
     release.set()
     for thread in threads:
         thread.join()
-    assert seen == [("busy", 0.0), ("sleeper", 5.0)]
+    assert log == [("busy", 0.0), ("sleeper", 5.0)]
 
 
 def test_a_wait_ends_with_its_condition_or_with_its_time() -> None:
-    clock, told = VirtualClock(), []
-    clock.call_later(0.2, lambda: told.append("there"))
-    assert clock.wait(lambda: bool(told), 1.0)
+    clock, calls = VirtualClock(), []
+    clock.call_later(0.2, lambda: calls.append("there"))
+    assert clock.wait(lambda: bool(calls), 1.0)
     assert clock.now() == 0.2
-    assert not clock.wait(lambda: len(told) > 1, 1.0)
+    assert not clock.wait(lambda: len(calls) > 1, 1.0)
     assert clock.now() == pytest.approx(1.2)
 
 
@@ -128,12 +128,12 @@ def test_live_time_keeps_appointments_in_order() -> None:
 
 
 def test_no_time_passes_within_an_action_that_makes_appointments() -> None:
-    clock, seen = VirtualClock(), []
+    clock, log = VirtualClock(), []
 
     def act() -> None:
-        clock.call_later(0.5, lambda: seen.append(("later", clock.now())))
-        seen.append(("now", clock.now()))
+        clock.call_later(0.5, lambda: log.append(("later", clock.now())))
+        log.append(("now", clock.now()))
 
     clock.call_later(1.0, act)
     clock.sleep(2.0)
-    assert seen == [("now", 1.0), ("later", 1.5)]
+    assert log == [("now", 1.0), ("later", 1.5)]

@@ -138,7 +138,7 @@ def test_any_exif_block_gives_metadata(data: bytes) -> None:
 
 
 def test_names_of_exifread() -> None:
-    seen = from_names(
+    metadata = from_names(
         {
             "Image Make": "Maker\0",
             "Image Orientation": [8],
@@ -150,12 +150,12 @@ def test_names_of_exifread() -> None:
             "Thumbnail": b"x",
         }
     )
-    assert seen.make == "Maker"
-    assert seen.orientation == 8
-    assert seen.exposure == Exposure(time=1 / 250, iso=400)
-    assert seen.captured_at is not None
-    assert seen.captured_at.microsecond == 250_000
-    assert seen.focal_length_mm is None
+    assert metadata.make == "Maker"
+    assert metadata.orientation == 8
+    assert metadata.exposure == Exposure(time=1 / 250, iso=400)
+    assert metadata.captured_at is not None
+    assert metadata.captured_at.microsecond == 250_000
+    assert metadata.focal_length_mm is None
 
 
 @pytest.mark.parametrize(
@@ -197,15 +197,15 @@ def test_an_exposure_that_cannot_be_is_none(value: list[object]) -> None:
 def test_other_tags_tell_the_exposure_too(tags: dict[int, int | Fraction], expected: Exposure | None) -> None:
     block = encode_directory({tag: Entry(SRATIONAL, [value]) for tag, value in tags.items()}, 26)
     head = encode_directory({EXIF_IFD: Entry(LONG, [26])}, 8)
-    for seen in (
+    for metadata in (
         decode_exif(HEAD + head + block),
         from_names({_NAMES[tag]: [value] for tag, value in tags.items()}),
     ):
         if expected is None:
-            assert seen.exposure is None
+            assert metadata.exposure is None
         else:
-            assert seen.exposure is not None
-            assert seen.exposure.model_dump() == pytest.approx(expected.model_dump())
+            assert metadata.exposure is not None
+            assert metadata.exposure.model_dump() == pytest.approx(expected.model_dump())
 
 
 def test_an_orientation_that_is_no_number_is_none() -> None:

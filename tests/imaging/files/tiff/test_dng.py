@@ -75,31 +75,31 @@ def test_dcraw_reads_the_same_pixels(
         timeout=60,
     )
     assert np.array_equal(tifffile.imread(BytesIO(done.stdout)), raw.pixels)
-    told = subprocess.run(
+    output = subprocess.run(
         ["dcraw", "-i", "-v", str(tmp_path / "a.dng")], capture_output=True, check=True, timeout=60, text=True
     ).stdout
-    assert f"Filter pattern: {cfa}" in told
-    assert "Shutter: 1/8000.0 sec" in told
-    assert "ISO speed: 200" in told
-    assert "Aperture: f/2.8" in told
+    assert f"Filter pattern: {cfa}" in output
+    assert "Shutter: 1/8000.0 sec" in output
+    assert "ISO speed: 200" in output
+    assert "Aperture: f/2.8" in output
 
 
 @both_compressions
 def test_libraw_sees_levels_phase_and_exposure(tmp_path: Path, make_raw: MakeRaw, compression: str) -> None:
     raw = make_raw(cfa=Cfa.BGGR, white=16383, black=((512.0, 513.0), (514.0, 515.0)))
     write_dng(tmp_path / "a.dng", raw, compression=compression)
-    with rawpy.imread(str(tmp_path / "a.dng")) as seen:
-        assert np.array_equal(seen.raw_image, raw.pixels)
-        assert np.array_equal(seen.raw_image_visible, raw.pixels)
-        letters = seen.color_desc.decode()
-        assert [letters[site] for site in seen.raw_pattern.reshape(-1)] == list("BGGR")
-        levels = [seen.black_level_per_channel[site] for site in seen.raw_pattern.reshape(-1)]
+    with rawpy.imread(str(tmp_path / "a.dng")) as opened:
+        assert np.array_equal(opened.raw_image, raw.pixels)
+        assert np.array_equal(opened.raw_image_visible, raw.pixels)
+        letters = opened.color_desc.decode()
+        assert [letters[site] for site in opened.raw_pattern.reshape(-1)] == list("BGGR")
+        levels = [opened.black_level_per_channel[site] for site in opened.raw_pattern.reshape(-1)]
         assert levels == [512, 513, 514, 515]
-        assert seen.white_level == 16383
-        assert seen.camera_whitebalance[:3] == pytest.approx([2.0, 1.0, 4 / 3], rel=1e-6)
-        assert seen.other.shutter_speed == pytest.approx(1 / 8000, rel=1e-6)
-        assert seen.other.iso_speed == 200
-        assert seen.other.aperture == pytest.approx(2.8)
+        assert opened.white_level == 16383
+        assert opened.camera_whitebalance[:3] == pytest.approx([2.0, 1.0, 4 / 3], rel=1e-6)
+        assert opened.other.shutter_speed == pytest.approx(1 / 8000, rel=1e-6)
+        assert opened.other.iso_speed == 200
+        assert opened.other.aperture == pytest.approx(2.8)
 
 
 @both_compressions
@@ -107,16 +107,16 @@ def test_libraw_sees_levels_phase_and_exposure(tmp_path: Path, make_raw: MakeRaw
 def test_exiftool_finds_nothing_to_warn_about(tmp_path: Path, make_raw: MakeRaw, compression: str) -> None:
     path = tmp_path / "a.dng"
     write_dng(path, make_raw(300, 259), compression=compression)
-    told = exiftool(path, "-n", "-a", "-validate", "-warning", "-error")
-    assert told["Validate"] == "0 0 0"
-    assert not {"Warning", "Error"} & told.keys()
+    tags = exiftool(path, "-n", "-a", "-validate", "-warning", "-error")
+    assert tags["Validate"] == "0 0 0"
+    assert not {"Warning", "Error"} & tags.keys()
 
 
 @needs_exiftool
 def test_exiftool_reads_every_tag_as_meant(tmp_path: Path, make_raw: MakeRaw) -> None:
     raw = make_raw(cfa=Cfa.GRBG)
     write_dng(tmp_path / "a.dng", raw)
-    told = exiftool(tmp_path / "a.dng", "-n", "-G1")
+    tags = exiftool(tmp_path / "a.dng", "-n", "-G1")
     expected = {
         "IFD0:Make": "Maker",
         "IFD0:Model": "Model 1",
@@ -142,7 +142,7 @@ def test_exiftool_reads_every_tag_as_meant(tmp_path: Path, make_raw: MakeRaw) ->
         "ExifIFD:DateTimeOriginal": "2024:05:06 07:08:09",
         "ExifIFD:SubSecTimeOriginal": 123456,
     }
-    assert {name: told.get(name) for name in expected} == expected
+    assert {name: tags.get(name) for name in expected} == expected
 
 
 @both_compressions

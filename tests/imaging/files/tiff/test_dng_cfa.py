@@ -57,10 +57,10 @@ def test_libraw_sees_x_trans_and_mono_as_written(tmp_path: Path, make_raw: MakeR
     for cfa in (Cfa.X_TRANS, Cfa.X_TRANS.cropped(2, 1), Cfa.MONO):
         raw = of_table(make_raw, cfa)
         write_dng(tmp_path / "a.dng", raw)
-        with rawpy.imread(str(tmp_path / "a.dng")) as seen:
-            assert np.array_equal(seen.raw_image_visible, raw.pixels)
+        with rawpy.imread(str(tmp_path / "a.dng")) as opened:
+            assert np.array_equal(opened.raw_image_visible, raw.pixels)
             if not cfa.mono:
-                letters = np.array(list(seen.color_desc.decode()))[seen.raw_colors_visible[:6, :6]]
+                letters = np.array(list(opened.color_desc.decode()))[opened.raw_colors_visible[:6, :6]]
                 assert tuple("".join(row) for row in letters) == cfa.rows
 
 
@@ -68,11 +68,11 @@ def test_libraw_sees_x_trans_and_mono_as_written(tmp_path: Path, make_raw: MakeR
 @other_tables
 def test_exiftool_reads_any_table_as_meant(tmp_path: Path, make_raw: MakeRaw, cfa: Cfa) -> None:
     write_dng(tmp_path / "a.dng", of_table(make_raw, cfa))
-    told = exiftool(tmp_path / "a.dng", "-n", "-a", "-validate", "-warning", "-error", "-CFA*", "-Photo*")
-    assert told["Validate"] == "0 0 0"
+    tags = exiftool(tmp_path / "a.dng", "-n", "-a", "-validate", "-warning", "-error", "-CFA*", "-Photo*")
+    assert tags["Validate"] == "0 0 0"
     if cfa.mono:
-        assert told["PhotometricInterpretation"] == 34892
+        assert tags["PhotometricInterpretation"] == 34892
     else:
-        assert told["CFARepeatPatternDim"] == "{} {}".format(*cfa.period)
+        assert tags["CFARepeatPatternDim"] == "{} {}".format(*cfa.period)
         codes = [{"R": 0, "G": 1, "B": 2, "W": 6}[letter] for row in cfa.rows for letter in row]
-        assert told["CFAPattern2"] == " ".join(map(str, codes))
+        assert tags["CFAPattern2"] == " ".join(map(str, codes))

@@ -66,11 +66,11 @@ def test_a_third_light_counts_too(write: Write) -> None:
 @pytest.mark.parametrize("illuminant", [21, 17])
 def test_what_was_measured_of_one_camera_counts(write: Write, illuminant: int) -> None:
     # XYZ to camera is AnalogBalance x CameraCalibration x ColorMatrix
-    own = np.array([[1.2, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, -0.1, 0.8]])
-    calibration = Entry(SRATIONAL, [rational(value, signed=True) for value in own.ravel()])
+    of_camera = np.array([[1.2, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, -0.1, 0.8]])
+    calibration = Entry(SRATIONAL, [rational(value, signed=True) for value in of_camera.ravel()])
     tags = {"ILLUMINANT_1": Entry(SHORT, [illuminant]), "ANALOG_BALANCE": Entry(RATIONAL, [2, 1, 4])}
     path = write(CALIBRATION_1=calibration, **tags)
-    expected = np.diag([2, 1, 4]) @ own @ np.array(TUNGSTEN)
+    expected = np.diag([2, 1, 4]) @ of_camera @ np.array(TUNGSTEN)
     assert np.allclose(read_raw(path).camera_from_xyz, expected, atol=1e-9)
     # of the other light, which has no matrix
     path = write(CALIBRATION_2=calibration, **tags)

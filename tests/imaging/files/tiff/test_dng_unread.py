@@ -47,9 +47,9 @@ def test_fields_are_put_together(rows: int, columns: int, shape: tuple[int, ...]
 @pytest.mark.parametrize("compression", [None, "jpegxl_dng", "deflate"])
 def test_a_bayer_mosaic_in_fields_is_read_as_meant(tmp_path: Path, compression: str | None) -> None:
     path = put(tmp_path / "a.dng", fields(TRUE, 2, 2), BAYER + FIELDS, 32803, compression=compression)
-    seen = read_raw(path)
-    assert np.array_equal(seen.pixels, TRUE)
-    assert seen.cfa == Cfa.RGGB
+    mosaic = read_raw(path)
+    assert np.array_equal(mosaic.pixels, TRUE)
+    assert mosaic.cfa == Cfa.RGGB
     plain = put(tmp_path / "b.dng", TRUE, BAYER, 32803, compression=compression)
     assert np.array_equal(read_raw(plain).pixels, TRUE)
 
@@ -83,10 +83,10 @@ def test_black_of_demosaicked_light_varies_as_its_tags_say(tmp_path: Path, sampl
         (50716, 10, 64, tuple(x for value in rows.tolist() for x in (value, 1)), True),
         (50717, 4, 1, 4000, True),
     ]
-    seen = read_raw(put(tmp_path / "a.dng", black.astype(np.uint16), tags, 34892))
-    assert not seen.signal().any()
-    seen = read_raw(put(tmp_path / "a.dng", (black + 1000).astype(np.uint16), tags, 34892))
-    np.testing.assert_allclose(seen.signal(), 1000 / (4000 - black), rtol=5e-3)
+    mosaic = read_raw(put(tmp_path / "a.dng", black.astype(np.uint16), tags, 34892))
+    assert not mosaic.signal().any()
+    mosaic = read_raw(put(tmp_path / "a.dng", (black + 1000).astype(np.uint16), tags, 34892))
+    np.testing.assert_allclose(mosaic.signal(), 1000 / (4000 - black), rtol=5e-3)
 
 
 def test_the_mosaic_is_neither_reduced_nor_enhanced(tmp_path: Path) -> None:
@@ -102,22 +102,24 @@ def test_the_mosaic_is_neither_reduced_nor_enhanced(tmp_path: Path) -> None:
 
 def test_the_linear_part_of_the_range_ends_where_the_file_says(write: Write, make_raw: MakeRaw) -> None:
     raw = make_raw(black=((400.0,) * 2,) * 2)
-    seen = read_raw(write(raw, LINEAR_LIMIT=Entry(RATIONAL, [1]), NOISE_PROFILE=Entry(DOUBLE, [1e-4, 1e-6])))
+    mosaic = read_raw(
+        write(raw, LINEAR_LIMIT=Entry(RATIONAL, [1]), NOISE_PROFILE=Entry(DOUBLE, [1e-4, 1e-6]))
+    )
     less = read_raw(
         write(raw, LINEAR_LIMIT=Entry(RATIONAL, [0.75]), NOISE_PROFILE=Entry(DOUBLE, [1e-4, 1e-6]))
     )
-    assert (seen.white, less.white) == (4000, 3100)
-    assert seen.noise is not None
+    assert (mosaic.white, less.white) == (4000, 3100)
+    assert mosaic.noise is not None
     assert less.noise is not None
     for level in (500.0, 2000.0):
-        assert less.noise.variance(level) == pytest.approx(seen.noise.variance(level))
+        assert less.noise.variance(level) == pytest.approx(mosaic.noise.variance(level))
 
 
 def test_a_linearization_table_is_applied(write: Write, make_raw: MakeRaw) -> None:
     table = np.rint(np.linspace(0, 1, 4001) ** 2 * 4000).astype(int)
     raw = make_raw(black=((0.0,) * 2,) * 2)
-    seen = read_raw(write(raw, LINEARIZATION=Entry(SHORT, table.tolist())))
-    assert np.array_equal(seen.pixels, table[raw.pixels])
+    mosaic = read_raw(write(raw, LINEARIZATION=Entry(SHORT, table.tolist())))
+    assert np.array_equal(mosaic.pixels, table[raw.pixels])
 
 
 def opcodes(*numbers: int) -> Entry:

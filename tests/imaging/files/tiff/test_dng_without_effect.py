@@ -69,13 +69,13 @@ def test_of_a_mosaic_nothing_changes(
     tag, entry = WITHOUT_EFFECT[name]
     monkeypatch.setattr("imaging.files.tiff.dng_tags.BASELINE_SHARPNESS", tag)
     raw = make_raw()
-    seen = read_raw(write(raw, BASELINE_SHARPNESS=entry))
-    plain = replace(raw, pixels=seen.pixels, metadata=seen.metadata)
-    assert np.array_equal(seen.pixels, raw.pixels)
-    assert replace(seen, camera_from_xyz=None, noise_profile=None) == replace(
+    mosaic = read_raw(write(raw, BASELINE_SHARPNESS=entry))
+    plain = replace(raw, pixels=mosaic.pixels, metadata=mosaic.metadata)
+    assert np.array_equal(mosaic.pixels, raw.pixels)
+    assert replace(mosaic, camera_from_xyz=None, noise_profile=None) == replace(
         plain, camera_from_xyz=None, noise_profile=None
     )
-    assert np.allclose(seen.camera_from_xyz, raw.camera_from_xyz)
+    assert np.allclose(mosaic.camera_from_xyz, raw.camera_from_xyz)
 
 
 @pytest.mark.parametrize("name", WITHOUT_EFFECT)
@@ -99,8 +99,8 @@ def test_masked_photosites_tell_black_only_where_no_tag_does(
     raw = make_raw()
     raw.pixels[:16, :16] = 100
     areas = Entry(LONG, [0, 0, 16, 16])
-    told = Entry(SHORT, [64, 65, 66, 67])
-    assert read_raw(write(raw, BASELINE_SHARPNESS=areas, BLACK=told)).black == ((64.0, 65.0), (66.0, 67.0))
+    black = Entry(SHORT, [64, 65, 66, 67])
+    assert read_raw(write(raw, BASELINE_SHARPNESS=areas, BLACK=black)).black == ((64.0, 65.0), (66.0, 67.0))
     measured = read_raw(write(raw, BASELINE_SHARPNESS=areas, BLACK=None, BLACK_REPEAT=None))
     assert measured.black == ((100.0, 100.0), (100.0, 100.0))
     assert read_raw(write(raw, BLACK=None, BLACK_REPEAT=None)).black == ((0.0, 0.0), (0.0, 0.0))
@@ -123,12 +123,12 @@ def test_masked_photosites_tell_black_only_where_no_tag_does(
 def test_a_larger_picture_of_another_kind_is_not_taken(
     tmp_path: Path, photometric: int, kind: int, mosaic: bool
 ) -> None:
-    own = TRUE if mosaic else LIGHT
+    large = TRUE if mosaic else LIGHT
     other = np.full((160, 200) if photometric != 34892 else (160, 200, 3), 9, np.uint8)
     tags = BAYER if photometric == 32803 else []
     with tifffile.TiffWriter(tmp_path / "a.dng") as file:
         options = {"photometric": 32803 if mosaic else 34892, "extratags": COMMON + (BAYER if mosaic else [])}
-        file.write(own, subfiletype=0, subifds=1, metadata=None, **options)
+        file.write(large, subfiletype=0, subifds=1, metadata=None, **options)
         file.write(other, subfiletype=1, photometric=photometric, metadata=None, extratags=tags)
     data = (tmp_path / "a.dng").read_bytes()
     entry = bytes.fromhex(
@@ -136,4 +136,4 @@ def test_a_larger_picture_of_another_kind_is_not_taken(
     )  # NewSubfileType 1, for tifffile writes no masks of bytes
     assert data.count(entry) == 1
     (tmp_path / "a.dng").write_bytes(data.replace(entry, entry[:8] + kind.to_bytes(4, "little")))
-    assert np.array_equal(read_raw(tmp_path / "a.dng").pixels, own)
+    assert np.array_equal(read_raw(tmp_path / "a.dng").pixels, large)

@@ -44,9 +44,9 @@ def test_heights_below_the_sea_and_below_the_ellipsoid_are_negative(
     [("N", "E", (1, 1)), ("S", "W", (-1, -1)), ("s", "east", (-1, 1)), ("North", "W", (1, -1))],
 )
 def test_the_hemisphere_is_that_of_its_tag(south: str, west: str, signs: tuple[int, int]) -> None:
-    seen = position(_1=Entry(ASCII, south), _3=Entry(ASCII, west))
-    assert seen is not None
-    assert (seen.latitude, seen.longitude) == (signs[0] * 31.5, signs[1] * 35.26)
+    place = position(_1=Entry(ASCII, south), _3=Entry(ASCII, west))
+    assert place is not None
+    assert (place.latitude, place.longitude) == (signs[0] * 31.5, signs[1] * 35.26)
 
 
 @pytest.mark.parametrize("tag", ["_1", "_3"])

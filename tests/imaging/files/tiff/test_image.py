@@ -28,8 +28,8 @@ def tiff(*pages: tuple[np.ndarray, dict[str, object]], bigtiff: bool = False) ->
 
 def codes(path: Path, data: bytes) -> np.ndarray:
     path.write_bytes(data)
-    seen = read_photo(path)
-    return np.rint(seen.pixels * (255 if seen.bit_depth == 8 else 65535)).astype(int)
+    photo = read_photo(path)
+    return np.rint(photo.pixels * (255 if photo.bit_depth == 8 else 65535)).astype(int)
 
 
 @pytest.mark.parametrize("bigtiff", [False, True])
@@ -62,8 +62,8 @@ def test_the_tags_are_those_of_the_photograph(tmp_path: Path, bigtiff: bool) -> 
         (SMALL, {"subfiletype": 1, **tags("Thumb", 3)}), (RGB8, {**tags("Maker", 6)}), bigtiff=bigtiff
     )
     (tmp_path / "a.tif").write_bytes(data)
-    for seen in (read_metadata(tmp_path / "a.tif"), read_photo(tmp_path / "a.tif").metadata):
-        assert (seen.make, seen.orientation) == ("Maker", 6)
+    for metadata in (read_metadata(tmp_path / "a.tif"), read_photo(tmp_path / "a.tif").metadata):
+        assert (metadata.make, metadata.orientation) == ("Maker", 6)
 
 
 def test_bits_may_be_in_reverse(tmp_path: Path) -> None:
@@ -80,11 +80,11 @@ def test_white_is_zero_of_the_grey_and_not_of_its_alpha(tmp_path: Path) -> None:
     alpha = np.full(RGB8.shape[:2], 255, np.uint8)
     alpha[:6] = 0
     both = np.dstack([255 - RGB8[..., 0], alpha])
-    seen = codes(
+    decoded = codes(
         tmp_path / "a.tif", tiff((both, {"photometric": "miniswhite", "extrasamples": ["unassalpha"]}))
     )
-    assert np.array_equal(seen[6:, :, 0], RGB8[6:, :, 0])
-    assert not seen[:6].any()
+    assert np.array_equal(decoded[6:, :, 0], RGB8[6:, :, 0])
+    assert not decoded[:6].any()
 
 
 @pytest.mark.parametrize(
@@ -167,11 +167,11 @@ def test_a_table_of_light_is_read_where_there_is_no_profile(
 ) -> None:
     pixels = RGB8 if bits == 8 else RGB8.astype(np.uint16) * 257
     (tmp_path / "a.tif").write_bytes(tiff((pixels, {"extratags": [table(bits, *names)]})))
-    seen = read_photo(tmp_path / "a.tif")
-    assert seen.profile == "the space of their tag TransferFunction"
-    own = names if len(names) == 3 else names * 3
-    light = np.stack([CURVES[name](RGB8[..., c] / 255.0) for c, name in enumerate(own)], axis=-1)
-    np.testing.assert_allclose(srgb_decode(seen.pixels), light, atol=2e-3)
+    photo = read_photo(tmp_path / "a.tif")
+    assert photo.profile == "the space of their tag TransferFunction"
+    tables = names if len(names) == 3 else names * 3
+    light = np.stack([CURVES[name](RGB8[..., c] / 255.0) for c, name in enumerate(tables)], axis=-1)
+    np.testing.assert_allclose(srgb_decode(photo.pixels), light, atol=2e-3)
     space = profile("Adobe RGB (1998)")
     data = tiff((pixels, {"extratags": [table(bits, *names)], "iccprofile": space}))
     assert np.array_equal(
@@ -187,8 +187,8 @@ def test_a_table_of_grey_counts_from_the_code_that_is_stored(tmp_path: Path, inv
     kind = "miniswhite" if inverted else "minisblack"
     data = tiff((grey, {"photometric": kind, "extratags": [(301, 3, 256, values, True)]}))
     (tmp_path / "a.tif").write_bytes(data)
-    seen = srgb_decode(read_photo(tmp_path / "a.tif").pixels)
-    np.testing.assert_allclose(seen, ((RGB8[..., :1] / 255.0) ** 1.8).repeat(3, 2), atol=2e-3)
+    decoded = srgb_decode(read_photo(tmp_path / "a.tif").pixels)
+    np.testing.assert_allclose(decoded, ((RGB8[..., :1] / 255.0) ** 1.8).repeat(3, 2), atol=2e-3)
 
 
 def test_primaries_and_white_are_read_where_there_is_no_profile(tmp_path: Path) -> None:
@@ -196,10 +196,10 @@ def test_primaries_and_white_are_read_where_there_is_no_profile(tmp_path: Path) 
     tags = [(319, 5, 6, [part for value in points for part in (value, 10000)], True)]
     white = (318, 5, 2, [3127, 10000, 3290, 10000], True)
     (tmp_path / "a.tif").write_bytes(tiff((RGB8, {"extratags": [white, *tags]})))
-    seen = read_photo(tmp_path / "a.tif")
+    photo = read_photo(tmp_path / "a.tif")
     light = colour.RGB_to_RGB(srgb_decode(RGB8 / 255.0), "Display P3", "sRGB", "Bradford").clip(0, 1)
-    np.testing.assert_allclose(srgb_decode(seen.pixels), light, atol=3e-3)
-    assert "PrimaryChromaticities" in seen.profile
+    np.testing.assert_allclose(srgb_decode(photo.pixels), light, atol=3e-3)
+    assert "PrimaryChromaticities" in photo.profile
     (tmp_path / "a.tif").write_bytes(tiff((RGB8, {"extratags": [white, table(8, "1.8"), *tags]})))
     both = read_photo(tmp_path / "a.tif").pixels
     light = colour.RGB_to_RGB((RGB8 / 255.0) ** 1.8, "Display P3", "sRGB", "Bradford").clip(0, 1)

@@ -65,9 +65,9 @@ def test_light_comes_back(tmp_path: Path, compression: int | str | None, error: 
     shot, cfa = read_shot(path, "a", "raw", 0.5, LINEAR, max_width=WIDTH // 2)
     assert (cfa, shot.pixels.shape) == (None, (HEIGHT // 2, WIDTH // 2, 3))
     np.testing.assert_allclose(shot.pixels.mean((0, 1)), truth.mean((0, 1)), atol=error)
-    seen = examine(path)
-    assert (seen.picture.kind, seen.picture.width, seen.picture.height) == ("raw", WIDTH, HEIGHT)
-    assert seen.reduced is not None
+    examined = examine(path)
+    assert (examined.picture.kind, examined.picture.width, examined.picture.height) == ("raw", WIDTH, HEIGHT)
+    assert examined.reduced is not None
 
 
 def test_what_is_clipped_is_known_by_channel(tmp_path: Path) -> None:

@@ -78,11 +78,11 @@ def test_gains_are_read(tmp_path: Path, name: str) -> None:
 @needs_exiftool
 @pytest.mark.parametrize("name", [name for name in CASES if not name.startswith("Canon ")])
 def test_exiftool_reads_the_same(tmp_path: Path, name: str) -> None:
-    seen = exiftool(photo(tmp_path / "a.jpg", *CASES[name]), "-n")
+    tags = exiftool(photo(tmp_path / "a.jpg", *CASES[name]), "-n")
     if name == "Panasonic":
-        assert [seen[f"WB{colour}Level"] for colour in ("Red", "Green", "Blue")] == [1792, 1024, 1408]
+        assert [tags[f"WB{colour}Level"] for colour in ("Red", "Green", "Blue")] == [1792, 1024, 1408]
     else:
-        assert (seen["RedBalance"], seen["BlueBalance"]) == pytest.approx((RED, BLUE))
+        assert (tags["RedBalance"], tags["BlueBalance"]) == pytest.approx((RED, BLUE))
 
 
 @needs_exiftool
@@ -91,8 +91,8 @@ def test_exiftool_finds_them_at_every_place_of_canon(tmp_path: Path) -> None:
     names = [name for name in CASES if name.startswith("Canon ")]
     for name in names:
         photo(tmp_path / f"{name}.jpg", *CASES[name])
-        seen = exiftool(tmp_path / f"{name}.jpg", "-n", "-fast", "-WB_RGGBLevelsAsShot")
-        assert seen.get("WB_RGGBLevelsAsShot") == " ".join(map(str, LEVELS)), name
+        tags = exiftool(tmp_path / f"{name}.jpg", "-n", "-fast", "-WB_RGGBLevelsAsShot")
+        assert tags.get("WB_RGGBLevelsAsShot") == " ".join(map(str, LEVELS)), name
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,6 @@ def test_exiftool_finds_them_at_every_place_of_canon(tmp_path: Path) -> None:
     ],
 )
 def test_notes_that_are_damaged_or_of_others_say_nothing(tmp_path: Path, make: str, note: object) -> None:
-    seen = read_metadata(photo(tmp_path / "a.jpg", make, note))
-    assert seen.make == make
-    assert seen.balance is None
+    metadata = read_metadata(photo(tmp_path / "a.jpg", make, note))
+    assert metadata.make == make
+    assert metadata.balance is None

@@ -18,13 +18,13 @@ from tests.splat_transform import needs_splat_transform, splat_transform
 
 
 def accessor(file: pygltflib.GLTF2, number: int) -> np.ndarray:
-    told = file.accessors[number]
-    view = file.bufferViews[told.bufferView]
-    kind = {pygltflib.FLOAT: "<f4", pygltflib.UNSIGNED_BYTE: "u1"}[told.componentType]
-    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[told.type]
+    header = file.accessors[number]
+    view = file.bufferViews[header.bufferView]
+    kind = {pygltflib.FLOAT: "<f4", pygltflib.UNSIGNED_BYTE: "u1"}[header.componentType]
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[header.type]
     data = file.binary_blob()[view.byteOffset : view.byteOffset + view.byteLength]
-    values = np.frombuffer(data, kind).reshape(told.count, width)
-    return values / 255 if told.normalized else values
+    values = np.frombuffer(data, kind).reshape(header.count, width)
+    return values / 255 if header.normalized else values
 
 
 def same(path: Path, splats: Splats) -> pygltflib.GLTF2:
@@ -39,8 +39,8 @@ def same(path: Path, splats: Splats) -> pygltflib.GLTF2:
     place = 0
     for degree in range(splats.degree + 1):
         for number in range(2 * degree + 1):
-            found = values[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{number}"]
-            assert np.allclose(found, splats.harmonics[:, place], rtol=1e-5, atol=1e-5)
+            harmonics = values[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{number}"]
+            assert np.allclose(harmonics, splats.harmonics[:, place], rtol=1e-5, atol=1e-5)
             place += 1
     assert place == splats.harmonics.shape[1]
     assert np.abs(values["COLOR_0"][:, :3] - (splats.light * splats.factor).clip(0, 1)).max() < 0.0021
@@ -54,20 +54,20 @@ def same(path: Path, splats: Splats) -> pygltflib.GLTF2:
 @pytest.mark.parametrize("name", ["made_shiny", "made_sky"])
 def test_display_values_are_the_default(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     scene = open_scene(request.getfixturevalue(name))
-    told = export(scene, tmp_path / "scene.glb")
-    assert not told.linear
+    exported = export(scene, tmp_path / "scene.glb")
+    assert not exported.linear
     file = same(tmp_path / "scene.glb", display_splats(scene, None, unreported))
     assert file.meshes[0].primitives[0].extensions[EXTENSION]["colorSpace"] == "srgb_rec709_display"
-    assert told.gaussians == file.accessors[0].count
+    assert exported.gaussians == file.accessors[0].count
 
 
 def test_linear_light_is_whole(scene: Scene, tmp_path: Path) -> None:
-    told = export(scene, tmp_path / "scene.glb", linear=True)
+    exported = export(scene, tmp_path / "scene.glb", linear=True)
     file = same(tmp_path / "scene.glb", linear_splats(scene, scene.exposure, with_dome=True))
     assert file.meshes[0].primitives[0].extensions[EXTENSION]["colorSpace"] == "lin_rec709_display"
     assert file.meshes[0].extras["rig:radianceFactor"] == scene.exposure
-    assert told.loss is not None
-    assert told.loss.pixel_p99 < 1e-3
+    assert exported.loss is not None
+    assert exported.loss.pixel_p99 < 1e-3
 
 
 def test_y_is_up(scene: Scene, made_sky: Path, tmp_path: Path) -> None:
@@ -92,23 +92,23 @@ def test_playcanvas_writes_the_same(made_shiny: Path, tmp_path: Path) -> None:
     splat_transform(tmp_path / "a.ply", tmp_path / "theirs.glb")
     export(scene, tmp_path / "ours.glb")
     ours, theirs = (pygltflib.GLTF2().load(str(tmp_path / name)) for name in ("ours.glb", "theirs.glb"))
-    own, other = (file.meshes[0].primitives[0] for file in (ours, theirs))
-    assert own.extensions == other.extensions
-    names = {name: number for name, number in vars(own.attributes).items() if number is not None}
+    ours_primitive, other = (file.meshes[0].primitives[0] for file in (ours, theirs))
+    assert ours_primitive.extensions == other.extensions
+    names = {name: number for name, number in vars(ours_primitive.attributes).items() if number is not None}
     assert names == {name: number for name, number in vars(other.attributes).items() if number is not None}
     half = Rotation.from_euler("z", 180, degrees=True)
     negated = {"1_COEF_0", "1_COEF_2", "2_COEF_1", "2_COEF_3"}  # of odd order
     for name, number in names.items():
         one, two = ours.accessors[number], theirs.accessors[number]
         assert (one.componentType, one.type, one.normalized) == (two.componentType, two.type, two.normalized)
-        expected, found = accessor(ours, number), accessor(theirs, number)
+        expected, written = accessor(ours, number), accessor(theirs, number)
         if name == "COLOR_0":
             continue  # they write codes of sRGB there, which glTF has linear
         if name == "POSITION":
             expected = half.apply(expected)
         elif name.endswith("ROTATION"):
             expected = (half * Rotation.from_quat(expected)).as_quat(canonical=True)
-            found = Rotation.from_quat(found).as_quat(canonical=True)
+            written = Rotation.from_quat(written).as_quat(canonical=True)
         elif name.rpartition("DEGREE_")[2] in negated:
             expected = -expected
-        assert np.allclose(found, expected, atol=1e-5), name
+        assert np.allclose(written, expected, atol=1e-5), name

@@ -223,8 +223,8 @@ def test_a_click_measures(made_sky: Path, opened: Callable[..., Any]) -> None:
     tab.mouse.click(200, 300)
     light = light_of(tab, scene)[300, 200]
     luminance = float(light @ [0.2126, 0.7152, 0.0722])
-    told = tab.locator("#spot").text_content()
-    stops, value = re.match(r"\+?(-?[\d.]+) stops from .* · (\S+) cd/m²", told).groups()
+    text = tab.locator("#spot").text_content()
+    stops, value = re.match(r"\+?(-?[\d.]+) stops from .* · (\S+) cd/m²", text).groups()
     assert float(stops) == pytest.approx(np.log2(luminance * scene.exposure / 0.18), abs=0.01)
     assert float(value) == pytest.approx(luminance * 250, rel=0.01)
 

@@ -47,23 +47,25 @@ def test_a_sphere_is_a_sphere_in_linear_light(
     sphere: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh, "CELLS", 48)
-    told = export(sphere, tmp_path / "mesh.ply", "mesh")
-    found = trimesh.load(tmp_path / "mesh.ply", process=False)
-    away = np.linalg.norm(found.vertices - WORLD.origin, axis=1) / WORLD.unit
+    exported = export(sphere, tmp_path / "mesh.ply", "mesh")
+    surface = trimesh.load(tmp_path / "mesh.ply", process=False)
+    away = np.linalg.norm(surface.vertices - WORLD.origin, axis=1) / WORLD.unit
     assert np.median(away) == pytest.approx(RADIUS, rel=0.08)  # a pixel is 0.05
-    seen = np.abs((found.vertices - WORLD.origin)[:, 1]) < 0.7 * RADIUS * WORLD.unit  # from its equator
-    assert np.quantile(np.abs(away[seen] / RADIUS - 1), 0.9) < 0.1  # a pixel is a tenth of the radius
-    centres = found.triangles_center - WORLD.origin
-    outwards = (centres * found.face_normals).sum(1) > 0
-    assert np.average(outwards, weights=found.area_faces) > 0.97
+    equatorial = (
+        np.abs((surface.vertices - WORLD.origin)[:, 1]) < 0.7 * RADIUS * WORLD.unit
+    )  # from its equator
+    assert np.quantile(np.abs(away[equatorial] / RADIUS - 1), 0.9) < 0.1  # a pixel is a tenth of the radius
+    centres = surface.triangles_center - WORLD.origin
+    outwards = (centres * surface.face_normals).sum(1) > 0
+    assert np.average(outwards, weights=surface.area_faces) > 0.97
     table = read_ply(tmp_path / "mesh.ply", faces=True)
     vertices = np.stack([table[axis] for axis in "xyz"], 1)
     colours = np.stack([table[f"radiance_{name}"] for name in ("red", "green", "blue")], 1)
-    assert np.abs(found.visual.vertex_colors[:, :3] - 255 * srgb_encode(colours.clip(0, 1))).max() <= 0.51
+    assert np.abs(surface.visual.vertex_colors[:, :3] - 255 * srgb_encode(colours.clip(0, 1))).max() <= 0.51
     side = (vertices - WORLD.origin)[:, 0] / WORLD.unit
     bright, dim = colours[side > 0.2], colours[side < -0.2]
-    assert np.median(bright) == pytest.approx(GREY * told.factor, rel=0.05)
-    assert np.median(dim) == pytest.approx(GREY / 1024 * told.factor, rel=0.2)  # some shines through
+    assert np.median(bright) == pytest.approx(GREY * exported.factor, rel=0.05)
+    assert np.median(dim) == pytest.approx(GREY / 1024 * exported.factor, rel=0.2)  # some shines through
 
 
 def test_a_scene_without_a_surface_is_refused(sphere: Scene, tmp_path: Path) -> None:

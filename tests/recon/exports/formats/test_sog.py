@@ -28,15 +28,19 @@ def splats_of(folder: Path) -> tuple[Splats, float]:
 def test_gsply_reads_the_gaussians_that_are_told(name: str, request: pytest.FixtureRequest) -> None:
     splats, floor = splats_of(request.getfixturevalue(name))
     data, held = packed_splats(splats, floor)
-    found = gsply.sogread(data)
-    assert np.allclose(found.means, held.means, atol=1e-6)
-    assert np.allclose(np.exp(found.scales), held.scales, rtol=1e-5)
-    turned = np.sign((found.quats * held.quats).sum(1))[:, None]
-    assert np.allclose(found.quats * turned, held.quats, atol=1e-6)
-    assert np.allclose(1 / (1 + np.exp(-found.opacities)), held.opacities, atol=1e-5)
-    assert np.allclose(found.sh0, held.harmonics[:, 0], atol=1e-6)
+    read_back = gsply.sogread(data)
+    assert np.allclose(read_back.means, held.means, atol=1e-6)
+    assert np.allclose(np.exp(read_back.scales), held.scales, rtol=1e-5)
+    turned = np.sign((read_back.quats * held.quats).sum(1))[:, None]
+    assert np.allclose(read_back.quats * turned, held.quats, atol=1e-6)
+    assert np.allclose(1 / (1 + np.exp(-read_back.opacities)), held.opacities, atol=1e-5)
+    assert np.allclose(read_back.sh0, held.harmonics[:, 0], atol=1e-6)
     rest = held.harmonics[:, 1:]
-    assert np.allclose(found.shN, rest, atol=1e-6) if rest.size else found.shN is None or not found.shN.size
+    assert (
+        np.allclose(read_back.shN, rest, atol=1e-6)
+        if rest.size
+        else read_back.shN is None or not read_back.shN.size
+    )
     near(held, splats)
 
 
@@ -69,10 +73,10 @@ def test_playcanvas_reads_the_gaussians_that_were_written(
     (tmp_path / "scene.sog").write_bytes(data)
     splat_transform(tmp_path / "scene.sog", tmp_path / "back.ply")
     file = read_ply(tmp_path / "back.ply")
-    found = as_splats(file, splats.world, splats.offset, linear=True, factor=splats.factor)
-    near(found, splats)
-    assert np.allclose(found.harmonics, held.harmonics, rtol=1e-6, atol=1e-6)
-    off = stops_between(splats.light, found.light, floor / splats.factor)
+    read_back = as_splats(file, splats.world, splats.offset, linear=True, factor=splats.factor)
+    near(read_back, splats)
+    assert np.allclose(read_back.harmonics, held.harmonics, rtol=1e-6, atol=1e-6)
+    off = stops_between(splats.light, read_back.light, floor / splats.factor)
     assert np.median(off) < 0.02
     assert off.max() < 0.2
 
@@ -83,9 +87,9 @@ def test_one_gaussian_and_a_lamp_of_2_to_the_40(made: Path) -> None:
     bright.harmonics[1] *= 2.0**40
     for few in (splats.rows(np.arange(1)), bright):
         data, held = packed_splats(few, floor)
-        found = gsply.sogread(data)
-        assert np.allclose(found.sh0, few.harmonics[:, 0], rtol=1e-4)
-        assert np.allclose(found.means, few.means, rtol=1e-3)
+        read_back = gsply.sogread(data)
+        assert np.allclose(read_back.sh0, few.harmonics[:, 0], rtol=1e-4)
+        assert np.allclose(read_back.means, few.means, rtol=1e-3)
         assert held.light.max() == pytest.approx(few.light.max(), rel=1e-4)
 
 

@@ -29,15 +29,15 @@ def shown(made_shiny: Path) -> Splats:
 def test_gsply_reads_what_was_written(shown: Splats, tmp_path: Path) -> None:
     data, held = packed_splats(shown)
     (tmp_path / "a.spz").write_bytes(data)
-    found = gsply.read_spz(str(tmp_path / "a.spz"))
+    read_back = gsply.read_spz(str(tmp_path / "a.spz"))
     flip = [1, -1, -1]  # gsply keeps the axes of the file
-    assert np.allclose(found.means, held.means * flip, atol=1e-6)
-    assert np.allclose(found.scales, np.log(held.scales), atol=1e-5)
+    assert np.allclose(read_back.means, held.means * flip, atol=1e-6)
+    assert np.allclose(read_back.scales, np.log(held.scales), atol=1e-5)
     quats = held.quats * [1, 1, -1, -1]
-    assert np.allclose(np.abs((found.quats * quats).sum(1)), 1, atol=1e-5)
-    assert np.allclose(found.sh0, held.harmonics[:, 0], atol=1e-5)
+    assert np.allclose(np.abs((read_back.quats * quats).sum(1)), 1, atol=1e-5)
+    assert np.allclose(read_back.sh0, held.harmonics[:, 0], atol=1e-5)
     rest = held.harmonics[:, 1:] * np.array([-1, -1, 1, -1, 1, 1, -1, 1])[:, None]
-    assert np.allclose(found.shN, rest, atol=1e-5)
+    assert np.allclose(read_back.shN, rest, atol=1e-5)
     # and what is held is near to what was to be written
     assert np.abs(held.means - shown.means).max() < 1e-5
     assert np.abs(np.log(held.scales / shown.scales)).max() <= 1 / 32 + 1e-9
@@ -58,9 +58,9 @@ def test_what_gsply_writes_is_read(shown: Splats, tmp_path: Path) -> None:
     }
     single = {name: np.ascontiguousarray(value, np.float32) for name, value in values.items()}
     gsply.write_spz(str(path), gsply.GSData(**single, masks=None, _base=None))
-    found = read_spz(path)
-    assert np.abs(found.means * [1, -1, -1] - shown.means).max() < 2e-3  # gsply keeps axes as they are
-    near(found, shown)
+    read_back = read_spz(path)
+    assert np.abs(read_back.means * [1, -1, -1] - shown.means).max() < 2e-3  # gsply keeps axes as they are
+    near(read_back, shown)
 
 
 @needs_splat_transform
@@ -69,12 +69,12 @@ def test_playcanvas_reads_what_was_written(shown: Splats, tmp_path: Path) -> Non
     (tmp_path / "a.spz").write_bytes(data)
     splat_transform(tmp_path / "a.spz", tmp_path / "back.ply")
     file = read_ply(tmp_path / "back.ply")
-    found = as_splats(file, shown.world, shown.offset, linear=False, factor=shown.factor)
-    assert np.allclose(found.means, held.means, atol=1e-6)
-    assert np.allclose(found.scales, held.scales, rtol=1e-5)
-    assert np.allclose(np.abs((found.quats * held.quats).sum(1)), 1, atol=1e-6)
-    assert np.allclose(found.opacities, held.opacities, atol=1e-5)
-    assert np.allclose(found.harmonics, held.harmonics, atol=1e-6)
+    read_back = as_splats(file, shown.world, shown.offset, linear=False, factor=shown.factor)
+    assert np.allclose(read_back.means, held.means, atol=1e-6)
+    assert np.allclose(read_back.scales, held.scales, rtol=1e-5)
+    assert np.allclose(np.abs((read_back.quats * held.quats).sum(1)), 1, atol=1e-6)
+    assert np.allclose(read_back.opacities, held.opacities, atol=1e-5)
+    assert np.allclose(read_back.harmonics, held.harmonics, atol=1e-6)
 
 
 @needs_splat_transform
@@ -82,16 +82,16 @@ def test_playcanvas_reads_what_was_written(shown: Splats, tmp_path: Path) -> Non
 def test_what_playcanvas_writes_is_read(shown: Splats, version: str, tmp_path: Path) -> None:
     write_ply(tmp_path / "a.ply", shown.gaussians(), shown.harmonics, [], shown.world, shown.offset)
     splat_transform(tmp_path / "a.ply", tmp_path / "b.spz", "--spz-version", version)
-    found = read_spz(tmp_path / "b.spz")
-    assert np.abs(found.means - shown.means).max() < 2e-3
-    assert np.abs(found.harmonics[:, 1:] - shown.harmonics[:, 1:]).max() < 0.07
-    near(found, shown)
+    read_back = read_spz(tmp_path / "b.spz")
+    assert np.abs(read_back.means - shown.means).max() < 2e-3
+    assert np.abs(read_back.harmonics[:, 1:] - shown.harmonics[:, 1:]).max() < 0.07
+    near(read_back, shown)
 
 
-def near(found: PlySplats, shown: Splats) -> None:
-    assert len(found) == len(shown)
-    assert np.abs(found.log_scales - np.log(shown.scales)).max() < 0.04
-    assert np.abs(found.harmonics[:, 0] - shown.harmonics[:, 0].clip(-3.33, 3.33)).max() < 0.02
+def near(splats: PlySplats, shown: Splats) -> None:
+    assert len(splats) == len(shown)
+    assert np.abs(splats.log_scales - np.log(shown.scales)).max() < 0.04
+    assert np.abs(splats.harmonics[:, 0] - shown.harmonics[:, 0].clip(-3.33, 3.33)).max() < 0.02
 
 
 def test_far_and_small_scenes_keep_their_places(shown: Splats) -> None:

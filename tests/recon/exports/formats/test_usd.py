@@ -43,9 +43,9 @@ def read_back(stage: Usd.Stage, scene: Scene) -> Splats:
     )
 
 
-def off(scene: Scene, found: Splats, view: SceneView) -> np.ndarray:
+def off(scene: Scene, splats: Splats, view: SceneView) -> np.ndarray:
     """Relative difference of light where there is any."""
-    light, other = scene.render(view.splat_camera), drawn(scene, found, view)
+    light, other = scene.render(view.splat_camera), drawn(scene, splats, view)
     return np.abs(other[light > 0] / light[light > 0] - 1)
 
 
@@ -55,21 +55,21 @@ def test_light_read_from_usd_and_drawn_is_that_of_the_scene(
     name: str, suffix: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     scene = open_scene(request.getfixturevalue(name))
-    found = read_back(written(scene, tmp_path / f"scene.{suffix}"), scene)
+    splats = read_back(written(scene, tmp_path / f"scene.{suffix}"), scene)
     for view in scene.views:
         light = scene.render(view.splat_camera)
-        assert np.quantile(off(scene, found, view), 0.99) < 1e-3
+        assert np.quantile(off(scene, splats, view), 0.99) < 1e-3
         assert np.ptp(np.log2(light[light > 0])) > 8  # else anything would do
 
 
 def test_colours_by_direction_are_as_near_as_plain_harmonics_are(made_shiny: Path, tmp_path: Path) -> None:
     scene = open_scene(made_shiny)
-    found = read_back(written(scene, tmp_path / "scene.usdc"), scene)
-    assert found.harmonics.shape == (400, 9, 3)
-    differences = np.concatenate([off(scene, found, view) for view in scene.views])
+    splats = read_back(written(scene, tmp_path / "scene.usdc"), scene)
+    assert splats.harmonics.shape == (400, 9, 3)
+    differences = np.concatenate([off(scene, splats, view) for view in scene.views])
     assert np.median(differences) < 0.03
-    found.harmonics[:, 1:] = 0
-    without = np.concatenate([off(scene, found, view) for view in scene.views])
+    splats.harmonics[:, 1:] = 0
+    without = np.concatenate([off(scene, splats, view) for view in scene.views])
     assert np.median(differences) < 0.3 * np.median(without)
 
 
@@ -86,10 +86,10 @@ def test_what_is_said_of_light_and_lengths(made: Path, made_sky: Path, tmp_path:
     stage = written(open_scene(made_sky), tmp_path / "a.usda")
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
-    told = stage.GetRootLayer().customLayerData["rig"]
-    assert (told["lengthUnit"], told["radianceFactor"]) == ("m", FACTOR)
-    assert told["whiteLuminance"] == pytest.approx(250 / FACTOR)
-    assert "EPSG:25832 less (450000, 5410000, 300)" in told["coordinates"]
+    custom = stage.GetRootLayer().customLayerData["rig"]
+    assert (custom["lengthUnit"], custom["radianceFactor"]) == ("m", FACTOR)
+    assert custom["whiteLuminance"] == pytest.approx(250 / FACTOR)
+    assert "EPSG:25832 less (450000, 5410000, 300)" in custom["coordinates"]
     coefficients = stage.GetPrimAtPath("/World/Splats").GetAttribute(
         "radiance:sphericalHarmonicsCoefficients"
     )
@@ -128,8 +128,8 @@ def test_cameras_see_what_the_views_saw(scene: Scene, tmp_path: Path) -> None:
             ndc = project.Transform(to_world.Transform(Gf.Vec3d(*point.tolist())))
             x, y, z = camera.cam_from_world[:3, :3] @ point + camera.cam_from_world[:3, 3]
             expected = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-            found = 0.5 * (1 + ndc[0]) * camera.width, 0.5 * (1 - ndc[1]) * camera.height
-            assert found == pytest.approx(expected, abs=1e-4)
+            pixel = 0.5 * (1 + ndc[0]) * camera.width, 0.5 * (1 - ndc[1]) * camera.height
+            assert pixel == pytest.approx(expected, abs=1e-4)
 
 
 def test_what_does_not_change_is_a_plain_value_in_millimetres(scene: Scene, tmp_path: Path) -> None:

@@ -178,11 +178,11 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
 def test_a_view_that_was_just_left_is_not_looked_for(window) -> None:
     """One thread takes the name of the view back, another draws before it takes back what only a view has."""
     page = window.page
-    left = SimpleNamespace(
+    gone = SimpleNamespace(
         view=SimpleNamespace(value="free"), show=SimpleNamespace(value="reference"), parts=page.controls.parts
     )
     wanted = ScenePage._wanted(
-        SimpleNamespace(client=page.client, controls=left, painter=page.painter), False
+        SimpleNamespace(client=page.client, controls=gone, painter=page.painter), False
     )
     assert (wanted.show, wanted.view) == ("render", None)
     assert page.painter.draw(wanted).light.any()

@@ -34,9 +34,9 @@ def test_photographs_are_the_light_that_was_there(session: Path) -> None:
     truth = read_exr(session / "truth" / f"{view}.exr").rgb()
     truth = cv2.resize(truth, light.shape[1::-1], interpolation=cv2.INTER_AREA)
     light, truth = (cv2.GaussianBlur(one, (0, 0), 2) for one in (light, truth))
-    seen = (truth > 0.2 * np.median(truth)).all(2) & (light > 0).all(2)
-    assert seen.mean() > 0.5
-    off = np.log2(light[seen] / truth[seen])
+    lit = (truth > 0.2 * np.median(truth)).all(2) & (light > 0).all(2)
+    assert lit.mean() > 0.5
+    off = np.log2(light[lit] / truth[lit])
     off -= np.median(off[:, 1])
     assert np.median(np.abs(off[:, 1])) < 0.12
     assert np.median(np.abs(off)) < 0.25
@@ -44,9 +44,9 @@ def test_photographs_are_the_light_that_was_there(session: Path) -> None:
 
 def test_a_sheet_has_every_picture_in_its_place() -> None:
     pictures = [np.full((2, 3, 3), number, np.float32) for number in range(1, 6)]
-    found = sheet(pictures, 2)
-    assert found.shape == (6, 6, 3)
-    assert found[::2, ::3, 0].tolist() == [[1, 2], [3, 4], [5, 0]]
+    tiled = sheet(pictures, 2)
+    assert tiled.shape == (6, 6, 3)
+    assert tiled[::2, ::3, 0].tolist() == [[1, 2], [3, 4], [5, 0]]
 
 
 def test_damaged_files_are_told_of(session: Path, tmp_path: Path) -> None:
@@ -54,10 +54,10 @@ def test_damaged_files_are_told_of(session: Path, tmp_path: Path) -> None:
     photographs = Photographs(folder)
     view, shots = next(iter(photographs.groups.items()))
     (folder / shots[0].file).write_bytes(b"nothing")
-    found = photographs.read(view)
-    assert found.light is None
-    assert str(view) in found.caption
-    assert Path(shots[0].file).name in found.caption
+    photograph = photographs.read(view)
+    assert photograph.light is None
+    assert str(view) in photograph.caption
+    assert Path(shots[0].file).name in photograph.caption
 
 
 def test_photographs_are_named_and_said_once_where_they_are_alike() -> None:
@@ -96,8 +96,8 @@ def test_the_page_has_a_contact_sheet_and_the_rig(session: Path, open_window) ->
         def developed(stops: float) -> bool:
             """Return whether the lower half is the sheet, which is a few pixels that the browser enlarges."""
             sheet = page.frame.in_window(Look(stops, "AgX").shown(page.frame.light, page._scale))
-            seen = cv2.resize(window.canvas(), sheet.shape[1::-1], interpolation=cv2.INTER_AREA)
-            return bool(np.abs(seen - sheet)[sheet.shape[0] // 2 :].mean() < 12)
+            drawn = cv2.resize(window.canvas(), sheet.shape[1::-1], interpolation=cv2.INTER_AREA)
+            return bool(np.abs(drawn - sheet)[sheet.shape[0] // 2 :].mean() < 12)
 
         window.until(lambda: developed(0.0))
         assert not developed(2.0)

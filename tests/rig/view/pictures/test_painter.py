@@ -112,11 +112,11 @@ def test_the_spot_meter_has_the_error_at_a_brightness() -> None:
     generator = np.random.default_rng(3)
     brightness = generator.uniform(-6, 6, 200_000).astype(np.float32)
     off = (generator.normal(0, 1, len(brightness)) * np.where(brightness < 0, 0.1, 0.4)).astype(np.float32)
-    found = Residuals(brightness, off, 3)
-    assert found.at(2.0**-3) == pytest.approx(0.1, rel=0.03)
-    assert found.at(2.0**3) == pytest.approx(0.4, rel=0.03)
-    assert found.at(2.0**20) is None
-    assert found.at(0.0) is None
+    residuals = Residuals(brightness, off, 3)
+    assert residuals.at(2.0**-3) == pytest.approx(0.1, rel=0.03)
+    assert residuals.at(2.0**3) == pytest.approx(0.4, rel=0.03)
+    assert residuals.at(2.0**20) is None
+    assert residuals.at(0.0) is None
 
 
 def test_a_scene_is_off_held_out_photographs_by_what_it_is_too_bright(scene: Scene) -> None:
@@ -124,17 +124,17 @@ def test_a_scene_is_off_held_out_photographs_by_what_it_is_too_bright(scene: Sce
     brighter = replace(
         scene, record=scene.record.model_copy(update={"normaliser": 16 * scene.record.normaliser})
     )
-    found = residuals_of(brighter)
-    assert found.views == len([view for view in scene.views if view.use == "test"])
-    np.testing.assert_allclose(found.off, plain.off + 4, atol=1e-3)
+    residuals = residuals_of(brighter)
+    assert residuals.views == len([view for view in scene.views if view.use == "test"])
+    np.testing.assert_allclose(residuals.off, plain.off + 4, atol=1e-3)
     assert abs(np.median(plain.off)) < 1
     painter = Painter(scene)
     drawing = painter.draw(wanted(painter, RENDER))
     luminance = drawing.light @ LUMINANCE
     row, column = np.unravel_index(np.argsort(luminance, axis=None)[luminance.size // 2], luminance.shape)
     assert painter.residuals() is painter.residuals()
-    told = reading(drawing, RENDER, scene, row, column, painter.residuals())
-    assert f"**+- {number(plain.at(float(luminance[row, column])), 2)} stops**" in told
+    text = reading(drawing, RENDER, scene, row, column, painter.residuals())
+    assert f"**+- {number(plain.at(float(luminance[row, column])), 2)} stops**" in text
 
 
 def test_without_its_photographs_a_scene_has_no_error(scene: Scene, tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ from rig.view.serving.server import Viewer
 @pytest.fixture(scope="module")
 def open_to_all() -> Iterator[Viewer]:
     """Serve as on an address that other machines reach."""
-    with Viewer("toy", 0, host="0.0.0.0") as found:
-        yield found
+    with Viewer("toy", 0, host="0.0.0.0") as running:
+        yield running
 
 
 def connect(viewer: Viewer, query: str = "", **options: object) -> None:
@@ -105,14 +105,14 @@ def test_an_address_of_others_is_told(host: str) -> None:
     ],
 )
 def test_cookies_of_others_are_no_obstacle(open_to_all: Viewer, beside: str) -> None:
-    own = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
-    for cookies in (f"{beside}; {own}", f"{own}; {beside}"):
+    cookie = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
+    for cookies in (f"{beside}; {cookie}", f"{cookie}; {beside}"):
         assert got(open_to_all, "/", Cookie=cookies)[0] == 200
     assert got(open_to_all, "/", Cookie=beside)[0] == 403
-    name, token = own.split("=")
+    name, token = cookie.split("=")
     assert got(open_to_all, "/", Cookie=f'{name}="{token}"')[0] == 200
-    assert got(open_to_all, "/", Cookie=f"{name}=\xff; {own}")[0] == 200
-    assert got(open_to_all, "/", Cookie=f"no_{own}")[0] == 403
+    assert got(open_to_all, "/", Cookie=f"{name}=\xff; {cookie}")[0] == 200
+    assert got(open_to_all, "/", Cookie=f"no_{cookie}")[0] == 403
 
 
 @pytest.mark.parametrize(
@@ -128,10 +128,10 @@ def test_cookies_of_others_are_no_obstacle(open_to_all: Viewer, beside: str) -> 
 def test_a_request_that_makes_no_sense_is_answered(
     open_to_all: Viewer, line: str, headers: list[str], status: int
 ) -> None:
-    own = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
+    cookie = got(open_to_all, f"/?{open_to_all.url.partition('/?')[2]}")[1].partition(";")[0]
     port = open_to_all.server.get_port()
     text = "\r\n".join([f"GET {line} HTTP/1.1", f"Host: 127.0.0.1:{port}", *headers, "", ""])
     with socket.create_connection(("127.0.0.1", port)) as link:
         link.settimeout(5.0)
-        link.sendall(text.format(own=own).encode("latin-1"))
+        link.sendall(text.format(own=cookie).encode("latin-1"))
         assert link.recv(12).decode() == f"HTTP/1.1 {status}"

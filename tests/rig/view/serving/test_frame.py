@@ -14,7 +14,7 @@ def test_a_place_in_the_window_is_the_pixel_that_is_shown_there(aspect: float) -
     window = frame.in_window(light.astype(np.uint8))
     height, width = window.shape[:2]
     assert width / height == pytest.approx(aspect, rel=0.05)
-    seen = 0
+    count = 0
     for row in range(height):
         for column in range(width):
             place = frame.pixel((column + 0.5) / width, (row + 0.5) / height)
@@ -22,8 +22,8 @@ def test_a_place_in_the_window_is_the_pixel_that_is_shown_there(aspect: float) -
                 assert window[row, column].tolist() == [BESIDE] * 3
             else:
                 assert window[row, column].tolist() == [*place, 200]
-                seen += 1
-    assert seen == 30 * 40
+                count += 1
+    assert count == 30 * 40
 
 
 def test_outside_the_window_is_no_pixel() -> None:
