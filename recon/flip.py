@@ -59,14 +59,14 @@ class Flips:
         pixels = sum(pair.seen.size for pair in pairs)
         if pairs and self.pictures.takes(pixels * self._pixel_seconds):
             began = self._clock()
-            errors["flip"] = [found for pair in pairs if (found := _flip(pair)) is not None]
+            errors["flip"] = [error for pair in pairs if (error := _flip(pair)) is not None]
             self._pixel_seconds = (self._clock() - began) / pixels
         exposures = None if light is None else _exposures(light.truth)
         if light is not None and exposures is not None:
             expected = light.seen.size * exposures["numExposures"] * self._pixel_seconds
             if self.light.takes(expected):
-                found = hdr_flip(light.ours, light.truth, light.seen)
-                errors["hdr_flip"] = [] if found is None else [found]
+                error = hdr_flip(light.ours, light.truth, light.seen)
+                errors["hdr_flip"] = [] if error is None else [error]
         return errors
 
     def left_out(self) -> list[str]:
@@ -83,14 +83,14 @@ def _flip(pair: Pair) -> Array32 | None:
     return _compared(ours, reference, pair.seen, "LDR", {})
 
 
-def hdr_flip(light: Array32, truth: Array32, seen: Mask) -> Array32 | None:
+def hdr_flip(light: Array32, truth: Array32, visible: Mask) -> Array32 | None:
     """HDR-FLIP of the pixels that are seen, of linear Rec.709 [H, W, 3]; None where it has no exposures."""
     exposures = _exposures(truth)
     if exposures is None:
         return None
     middle = _middle_and_top(truth)[0]
     ours, reference = (np.maximum(side / np.float32(middle), 0) for side in (light, truth))
-    return _compared(ours, reference, seen, "HDR", exposures)
+    return _compared(ours, reference, visible, "HDR", exposures)
 
 
 def _exposures(truth: Array32) -> dict[str, Any] | None:
@@ -116,15 +116,15 @@ def _middle_and_top(truth: Array32) -> tuple[float, float]:
 
 
 def _compared(
-    ours: Array32, reference: Array32, seen: Mask, kind: str, parameters: dict[str, Any]
+    ours: Array32, reference: Array32, visible: Mask, kind: str, parameters: dict[str, Any]
 ) -> Array32 | None:
-    if not seen.any():
+    if not visible.any():
         return None
     import flip_evaluator
 
     # What is masked is alike, so that it does not shine into its neighbours.
-    ours = np.where(seen[..., None], ours, reference)
+    ours = np.where(visible[..., None], ours, reference)
     errors = flip_evaluator.evaluate(
         np.ascontiguousarray(reference), np.ascontiguousarray(ours), kind, True, False, True, parameters
     )
-    return np.asarray(errors[0][..., 0][seen], np.float32)
+    return np.asarray(errors[0][..., 0][visible], np.float32)

@@ -53,8 +53,8 @@ def measured(
         pooled = against_photographs(recorded)
     elif reference is not None:
         # What a mask hides is no part of any figure.
-        ours = [image[seen] for image, seen in light]
-        true = [goal[seen] for goal, (_, seen) in zip(reference, light, strict=True)]
+        ours = [image[unmasked] for image, unmasked in light]
+        true = [goal[unmasked] for goal, (_, unmasked) in zip(reference, light, strict=True)]
         pooled = _against_light(ours, true, rows)
         if opened.dataset.bands:
             pooled["bands"] = _by_band(opened, ours, true, pooled["alignment_scale"])
@@ -144,7 +144,7 @@ def _by_band(
     ours, true = (
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
     )
-    found = []
+    figures = []
     for number, band in enumerate(opened.dataset.bands):
         row: dict[str, Any] = {"band": band.name}
         psnrs = (
@@ -157,8 +157,8 @@ def _by_band(
         _note(row, "raw_psnr", psnrs)
         row["hdr_psnr_mu_aligned"] = metrics.hdr_psnr_mu(ours[:, number] * scale, true[:, number])
         row["stops_median"] = metrics.stops_median(ours[:, number] * scale, true[:, number])
-        found.append(row)
-    return found
+        figures.append(row)
+    return figures
 
 
 def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> None:

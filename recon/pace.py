@@ -28,10 +28,10 @@ class Pace:
 
     def takes(self, seconds: float) -> bool:
         """Return whether the next turn, of about that many seconds, is taken; the first one is at 0."""
-        left = self.count - self.turns
+        rest = self.count - self.turns
         self.turns += 1
         room = max(self.until - self.clock(), 0.0)
-        share = 1.0 if room >= left * seconds else math.floor(room / seconds) / left
+        share = 1.0 if room >= rest * seconds else math.floor(room / seconds) / rest
         self._owed += share
         if self._owed < 1:
             return False

@@ -11,7 +11,7 @@ VIEWS = [ViewId(number, "cam") for number in range(10)]
 
 
 @pytest.mark.parametrize(
-    ("placed", "matching", "told"),
+    ("placed", "matching", "warning"),
     [
         (4, 10, "only 4 of 10 views that match others fit together"),
         (5, 10, None),
@@ -20,18 +20,18 @@ VIEWS = [ViewId(number, "cam") for number in range(10)]
         (3, 4, None),
     ],
 )
-def test_enough_of_the_views_that_match_have_to_fit_together(placed, matching, told):
-    found = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:matching], 2)), 1.0)
-    assert found is None if told is None else found.startswith(told)
+def test_enough_of_the_views_that_match_have_to_fit_together(placed, matching, warning):
+    said = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:matching], 2)), 1.0)
+    assert said is None if warning is None else said.startswith(warning)
 
 
 @pytest.mark.parametrize(
-    ("placed", "threefold", "told"),
+    ("placed", "threefold", "warning"),
     [(10, 0.49, "only 49 % of the scene's points"), (10, 0.51, None), (3, 0.0, None)],
 )
-def test_third_views_have_to_see_most_points_where_there_are_more_than_three(placed, threefold, told):
-    found = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:placed], 2)), threefold)
-    assert found is None if told is None else found.startswith(told)
+def test_third_views_have_to_see_most_points_where_there_are_more_than_three(placed, threefold, warning):
+    said = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:placed], 2)), threefold)
+    assert said is None if warning is None else said.startswith(warning)
 
 
 def test_views_whose_turns_few_points_hold_are_named():

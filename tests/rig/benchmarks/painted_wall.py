@@ -46,7 +46,9 @@ def put(path: Path, data: bytes) -> None:
 
 def dng(signal: np.ndarray, time: float, scale: int = 1) -> bytes:
     codes = np.rint(scale * (BLACK + (WHITE - BLACK) * signal)).astype(np.uint16)
-    metadata = FrameMetadata(make="Maker", model="Phone", exposure=Exposure(time=time, f_number=1.8, iso=1000))
+    metadata = FrameMetadata(
+        make="Maker", model="Phone", exposure=Exposure(time=time, f_number=1.8, iso=1000)
+    )
     from_xyz = np.diag(NEUTRAL) @ np.linalg.inv(
         [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
     )

@@ -144,7 +144,9 @@ def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:
         if step == 0:
             hidden_light[20:100, 10:80], counts[20:100, 10:80] = 0.15, False
         hidden_light[:, 200:], counts[:, 200:] = rng.uniform(0, 1, (120, 40)), False
-        code = np.rint(255 * srgb_encode(np.clip(hidden_light * k + 0.002 * rng.standard_normal(light.shape), 0, 1)))
+        code = np.rint(
+            255 * srgb_encode(np.clip(hidden_light * k + 0.002 * rng.standard_normal(light.shape), 0, 1))
+        )
         codes.append(code.astype(np.uint8)[..., None].repeat(3, 2))
         masks.append(counts)
     return bracket(folder, codes, [1.0, 0.5, 0.25], masks), light

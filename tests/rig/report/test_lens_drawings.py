@@ -27,7 +27,9 @@ def test_residuals_are_seen_less_projected(toy: Path) -> None:
         assert of_camera.size == (64, 48)
         assert of_camera.rms == pytest.approx(math.hypot(*MISS), rel=1e-6)
         right = of_camera.seen[:, 0] - of_camera.miss[:, 0] > of_camera.size[0] / 2
-        np.testing.assert_allclose(of_camera.miss[right], np.broadcast_to(MISS, of_camera.miss[right].shape), atol=1e-6)
+        np.testing.assert_allclose(
+            of_camera.miss[right], np.broadcast_to(MISS, of_camera.miss[right].shape), atol=1e-6
+        )
         left = of_camera.miss[~right]
         assert abs(left.mean(0)[0]) < 0.1 * MISS[0]
     assert residuals.views[ViewId(0, "cam0")] == pytest.approx(math.hypot(*MISS), rel=1e-6)

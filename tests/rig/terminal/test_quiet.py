@@ -60,7 +60,9 @@ def on_a_terminal(environment: dict[str, str]) -> bytes:
         "    status.say('a remark'); status.progress.refresh()\n"
     )
     master, slave = pty.openpty()
-    inherited = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM", "COLUMNS")}
+    inherited = {
+        key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM", "COLUMNS")
+    }
     with subprocess.Popen(
         [sys.executable, "-c", code], stderr=slave, stdout=slave, stdin=slave, env=inherited | environment
     ) as process:
