@@ -16,8 +16,8 @@ import rig
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "examples")
-NAMED = (*FOLDERS, "tests/bench", "tests/calib")
-"""Folders whose variables say what they hold; the others follow."""
+NAMED = (*FOLDERS, "tests")
+"""Folders whose variables say what they hold."""
 CLAUSE = re.compile(
     r'^\s*r?"""\s*(?:As|By|From|How|If|Of|That|What|When|Where|Whether|Which|While|Who|Whoever|Whom|Whose|Why)\b',
     re.MULTILINE,

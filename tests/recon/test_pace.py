@@ -67,17 +67,17 @@ def a_view(rng: np.random.Generator) -> tuple[list[Pair], LightPair]:
     codes = rng.integers(0, 256, (2, 16, 20, 3), dtype=np.uint8)
     truth = np.full((16, 20, 3), 1.0, np.float32)
     truth[0, 0] = 1024.0
-    seen = np.ones((16, 20), bool)
-    return [Pair("a", codes[0], codes[1], seen)], LightPair(truth, truth, seen)
+    visible = np.ones((16, 20), bool)
+    return [Pair("a", codes[0], codes[1], visible)], LightPair(truth, truth, visible)
 
 
 def test_hdr_flip_is_forecast_by_flip_of_a_picture_and_left_out_where_it_is_too_long(monkeypatch):
     """FLIP of a picture takes a second here, HDR-FLIP ten; forty seconds have room for two of the latter."""
     clock, rng = Clock(), np.random.default_rng(0)
 
-    def slow(ours, reference, seen, kind, parameters):
+    def slow(ours, reference, visible, kind, parameters):
         clock.now += parameters.get("numExposures", 1)
-        return np.zeros(int(seen.sum()), np.float32)
+        return np.zeros(int(visible.sum()), np.float32)
 
     monkeypatch.setattr(flip, "_compared", slow)
     for seconds, counts, said in (
@@ -89,8 +89,8 @@ def test_hdr_flip_is_forecast_by_flip_of_a_picture_and_left_out_where_it_is_too_
         began = clock.now
         flips = Flips(4, began + seconds, clock)
         rows = [flips.of(*a_view(rng)) for _ in range(4)]
-        found = tuple(sum(name in row for row in rows) for name in ("flip", "hdr_flip"))
-        assert (found, flips.left_out()) == (counts, said)
+        rows_with = tuple(sum(name in row for row in rows) for name in ("flip", "hdr_flip"))
+        assert (rows_with, flips.left_out()) == (counts, said)
         assert clock.now <= began + max(seconds, 1.0)
 
 

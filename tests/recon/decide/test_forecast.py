@@ -25,14 +25,14 @@ OWN = ARENA * thread_count() + KERNELS + LOOKS
 @pytest.fixture
 def needs(monkeypatch: pytest.MonkeyPatch) -> list[Need]:
     """Every need that is worked out."""
-    found: list[Need] = []
+    asked: list[Need] = []
 
     def kept(*views, **how):
-        found.append(need(*views, **how))
-        return found[-1]
+        asked.append(need(*views, **how))
+        return asked[-1]
 
     monkeypatch.setattr(module, "need", kept)
-    return found
+    return asked
 
 
 def of(session: Path, room: int = ROOM, budget: str | None = None, **overrides: float) -> int:
@@ -44,8 +44,8 @@ def test_it_is_what_the_training_itself_will_say(session_copy: Path, needs: list
     total = of(session_copy, width=32, gaussians=5000)
     asked = Overrides(width=32, gaussians=5000, iterations=1, refine="none", environment=False)
     reconstruct(session_copy, TrainingRequest(quality="draft", overrides=asked, name="one"))
-    said, told = needs
-    assert (said.images, said.gaussians, said.width) == (told.images, told.gaussians, told.width)
+    said, trained = needs
+    assert (said.images, said.gaussians, said.width) == (trained.images, trained.gaussians, trained.width)
     assert total == said.total
     assert not (session_copy / "decoded").exists()
 

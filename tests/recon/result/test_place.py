@@ -88,11 +88,11 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
 
 def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     """Stop it by the user, who finds both: the old scene, and the state of the new one."""
-    session, before, seen = scene.parent.parent, files(scene), []
+    session, before, iterations = scene.parent.parent, files(scene), []
 
     def progress(message: str, done: int, total: int) -> None:
         if "loss" in message:
-            seen.append(done)
+            iterations.append(done)
 
     def stopping(training, dataset, plan, **options):
         options["until"] = 10
@@ -110,7 +110,7 @@ def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     reconstruct(
         session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True), on_progress=progress
     )
-    assert min(seen) > 10
+    assert min(iterations) > 10
     assert (read_model(scene).settings.seed, read_model(scene).ending) == (7, "schedule")
 
 
