@@ -66,7 +66,7 @@ def session_of(name: str, work: Path) -> Path:
     if not (session / "session.json").exists():
         photographs = folder / "photographs"
         if name in REAL:
-            _scaled(name, photographs)
+            scaled(name, photographs)
         else:
             photographs, _ = photographed(folder, CASES[MADE[name]], 0, FRAMES)
         import_photos(photographs, session, bracket=1)
@@ -82,7 +82,7 @@ def session_of(name: str, work: Path) -> Path:
     return session
 
 
-def _scaled(name: str, folder: Path) -> None:
+def scaled(name: str, folder: Path) -> None:
     """Copies of a real set's photographs, with what their files say."""
     pattern, long_side, every = REAL[name]
     folder.mkdir(parents=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from imaging.compute.free_share import free_share, if_so
 from imaging.compute.threads import thread_count
 from imaging.session.session import Session
 from recon.data.dataset import View
@@ -30,9 +31,9 @@ STEP, DRAWN, PLANE, GAUSSIAN = 0.005, 0.12, 0.04, 0.5e-6
 """Processor seconds of an iteration: of its own; of its render and of each plane of its shots, by the
 megapixel; of a Gaussian.
 """
-MEASURED = 8.0
+MEASURED = 3.0
 """Processor seconds a megapixel of a held-out view, in evaluation and report."""
-REPORT = 4.0
+REPORT = 3.0
 ON_ALL_CORES = 0.65
 """Share of the time which all cores do (bench/results/budget.md: 37 s of the clock for 55 of a processor)."""
 MOST_TRIALS = 1.1
@@ -121,20 +122,25 @@ class Work:
         trials = pace * self.trials + small * self.small_trials
         return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
 
-    def in_words(self, cores: int, at_most: bool = False) -> str | None:
-        """Return the duration in words on that many cores; None if it is too short to mention.
-
-        at_most: whether the training may end before its last iteration.
-        """
+    def clock_seconds(self, cores: int) -> tuple[float, float]:
+        """Seconds of the clock, at least and at most, on that many cores that do nothing else."""
         clock = 1 - ON_ALL_CORES + ON_ALL_CORES / cores
         low, high = (clock * sure * s for sure, s in zip(SURE, self.processor_seconds(), strict=True))
-        if high < WORTH_SAYING:
-            return None
+        return low, high
+
+    def in_words(self, cores: int, at_most: bool = False, free: float = 1.0) -> str:
+        """Return the duration in words on that many cores.
+
+        at_most: whether the training may end before its last iteration. free: share of the cores that other
+        work leaves.
+        """
+        share, condition = if_so(free)
+        low, high = (seconds / share for seconds in self.clock_seconds(cores))
         takes = f"at most {words(high)}" if at_most else f"{words(low)} to {words(high)}"
         where = f"{cores} {'core' if cores == 1 else 'cores'}"
         return (
             f"{self.train} training views, {self.width} px wide, {self.iterations:,} iterations on {where}: "
-            f"this takes {takes} in all, with its report, if nothing else runs here."
+            f"this takes {takes} in all, with its report, {condition}."
         )
 
 
@@ -163,7 +169,10 @@ def how_long(
         tried=request.quality != "draft" and overrides == Overrides(),
     )
     at_most = request.early_stop or (budget is not None and budget.unit == "dB")
-    return work.in_words(thread_count(), at_most=at_most)
+    cores = thread_count()
+    if work.clock_seconds(cores)[1] < WORTH_SAYING:
+        return None
+    return work.in_words(cores, at_most, free_share(cores))
 
 
 def words(seconds: float) -> str:

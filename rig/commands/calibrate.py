@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from imaging.compute.free_share import free_share, if_so
 from imaging.errors import PartialError
 from rig.commands.calibration_result import LightPart, cameras_result, poses_result
 from rig.options.anchors import NO_ANCHORS, SURVEY_HELP, Anchors
@@ -102,10 +103,11 @@ def calibrate(
         )
 
 
-SECONDS = 6.0, 18.0
-"""Processor seconds for a photograph in all, in sets that are soon done and in others: a castle, 6
-megapixels, 6.6 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5 (calibration_full_size.md); a
-telephone's video, 2 megapixels, 17.4.
+EACH, FULL_SIZE = (0.7, 4.0), (5.3, 15.0)
+"""Processor seconds for a view in all, in sets that are soon done and in others: of its own, and of its
+pixels. A simulated rig, 320 px, 1.1 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5
+(calibration_full_size.md); brighton 7.4, sceaux 10.3, fox 13.7, banana 18.8 (real_judges.md). Objects of
+metal and glass, 400 px, take 8.0, twice as long as is said.
 """
 FULL = 2e6
 """Pixels from which on a photograph takes that long: features are looked for in no more."""
@@ -114,17 +116,23 @@ ON_ALL_CORES = 0.53
 WORTH_SAYING = 30.0
 
 
-def expected(sizes: Sequence[int], cores: int) -> str | None:
-    """Duration, in words, of the calibration of views with these numbers of pixels; None if too short to
-    mention.
+def expected(sizes: Sequence[int], cores: int) -> tuple[float, float]:
+    """Seconds of the clock, at least and at most, that the calibration of views with these numbers of pixels
+    takes on cores that do nothing else.
     """
-    clock = (1 - ON_ALL_CORES + ON_ALL_CORES / cores) * sum(min(1.0, size / FULL) for size in sizes)
-    low, high = (clock * seconds for seconds in SECONDS)
-    if high < WORTH_SAYING:
-        return None
+    clock = 1 - ON_ALL_CORES + ON_ALL_CORES / cores
+    full = sum(min(1.0, size / FULL) for size in sizes)
+    low, high = (clock * (len(sizes) * each + full * of) for each, of in zip(EACH, FULL_SIZE, strict=True))
+    return low, high
+
+
+def in_words(sizes: Sequence[int], cores: int, free: float) -> str:
+    """Duration of that, where other work leaves that share of the cores."""
+    share, condition = if_so(free)
+    low, high = (seconds / share for seconds in expected(sizes, cores))
     return (
         f"{counted(len(sizes), 'view')} on {counted(cores, 'core')}: this takes {duration(low)} to "
-        f"{duration(high)} in all, if nothing else runs here."
+        f"{duration(high)} in all, {condition}."
     )
 
 
@@ -133,9 +141,9 @@ def _say_how_long(session: Path, status: StatusLine) -> None:
     from imaging.session.session import Session, brackets
 
     views = brackets(Session.open(session).shots("scene")).values()
-    words = expected([shots[0].width * shots[0].height for shots in views], available_cores())
-    if words is not None:
-        status.say(words)
+    sizes, cores = [shots[0].width * shots[0].height for shots in views], available_cores()
+    if expected(sizes, cores)[1] >= WORTH_SAYING:
+        status.say(in_words(sizes, cores, free_share(cores)))
 
 
 def run_calibrate(

@@ -56,7 +56,8 @@ SETTINGS = {
     ),
     SPEED: (
         r"At 1,280 px, the width of best",
-        r"of a factor of 2\.3 without trials, and up to 5 with",
+        r"of a factor of 3, and of 5 where",
+        r"of 2\.3 without trials, and up to 5 with",
         r"of the castle 10,000 Gaussians",
         r"after 250 iterations",
         r"after 1,000 and",
