@@ -18,7 +18,7 @@ from drivers.ptp.dials import Dials
 from drivers.ptp.exposure import Dial
 from drivers.ptp.ip.connection import IpConnection
 from drivers.ptp.picture import best_of, camera_file, developed_beside, suffix
-from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.session import Download
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError, InputError
@@ -196,7 +196,7 @@ class PtpCamera:
                 if self._shot is not None:
                     self._shot.doubtful = stored.objects is not self._shot.objects
                 for file in stored.objects:
-                    file.handle = self._handle_of(body.session, file)
+                    file.handle = self._handle_of(body, file)
                 stored.body = body
             return self._fetched(body, stored)
 
@@ -290,13 +290,13 @@ class PtpCamera:
                 raise CameraRefused(f"{self.where} no longer knows the shot: take it again.")
             body.earlier -= new
         for file in shot.objects:
-            file.handle = self._handle_of(body.session, file)
+            file.handle = self._handle_of(body, file)
         shot.body = body
 
-    def _handle_of(self, session: PtpSession, file: Download) -> int:
-        for handle in (file.handle, *reversed(session.handles())):
+    def _handle_of(self, body: StandardBody, file: Download) -> int:
+        for handle in body.handles_of(file):
             with suppress(CameraRefused):
-                if session.object_info(handle) == file.info:
+                if body.session.object_info(handle) == file.info:
                     return handle
         raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
 

@@ -235,6 +235,13 @@ class SonyBody(StandardBody):
             for button in (SonyProperty.FULL_PRESS, SonyProperty.HALF_PRESS):
                 self._press(button, _UP, PATIENCE)
 
+    def handles_of(self, file: Download) -> tuple[int, ...]:
+        """Handle of its memory while a picture is there; its objects are never listed.
+
+        Bodies before 2020 hang for good when they are asked to list them (libgphoto2, commit 10870c84).
+        """
+        return (MEMORY_HANDLE,) if self._in_memory() >= READY else ()
+
     def fetch(self, file: Download) -> bytes:
         """Fetch in one go, which also frees the memory."""
         if file.data:

@@ -119,6 +119,10 @@ class StandardBody:
         """
         raise CameraRefused(NO_BRACKET)
 
+    def handles_of(self, file: Download) -> tuple[int, ...]:
+        """Handles that a file of an earlier session may have now, likeliest first."""
+        return (file.handle, *reversed(self.session.handles()))
+
     def fetch(self, file: Download) -> bytes:
         """The bytes of an object; goes on where it stopped."""
         return self.session.download(file)

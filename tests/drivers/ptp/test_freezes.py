@@ -101,6 +101,28 @@ def test_a_nikon_that_stands_at_bulb_is_set_to_a_time(
     assert NikonProperty.SHUTTER_SPEED in turned
 
 
+@pytest.mark.parametrize("operation", ["GET_OBJECT", "GET_OBJECT_INFO"])
+@pytest.mark.parametrize("seconds", [0.2, 2.0])
+def test_a_sony_that_hangs_when_its_objects_are_listed_is_not_asked_to(
+    operation: str, seconds: float, toy: SimulatedRig
+) -> None:
+    """Bodies before 2020 do, for good (commit 10870c84 of libgphoto2); a cable that comes out led there."""
+    bench = Bench(
+        toy, SONY, Fault(Kind.FREEZE, operation="GET_OBJECT_HANDLES", nth=0, seconds=3600.0),
+        Fault(Kind.UNPLUG, operation=operation, nth=1, count=20, seconds=seconds),
+    )  # fmt: skip
+    refusal = ""
+    try:
+        shot(bench.camera, EXPOSURE)
+    except CameraRefused as error:
+        refusal = str(error)
+    assert not refusal or refusal.endswith(("take it again.", "take the shot again."))
+    assert bench.clock.now() < PATIENCE
+    for _ in range(2):
+        assert shot(bench.camera, EXPOSURE).metadata.exposure == EXPOSURE
+    assert [one.fault.kind for one in bench.plan.log] == [Kind.UNPLUG]
+
+
 def test_a_sony_of_another_protocol_is_told_and_left_to_libgphoto2(toy: SimulatedRig) -> None:
     """One that speaks version 3 alone: refused, so that `drivers/choice.py` asks libgphoto2."""
     bench = Bench(toy, SONY)
