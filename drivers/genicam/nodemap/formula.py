@@ -8,7 +8,9 @@ formula), which is not that of C. Loosest first; equals associate from left to r
 
 Two things are otherwise. A sign before a parenthesis belongs to that alone: -(1) + 2 is 1; theirs negates
 all that follows. In a chain of choices the second belongs to the else of the first; theirs is the reverse.
-Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero.
+Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero. In others
+`& | ^ << >>` compute in 32 bits with a sign, as makers count on ((V << 16) >> 16 extends a sign); where an
+operand needs more than that, theirs has no value, and here it is that of 64 bits.
 """
 
 import math
@@ -37,6 +39,23 @@ _LEVELS = (
 def wrapped(value: int) -> int:
     """A whole number as 64 bits with a sign hold it."""
     return (value + (1 << 63)) % (1 << 64) - (1 << 63)
+
+
+def nearest_whole(value: Number) -> int:
+    """The whole number that is nearest, of two the one farther from zero: what counts where one is wanted."""
+    if isinstance(value, int) or abs(value) >= 2.0**52:
+        return int(value)
+    return int(math.copysign(math.floor(abs(value) + 0.5), value))
+
+
+def _on_bits(operator: str, a: Number, b: Number) -> int:
+    """Result of an operator on bits outside integer formulas: of 32 bits, where both operands are."""
+    values = [int(a), int(b)]
+    if not all(-(1 << 31) <= value < 1 << 31 for value in values):
+        return int(_BINARY[operator](*values))
+    if operator in ("<<", ">>"):
+        values[1] &= 31
+    return (int(_BINARY[operator](*values)) + (1 << 31)) % (1 << 32) - (1 << 31)
 
 
 def _quotient(a: Number, b: Number) -> Number:
@@ -87,6 +106,7 @@ _BINARY: dict[str, Callable[[Number, Number], Number]] = {
     "<<": lambda a, b: int(a) << (int(b) & 63),
     ">>": lambda a, b: int(a) >> (int(b) & 63),
 }
+_BITWISE = frozenset(("&", "|", "^", "<<", ">>"))
 _UNARY: dict[str, Callable[[Number], Number]] = {
     "-": lambda a: -a,
     "+": lambda a: a,
@@ -207,17 +227,18 @@ class _Parser:
             return self._unary(depth)
         result = self._binary(level + 1, depth)
         while self.kind == "sign" and self.token in _LEVELS[level]:
-            operator = _BINARY[self.token]
+            operator = self.token
             self._advance()
             result = self._joined(operator, result, self._binary(level + 1, depth))
         return result
 
-    def _joined(
-        self, operator: Callable[[Number, Number], Number], left: Evaluate, right: Evaluate
-    ) -> Evaluate:
+    def _joined(self, name: str, left: Evaluate, right: Evaluate) -> Evaluate:
+        operator = _BINARY[name]
         # Outside integer formulas all is float, so that 7 / 2 is 3.5 there.
         if self._whole:
             return lambda variables: wrapped(int(operator(left(variables), right(variables))))
+        if name in _BITWISE:
+            return lambda variables: float(_on_bits(name, left(variables), right(variables)))
         return lambda variables: float(operator(left(variables), right(variables)))
 
     def _unary(self, depth: int) -> Evaluate:
@@ -249,7 +270,7 @@ class _Parser:
             value = variables.get(token, constant)
             if value is None:
                 raise self.wrong(f"{token} is not known")
-            return value if self._whole else float(value)
+            return nearest_whole(value) if self._whole else float(value)
 
         return variable
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.nodemap.description import Element
-from drivers.genicam.nodemap.formula import Number, wrapped
+from drivers.genicam.nodemap.formula import Number, nearest_whole, wrapped
 
 UNLIMITED = float("inf")
 _WHOLE = ("Boolean", "Enumeration", "IntConverter", "IntReg", "IntSwissKnife", "Integer", "MaskedIntReg")
@@ -169,8 +169,8 @@ def numeric(value: Value) -> Number:
 
 
 def integral(value: Value) -> int:
-    """A value that must be a finite number, cut to a whole one. CameraProtocol."""
-    return int(numeric(value))
+    """A value that must be a finite number, rounded to a whole one. CameraProtocol."""
+    return nearest_whole(numeric(value))
 
 
 def as_number(text: str) -> Number:

@@ -69,7 +69,20 @@ FLOAT = {
     "SIN(1)*SIN(1)+COS(1)*COS(1)": 1,
     "TAN(0)+EXP(0)": 1,
     "1E-3": 0.001,
+    # In 32 bits, the places to shift by counted in 32, too.
+    "1<<31": -(2**31),
+    "1<<32": 1,
+    "1<<33": 2,
+    "3<<31": -(2**31),
+    "256>>33": 128,
+    "2147483647<<1": -2,
+    "(0-2147483648)|0": -(2**31),
+    "(65535<<16)>>16": -1,
+    "(60000<<16)>>16": -5536,
+    "(32767<<16)>>16": 32767,
 }
+SIGN = "(T > 32767 ? (T << 16) >> 16 : T)/10"
+"""How a FLIR A35 makes degrees of the 16 bits of its temperatures."""
 
 
 @pytest.mark.parametrize(("text", "value"), (BOTH | WHOLE).items())
@@ -147,3 +160,29 @@ def test_any_text_gives_a_number_or_our_error(text: str, whole: bool) -> None:
     except CameraProtocol:
         return
     assert isinstance(value, int if whole else float)
+
+
+@pytest.mark.parametrize(
+    ("code", "degrees"), [(300, 30.0), (32767, 3276.7), (32768, -3276.8), (60000, -553.6), (65535, -0.1)]
+)
+def test_a_sign_is_extended_by_shifts(code: int, degrees: float) -> None:
+    assert parse(SIGN, whole=False)({"T": code}) == pytest.approx(degrees)
+
+
+def test_beyond_32_bits_bits_are_those_of_64() -> None:
+    """The committee's evaluator has no value there."""
+    for text, value in {
+        "4294967295>>1": 2147483647,
+        "4294967295&65535": 65535,
+        "2147483648|1": 2147483649,
+    }.items():
+        assert parse(text, whole=False)({}) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "whole"),
+    [(0.4, 0), (0.5, 1), (1.5, 2), (2.5, 3), (-0.4, 0), (-0.5, -1), (-2.5, -3), (-627.74, -628)],
+)
+def test_a_variable_of_a_formula_in_whole_numbers_is_rounded(value: float, whole: int) -> None:
+    assert parse("V", whole=True)({"V": value}) == whole
+    assert parse("V + 1", whole=True)({"V": value}) == whole + 1

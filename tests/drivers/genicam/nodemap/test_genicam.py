@@ -35,6 +35,52 @@ def register(kind: str, inside: str, access: str = "RW") -> str:
     return f'<{kind} Name="R"><Address>0x10</Address>{common}{inside}</{kind}>'
 
 
+BEHIND = {
+    "Converter": (
+        '<Converter Name="K"><FormulaTo>FROM * 10</FormulaTo><FormulaFrom>TO / 10</FormulaFrom>'
+        "<pValue>R</pValue></Converter>"
+    ),
+    "SwissKnife": (
+        '<SwissKnife Name="K"><pVariable Name="V">R</pVariable><Formula>V / 10</Formula></SwissKnife>'
+    ),
+    "Float": (
+        '<Float Name="K"><pValue>D</pValue></Float>'
+        '<SwissKnife Name="D"><pVariable Name="V">R</pVariable><Formula>V / 10</Formula></SwissKnife>'
+    ),
+}
+ROUNDED = {4: 0, 5: 1, 14: 1, 15: 2, 25: 3, -4: 0, -5: -1, -15: -2, -25: -3}
+"""Tenths, and the whole number that genicam 1.6.0 reads, whose halves go away from zero."""
+
+
+@pytest.mark.parametrize("behind", BEHIND.values(), ids=BEHIND.keys())
+def test_an_integer_is_the_nearest_whole_number(behind: str) -> None:
+    memory = Bytes()
+    inside = "<Length>4</Length><Sign>Signed</Sign><Endianess>BigEndian</Endianess>"
+    nodes = node_map(
+        f'{register("IntReg", inside)}{behind}<Integer Name="I"><pValue>K</pValue></Integer>'
+        '<IntSwissKnife Name="J"><pVariable Name="W">K</pVariable><Formula>W</Formula></IntSwissKnife>',
+        memory,
+    )
+    for tenths, whole in ROUNDED.items():
+        memory.data[16:20] = tenths.to_bytes(4, "big", signed=True)
+        assert (nodes.number("I"), nodes.number("J")) == (whole, whole)
+
+
+def test_the_extended_exposure_of_a_shado_box() -> None:
+    """Of an interval of 0 it is (0 + 43970) / 65 - 1304.2, of 100,000 910.72."""
+    memory = Bytes()
+    nodes = node_map(
+        register("IntReg", "<Length>4</Length><Sign>Unsigned</Sign><Endianess>LittleEndian</Endianess>")
+        + '<Integer Name="ExtendedExposure"><pValue>K</pValue></Integer><Converter Name="K">'
+        "<FormulaTo>(FROM+1304.2)*65-43970</FormulaTo><FormulaFrom>(TO+43970)/65-1304.2</FormulaFrom>"
+        "<pValue>R</pValue></Converter>",
+        memory,
+    )
+    assert nodes.number("ExtendedExposure") == -628
+    memory.data[16:20] = (100_000).to_bytes(4, "little")
+    assert nodes.number("ExtendedExposure") == 911
+
+
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 8])
 @pytest.mark.parametrize("big", [False, True])
 @pytest.mark.parametrize("signed", [False, True])
