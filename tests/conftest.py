@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import hypothesis
 import pytest
 from hypothesis.internal.conjecture import providers
 
@@ -30,6 +31,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Hypothesis would read every module of this project for constants that it draws now and then: seconds a
 # process, and other examples of the same seed wherever other tests were imported before.
 providers._get_local_constants = lambda: providers._local_constants
+# The same examples in every run, however busy the machine is.
+hypothesis.settings.register_profile("suite", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("suite")
 
 LONGEST = (
     "foreign/test_room.py",

@@ -90,7 +90,7 @@ def test_a_constant_image_of_any_table_is_exact(cfa: Cfa) -> None:
     assert known.mean() > 0.9
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     st.sampled_from([*BAYER, *OTHERS]),
     st.integers(0, 5),

@@ -21,7 +21,7 @@ def test_the_scale_is_light_times_gain() -> None:
     assert Exposure(time=1.0).iso_gain == 1.0
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(st.floats(1e-6, 1e4), st.floats(0.5, 64), st.floats(25, 409600))
 def test_a_stop_is_a_stop_by_any_means(time: float, f_number: float, iso: float) -> None:
     stops = Exposure(time=time, f_number=f_number, iso=iso).stops
@@ -70,7 +70,7 @@ def test_an_exposure_as_photographers_say_it(exposure: Exposure, text: str) -> N
     assert str(exposure) == text
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(st.floats(0.01, 20), st.floats(0.5, 50), st.floats(0, 2048), st.sampled_from([4095, 16383, 65535]))
 def test_the_noise_profile_comes_back(gain: float, read_noise: float, black: float, white: int) -> None:
     noise = SensorNoise(gain=gain, read_noise=read_noise)
@@ -129,7 +129,7 @@ def test_noise_below_black_stays_negative() -> None:
     assert full.saturated().all()
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.sampled_from([*BAYER, Cfa.X_TRANS]),
     st.integers(0, 4),

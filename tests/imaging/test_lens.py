@@ -75,7 +75,7 @@ def slope(at: Array, terms: tuple[float, ...]) -> Array:
     return np.where(area > 0, np.linalg.svd(jacobian, compute_uv=False)[:, -1], -1.0)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(st.tuples(*[st.floats(-0.6, 0.6)] * 2, *[st.floats(-0.03, 0.03)] * 2), st.floats(0.05, 2.0))
 def test_undistortion_is_exact_wherever_a_lens_does_not_fold(terms: tuple[float, ...], widest: float) -> None:
     reach = min(widest, 0.98 * optics.fold(terms, fisheye=False))

@@ -44,7 +44,7 @@ def test_mu_law_by_its_formula() -> None:
     assert mu_law(0.5, mu=10) == pytest.approx(math.log(6) / math.log(11))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_mu_law_is_odd_and_finite(value: float) -> None:
     assert math.isfinite(float(mu_law(value)))
@@ -254,7 +254,7 @@ def test_black_images_give_json(metric: object) -> None:
         json.dumps(metric(prediction, truth), allow_nan=False)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(st.lists(st.tuples(FINITE, FINITE), min_size=1, max_size=6))
 def test_no_numbers_give_infinity(pairs: list[tuple[float, float]]) -> None:
     prediction, truth = np.array(pairs).T

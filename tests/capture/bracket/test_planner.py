@@ -90,7 +90,7 @@ def worst_hand_over(subset, targets, snr) -> float:
     return worst
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(
     times=st.lists(st.sampled_from(THIRDS), min_size=1, max_size=7, unique=True),
     isos=st.sampled_from([(100.0,), (100.0, 400.0)]),

@@ -51,8 +51,6 @@ def test_a_record_that_leads_out_of_the_session_reads_nothing_and_is_dropped(rig
 )
 @settings(
     max_examples=60,
-    deadline=None,
-    derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 def test_whatever_a_record_names_no_file_outside_is_accepted(rig, file):

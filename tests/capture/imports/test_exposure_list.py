@@ -75,7 +75,7 @@ POSITIVE = st.floats(1e-6, 1e6)
 @given(
     rows=st.dictionaries(NAMES, st.tuples(POSITIVE, st.none() | POSITIVE, st.none() | POSITIVE), min_size=1)
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 def test_what_is_written_is_read(tmp_path_factory, rows):
     lines = [f"{name}, {t!r}, {f or ''!s}, {iso or ''!s}" for name, (t, f, iso) in rows.items()]
     exposures = read(tmp_path_factory.mktemp("lists"), "\n".join(lines))
@@ -83,7 +83,7 @@ def test_what_is_written_is_read(tmp_path_factory, rows):
 
 
 @given(data=st.binary(max_size=80), name=st.sampled_from(["x.csv", "x.hdrgen", "image_list.txt"]))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_any_bytes_are_a_list_or_refused(tmp_path_factory, data, name):
     path = tmp_path_factory.mktemp("lists") / name
     path.write_bytes(data)

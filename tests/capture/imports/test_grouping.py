@@ -38,7 +38,7 @@ PATTERNS = st.lists(st.integers(-8, 8), min_size=3, max_size=9, unique=True).map
     unread=st.sets(st.integers(0, 53), max_size=2),
     gap=st.floats(0, 25),
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_a_bracket_that_repeats_is_found_whatever_its_order_and_whatever_cannot_be_read(
     pattern, brackets, rounding, unread, gap
 ):
@@ -55,7 +55,7 @@ def test_a_bracket_that_repeats_is_found_whatever_its_order_and_whatever_cannot_
 
 
 @given(stops=st.lists(st.floats(-0.24, 0.24), min_size=1, max_size=40), gap=st.floats(0, 100))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 def test_exposures_within_half_a_stop_are_never_a_bracket(stops, gap):
     photos = [photo(n, s, gap * n) for n, s in enumerate(stops)]
     brackets, _ = split_into_brackets(PhotoSeries(CAMERA, tuple(photos)), None)

@@ -190,7 +190,7 @@ ONE_JPEG = jpeg(1)
 
 
 @given(folder=NAMES | BYTES, name=NAMES | BYTES)
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 def test_any_name_of_a_file_is_imported_under_a_plain_one(tmp_path_factory, folder, name):
     root = tmp_path_factory.mktemp("names")
     place = root / "photos" / f"x{folder}"

@@ -70,7 +70,7 @@ def documents(draw: st.DrawFn) -> tuple[str, dict[tuple[str | int, ...], int]]:
     return text, lines
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(documents(), st.sampled_from(["\n", "\r\n"]))
 def test_every_key_is_on_the_line_where_it_was_written(document, ending: str) -> None:
     text, written = document

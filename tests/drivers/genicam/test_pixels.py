@@ -43,7 +43,7 @@ def payload(seed: int, size: int, pixels: PixelFormat) -> Bytes:
 
 
 @pytest.mark.parametrize("pixels", FORMATS, ids=lambda one: one.name)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(1, 40), st.integers(1, 7), st.integers(0, 2**32 - 1))
 def test_every_format_bit_by_bit(pixels: PixelFormat, width: int, height: int, seed: int) -> None:
     size = -(-width * height * pixels.stored_bits // 8)

@@ -3,7 +3,7 @@
 import random
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol
@@ -34,7 +34,6 @@ def feed(assembler: Assembler, data: bytes, now: float) -> Frame | None:
     return assembler.feed(memoryview(data), now)
 
 
-@settings(deadline=None)
 @given(st.binary(min_size=1, max_size=4000), st.integers(0, 2**32), st.floats(0.0, 0.5), st.booleans())
 def test_every_frame_gets_whole_from_a_device_that_sends_again(
     payload: bytes, seed: int, loss: float, extended: bool
@@ -127,7 +126,6 @@ def test_a_frame_smaller_than_it_may_be_is_whole() -> None:
     assert np.array_equal(frames[-1].payload, np.full(1000, 7))
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32), st.booleans())
 def test_damaged_packets_are_refused_and_never_more(seed: int, extended: bool) -> None:
     """Bits flip, ends are cut off: what is not refused leaves the assembler in order."""

@@ -102,7 +102,7 @@ def test_the_simulated_camera_survives_whatever_comes(make_row: MakeRow) -> None
 REGISTERS = st.sampled_from(sorted({*map(int, Feature), *map(int, Bootstrap)}))
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(

@@ -127,7 +127,7 @@ class Liar:
 
 
 @pytest.mark.parametrize("vendor", INFOS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32))
 @example(seed=0)
 def test_anything_sent_is_survived(new_scripted: Any, vendor: VendorId, seed: int) -> None:
@@ -157,7 +157,7 @@ def test_anything_sent_is_survived(new_scripted: Any, vendor: VendorId, seed: in
 
 
 @pytest.mark.parametrize("name", PROFILES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32), share=st.sampled_from([0.01, 0.05, 0.3]))
 @example(seed=0, share=0.05)
 def test_sound_cameras_on_a_damaged_wire(toy: SimulatedRig, name: str, seed: int, share: float) -> None:

@@ -176,7 +176,7 @@ def test_a_camera_without_partial_download_sends_all_at_once(scripted: Any, sess
         session.download(Download(5, ObjectInfo(size=8), bytearray()))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(size=st.integers(0, 3 * PIECE), failures=st.lists(st.booleans(), max_size=4))
 def test_downloads_of_every_size_are_whole(size: int, failures: list[bool]) -> None:
     """The pieces of a fetch that fails at will, taken up again each time."""

@@ -83,7 +83,7 @@ def opened(device: Scripted) -> tuple[ControlChannel, VirtualClock]:
     return ControlChannel(discovered.open(), clock), clock
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(28, 500), st.integers(16, 500), st.integers(0, 100), st.binary(min_size=1, max_size=900))
 def test_memory_is_split_into_what_the_device_takes(
     command: int, answer: int, address: int, data: bytes
@@ -232,7 +232,7 @@ def test_senseless_limits_are_refused() -> None:
         channel.limit(20, 12, 0.5)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.lists(st.binary(max_size=80), min_size=5, max_size=5))
 def test_random_answers_give_only_our_errors(answers: list[bytes]) -> None:
     waiting = iter(answers)

@@ -136,7 +136,7 @@ WRITES = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(writes=WRITES)
 def test_whatever_is_written_the_camera_goes_on(
     make_bench: MakeBench, writes: Sequence[tuple[int, bytes]]
@@ -169,7 +169,7 @@ COMMANDS = st.tuples(
 )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, phases=[Phase.generate])
+@settings(max_examples=60, phases=[Phase.generate])
 @given(commands=st.lists(COMMANDS, max_size=40))
 def test_no_packet_ends_the_camera(
     make_bench: MakeBench, commands: Sequence[tuple[int, int, int, bytes, str, int]]

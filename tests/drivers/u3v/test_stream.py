@@ -207,7 +207,7 @@ def test_other_payloads_than_images_are_refused(make_bench: MakeBench) -> None:
         session.stream.next_frame(1.0)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.one_of(st.binary(max_size=2000), st.sampled_from([leader_of(1), trailer_of(1), payload_of(1)]))

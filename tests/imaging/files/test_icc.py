@@ -175,7 +175,7 @@ def test_a_profile_that_inflates_without_end_is_none(tmp_path: Path) -> None:
     assert read_photo(path).profile == ""
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.integers(0, 599), st.integers(0, 255)), min_size=1, max_size=6))
 def test_a_damaged_profile_is_used_or_none(changes: list[tuple[int, int]]) -> None:
     damaged = bytearray(profile("Adobe RGB (1998)"))

@@ -316,7 +316,7 @@ def test_a_file_cut_off_anywhere_is_refused_in_silence(
 def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     data, path = SOUND[name], tmp_path_factory.mktemp("photo") / name
 
-    @settings(max_examples=150, deadline=None, derandomize=True)
+    @settings(max_examples=150)
     @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=5))
     def damage(changes: list[tuple[int, int]]) -> None:
         damaged = bytearray(data)

@@ -85,7 +85,7 @@ def test_one_larger_than_the_memory_is_refused(tmp_path: Path, monkeypatch: pyte
 def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("hdr") / "a.hdr"
 
-    @settings(max_examples=150, deadline=None, derandomize=True)
+    @settings(max_examples=150)
     @given(st.lists(st.tuples(st.integers(0, len(DATA) - 1), st.integers(0, 255)), min_size=1, max_size=5))
     def damage(changes: list[tuple[int, int]]) -> None:
         damaged = bytearray(DATA)

@@ -289,7 +289,7 @@ def test_damaged_bytes_never_raise_anything_else(
     path = tmp_path_factory.mktemp("damage") / "a.dng"
     data = encode_dng(make_raw(), compression)
 
-    @settings(max_examples=250, deadline=None, derandomize=True)
+    @settings(max_examples=250)
     @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=6))
     def damage(changes: list[tuple[int, int]]) -> None:
         damaged = bytearray(data)

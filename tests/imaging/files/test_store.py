@@ -209,7 +209,7 @@ def test_what_is_missing_or_a_folder(tmp_path: Path) -> None:
 LINES = [{"i": i, "text": "é\n" * i} for i in range(6)]
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80)
 @given(st.data())
 def test_a_torn_line_is_dropped_and_then_cut_off(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -333,7 +333,7 @@ def test_names_and_files_that_contradict_each_other_are_refused_or_told(tmp_path
 
 
 @given(data=st.binary(max_size=200) | st.binary(max_size=120).map(lambda tail: b"\x93NUMPY\x01\x00" + tail))
-@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
 def test_any_bytes_in_place_of_the_array_are_refused(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("any")
     (folder / "input_images").mkdir()

@@ -269,7 +269,7 @@ def test_what_cannot_be_is_refused_in_one_sentence_and_leaves_nothing(tmp_path, 
     centre=st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
     digits=st.integers(5, 17),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digits):
     motion = np.eye(4)
     motion[:3, :3] = Rotation.from_rotvec(turns).as_matrix()
@@ -311,7 +311,7 @@ KEYS = [
 
 
 @given(top=st.dictionaries(st.sampled_from(KEYS), JSON), frame=st.dictionaries(st.sampled_from(KEYS), JSON))
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_any_value_of_any_key_is_read_or_refused(tmp_path_factory, top, frame):
     folder = tmp_path_factory.mktemp("any")
     whole = LENS | {"frames": frames()[:1]}

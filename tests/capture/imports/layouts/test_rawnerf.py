@@ -239,7 +239,7 @@ def test_a_test_scene_without_its_shots_and_two_copies_of_one_name_are_refused(t
         ),
     ).map(json.dumps)
 )
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_any_sidecar_is_read_or_refused(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("any") / "a.dng"
     path.with_suffix(".json").write_text(text, errors="surrogatepass")

@@ -100,7 +100,7 @@ DESCRIPTIONS = st.lists(NODE, min_size=len(NAMES), max_size=len(NAMES)).map(
 VALUES = st.one_of(st.integers(-(2**63), 2**63), st.floats(), st.booleans(), st.text(max_size=4))
 
 
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=120)
 @given(inside=DESCRIPTIONS, content=st.binary(min_size=256, max_size=256), value=VALUES)
 @pytest.mark.timeout(60)
 def test_any_description_gives_finite_numbers_or_our_error(

@@ -151,7 +151,7 @@ def test_who_hangs_up_is_lost() -> None:
 WHOLE = data(1, b"some", b"bytes") + response(1)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.one_of(
         st.binary(max_size=80),

@@ -76,7 +76,7 @@ def test_big_endian_and_x_over_zero() -> None:
     assert text(directory, 256) == ""
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.floats(1e-5, 1e5))
 def test_a_rational_is_nearest(value: float) -> None:
     fraction = rational(value)
@@ -121,7 +121,7 @@ def test_what_is_no_tiff_is_refused(data: bytes) -> None:
         TiffReader(BytesIO(data)).directories()
 
 
-@settings(max_examples=500, deadline=None, derandomize=True)
+@settings(max_examples=500)
 @given(st.binary(max_size=200))
 def test_any_bytes_give_directories_or_the_one_error(data: bytes) -> None:
     try:
@@ -130,7 +130,7 @@ def test_any_bytes_give_directories_or_the_one_error(data: bytes) -> None:
         return
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.binary(max_size=300))
 def test_any_exif_block_gives_metadata(data: bytes) -> None:
     assert isinstance(decode_exif(b"Exif\0\0" + HEAD + data), FrameMetadata)

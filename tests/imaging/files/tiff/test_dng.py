@@ -168,7 +168,7 @@ def test_tags_ascend_and_values_are_aligned(make_raw: MakeRaw) -> None:
             assert int.from_bytes(row[8:12], "little") % 2 == 0
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.one_of(
         st.sampled_from([1 / 8000, 30.0, 1e-5, 1 / 3, 0.0123456789, 1 / 31.7, 3600.0]),
