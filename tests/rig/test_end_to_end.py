@@ -8,6 +8,7 @@ import pytest
 
 from capture.record.source import CaptureRequest
 from imaging.files import store
+from recon.decide.request import TrainingRequest
 from rig.commands import demo
 from rig.terminal.result import CommandResult
 from tests.rig.report.pages import Page, assert_self_contained
@@ -150,6 +151,7 @@ class Steps:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path, *, done: bool = False) -> None:
         self.calls: list[str] = []
+        self.requests: list[TrainingRequest] = []
         recon = str(out / "reconstructions" / "demo")
         metrics = {
             "hdr_psnr_mu_p999": 39.71,
@@ -178,7 +180,7 @@ class Steps:
         def stand_in(*arguments: object, **options: object) -> CommandResult:
             resumed = any(isinstance(one, CaptureRequest) and one.resume for one in arguments)
             self.calls.append(f"{name} resume" if resumed else name)
-            self.budget = options.get("budget", getattr(self, "budget", None))
+            self.requests += [one for one in arguments if isinstance(one, TrainingRequest)]
             return outcome
 
         monkeypatch.setattr(demo, name, stand_in)
@@ -192,7 +194,9 @@ def test_the_demo_ends_with_the_headline_numbers_and_the_report(
     code, text, _ = rig("demo", str(out))
     assert code == 0
     assert steps.calls == ["run_capture", "run_calibrate", "run_training", "run_evaluate"]
-    assert steps.budget <= 90
+    (request,) = steps.requests
+    assert request.budget is not None
+    assert (request.budget.unit, request.budget.amount <= 90) == ("s", True)
     lines = text.splitlines()
     assert lines[0] == (
         "Poses: off by 0.050 degrees and 0.40 % of the rig's size (median; at most 0.090 degrees and 0.80 %)"
