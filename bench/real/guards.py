@@ -38,7 +38,7 @@ from tests.foreign.photographs import session as foreign_session
 
 LONG_SIDE = {"fox": 1000, "banana": 1200, "brighton": 1000, "sceaux": 1000, "monstree": 1000, "lund": 1000}
 """Pixels that photographs of a set are scaled to; those of made ones stay."""
-ALIKE = "crate-alike", "column-2", "facade-weathered", "crate-few"
+ALIKE = "crate-alike", "column-2", "facade-weathered", "crate-few", "varnished"
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,7 @@ RULES: Mapping[str, tuple[Part, ...]] = {
         Part(resolution, "warning", lambda *_: None),
     ),
     "third views": (Part(resolution, "unconfirmed", lambda *_: None),),
+    "joined by one pair": (Part(first_model, "joined_groups", lambda _, views, __: [set(views)]),),
     "placed at once": (Part(first_model, "map_at_once", lambda *_: None),),
     "further features": (Part(place_views, "ENOUGH_FEATURES", 10**9),),
     "EXIF's focal length": (

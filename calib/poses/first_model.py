@@ -21,7 +21,7 @@ from calib.poses.resolution import (
     resolve_contradictions,
 )
 from calib.poses.rig_twins import twins
-from calib.poses.rival import agreement, joined_twice
+from calib.poses.rival import agreement, joined_groups
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
@@ -174,7 +174,7 @@ class _Placing:
             rival = map_at_once(database, camera_numbers(models, {*scene.known.lenses, *held}), images)
             share = agreement(reconstruction, rival)
             if share is not None and share >= AGREED:
-                rival = self._joined_twice(rival, reconstruction)
+                rival = self._joined(rival, reconstruction)
             if share is not None and share >= AGREED and placed(rival) > placed(reconstruction):
                 reason = _AT_ONCE.format(placed(reconstruction), len(matched), placed(rival))
                 rungs = (*rungs, Rung(name="at_once", taken=True, reason=reason))
@@ -191,11 +191,15 @@ class _Placing:
             self._require_confirmed(settled, rival)
         return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
 
-    def _joined_twice(self, rival: Any, first: Any) -> Any:
-        """The rival without views that only one pair joins to those of the first model."""
-        confirmed = views_of(first)
-        views = views_of(rival)
-        group = max(joined_twice(self.pairs, views), key=lambda group: len(group & confirmed))
+    def _joined(self, rival: Any, first: Any) -> Any:
+        """The rival without views that only one pair, and few points, join to those of the first model."""
+        views, confirmed = views_of(rival), views_of(first)
+        names = {index: ViewId.of_image(rival.image(index).name) for index in rival.reg_image_ids()}
+        tracks = [
+            {names[element.image_id] for element in point.track.elements} for point in rival.points3D.values()
+        ]
+        groups = joined_groups(self.pairs, views, tracks)
+        group = max(groups, key=lambda group: len(group & confirmed))
         rival = type(rival)(rival)
         for view in views - group:
             rival.deregister_frame(rival.find_image_with_name(view.image_name).frame_id)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
+from calib.data.features import FEWEST_MATCHES
 from calib.poses.contradictions import placed_views
 
 SAME_TURN = 3.0
@@ -38,28 +39,35 @@ def agreement(one: Any | None, other: Any | None) -> float | None:
     return float(np.mean(same))
 
 
-def joined_twice(pairs: Collection[tuple[Any, Any]], views: Collection[Any]) -> list[set[Any]]:
-    """Group views that stay joined whichever one pair of them is taken away, the largest group first.
+def joined_groups(
+    pairs: Collection[tuple[Any, Any]], views: Collection[Any], tracks: Collection[Collection[Any]]
+) -> list[set[Any]]:
+    """Group views that more than one pair of them joins, or enough points, the largest group first.
 
-    A group that hangs on the rest by one pair is as wrong as that pair, and no other pair shows it: of four
-    sides of a varnished crate each was placed right in itself, and three of them wrongly to each other.
+    A group that hangs on the rest by one pair is as wrong as that pair where no third view confirms it: of
+    four sides of a varnished crate each was placed right in itself, and three of them wrongly to each other,
+    with 9 points at most that three views see from both sides of such a pair.
 
     Args:
         pairs: Views that match.
         views: Those that are grouped.
+        tracks: Views that see a point, of each point of the model.
     """
     number = {view: place for place, view in enumerate(sorted(views))}
     ends = np.array(
         [(number[one], number[other]) for one, other in pairs if one in number and other in number]
     ).reshape(-1, 2)
+    seen_by = [[number[view] for view in set(track)] for track in tracks if len(set(track)) >= 3]
     joined = np.ones(len(ends), bool)
     # A pair whose loss parts views lies on every tree that joins them.
     tree = set(zip(*minimum_spanning_tree(_graph(ends, len(number))).nonzero(), strict=True))
-    whole = connected_components(_graph(ends, len(number)), directed=False)[0]
     for place, (one, other) in enumerate(ends.tolist()):
         if (one, other) in tree or (other, one) in tree:
             rest = np.delete(ends, place, axis=0)
-            joined[place] = connected_components(_graph(rest, len(number)), directed=False)[0] == whole
+            side = connected_components(_graph(rest, len(number)), directed=False)[1]
+            if side[one] != side[other]:
+                across = sum({side[one], side[other]} <= set(side[track].tolist()) for track in seen_by)
+                joined[place] = across >= FEWEST_MATCHES
     labels = connected_components(_graph(ends[joined], len(number)), directed=False)[1]
     groups = [{view for view, place in number.items() if labels[place] == one} for one in set(labels)]
     return sorted(groups, key=len, reverse=True)

@@ -11,7 +11,7 @@ from calib.poses import first_model
 from calib.poses.contradictions import placed_views
 from calib.poses.mapping import map_at_once
 from calib.poses.resolution import Contradicted
-from calib.poses.rival import agreement, joined_twice
+from calib.poses.rival import agreement, joined_groups
 from calib.poses.sfm import solve
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -139,13 +139,17 @@ def test_two_views_are_not_placed_at_once(
 
 
 def test_views_behind_one_pair_are_a_group_of_their_own() -> None:
-    """Two rings of four that one pair joins; a second pair anywhere between them makes them one."""
+    """Two rings of four that one pair joins; a second pair or enough points between them make them one."""
     ring = [(0, 1), (1, 2), (2, 3), (0, 3)]
     pairs = [*ring, *((one + 4, other + 4) for one, other in ring), (3, 4)]
-    assert joined_twice(pairs, range(8)) in ([{0, 1, 2, 3}, {4, 5, 6, 7}], [{4, 5, 6, 7}, {0, 1, 2, 3}])
-    assert joined_twice([*pairs, (1, 6)], range(8)) == [set(range(8))]
-    assert [len(group) for group in joined_twice([(0, 1), (1, 2)], range(4))] == [1, 1, 1, 1]
-    assert joined_twice(pairs, range(4)) == [{0, 1, 2, 3}]
+    two = [{0, 1, 2, 3}, {4, 5, 6, 7}]
+    assert joined_groups(pairs, range(8), []) in (two, two[::-1])
+    assert joined_groups([*pairs, (1, 6)], range(8), []) == [set(range(8))]
+    assert joined_groups(pairs, range(8), [(2, 3, 4)] * 15) == [set(range(8))]
+    for tracks in ([(2, 3, 4)] * 14, [(3, 4)] * 100, [(1, 2, 3)] * 100, [(3, 4, 4)] * 100):
+        assert joined_groups(pairs, range(8), tracks) in (two, two[::-1])
+    assert [len(group) for group in joined_groups([(0, 1), (1, 2)], range(4), [])] == [1, 1, 1, 1]
+    assert joined_groups(pairs, range(4), []) == [{0, 1, 2, 3}]
 
 
 def test_what_only_one_pair_joins_is_not_placed_at_once(
@@ -154,7 +158,9 @@ def test_what_only_one_pair_joins_is_not_placed_at_once(
     one_by_one = first_model.map_views
     monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
     monkeypatch.setattr(
-        first_model, "joined_twice", lambda pairs, views: [set(sorted(views)[FEW:]), set(sorted(views)[:FEW])]
+        first_model,
+        "joined_groups",
+        lambda pairs, views, tracks: [set(sorted(views)[FEW:]), set(sorted(views)[:FEW])],
     )
     model = solve(ring, {"cam": FILE}, [], 1, unreported)
     assert not [rung for rung in model.rungs if rung.name == "at_once"]
