@@ -51,13 +51,15 @@ CLAIMS = (
         page=_METHODS,
     ),
     Claim(
-        r"held (\d+) % of focal lengths, (\d+) % of turns and places axis by axis, and (\d+) % of scales",
-        lambda: [cells("coverage", column, "all")[0][0] for column in ("focal length", "turn", "scale")],
+        r"held (\d+) % of focal lengths, (\d+) % of turns along .*?, (\d+) % of places and (\d+) % of scales",
+        lambda: [
+            cells("coverage", column, "all")[0][0] for column in ("focal length", "turn", "place", "scale")
+        ],
         page=_METHODS,
     ),
     Claim(
-        r"houses with a bent lens, with (\d+) % of focal lengths",
-        lambda: [cells("coverage", "focal length", "houses, bent")[0][0]],
+        r"walk aside with a bent lens, with (\d+) % of focal lengths",
+        lambda: [min(one[0] for one in cells("coverage", "focal length"))],
         page=_METHODS,
     ),
     Claim(
