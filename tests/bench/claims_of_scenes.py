@@ -227,7 +227,8 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"photograph of the fruit, (\d+) for (\d+)\. Without placing at once (\d+) views of the fruit stand "
+        r"photograph of the fruit, (\d+) for (\d+) \(and another at full size\)\. "
+        r"Without placing at once (\d+) views of the fruit stand "
         r"and (\d+) of the walk; without further features (\d+) of",
         lambda: [
             guarded("nothing")["banana"][0],
