@@ -80,7 +80,7 @@ def test_every_frame_of_every_camera_is_whole_where_one_packet_in_twenty_is_lost
 
 
 def test_cameras_are_found_by_broadcast(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A broadcast on loopback reaches one simulated camera, and Aravis's fake of another test: it has to be away."""
+    """A broadcast on loopback reaches one simulated camera, and Aravis's fake where another test runs it."""
     row = make_row(2)
     first = row.devices[0]
     with port_of_aravis():
