@@ -222,9 +222,9 @@ def report(result: dict[str, Any]) -> str:
         f"the seeds. {words(result['machine'])}.",
         "",
         "Exposure and white balance of each photograph: none (off), as points alone would have them, and as",
-        "calibration takes them. left: of what regions differ by that were not fitted to, between views of",
-        "one side where there are enough. dB of held-out photographs, in brackets after a gain of each",
-        "channel that is fitted to them.",
+        "calibration takes them. left: how much held-out parts of the scene differ between photographs with",
+        "it, of what they do without, between photographs from one side where there are enough. dB of",
+        "held-out photographs, in brackets after a gain of each channel that is fitted to them.",
         "",
         "| set | placed | exposure, left | white balance, left | taken | falloff | off | by points | taken |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -245,7 +245,7 @@ def report(result: dict[str, Any]) -> str:
 
 def _left(reason: str) -> str:
     """The share that a rung says is left."""
-    before, separator, _ = reason.partition(" % of what regions")
+    before, separator, _ = reason.partition(" % as much as without it")
     return f"{before.rsplit(' ', 1)[1]} %" if separator else ""
 
 

@@ -239,7 +239,8 @@ class _Trial:
             few = f"{reason}; too few points of each region are in two photographs to tell it from sheen"
             return rung.model_copy(update={"taken": False, "reason": few})
         explained = (
-            f"{reason}, which leaves {100 * remaining:.0f} % of what regions differ by between {where}"
+            f"{reason}, with which held-out parts of the scene differ between {where} "
+            f"{100 * remaining:.0f} % as much as without it"
         )
         return rung.model_copy(
             update={"taken": rung.taken and remaining <= MOST_REMAINING, "reason": explained}
@@ -250,7 +251,7 @@ class _Trial:
 
         None where neither those of one side nor all are enough.
         """
-        for one_side, where in ((True, "views of one side"), (False, "all views")):
+        for one_side, where in ((True, "photographs from one side"), (False, "all photographs")):
             before, after = list[Array](), list[Array]()
             for test, near, logs in self.folds:
                 chosen = near if one_side else test
