@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from imaging.files.tiff.dng import write_dng
     from imaging.mosaic import RawMosaic
     from imaging.session.calibration import CalibrationRecord, read_calibration
-    from recon.evaluate import evaluate
-    from recon.evaluation import Evaluation
     from recon.exports.export import Exported, export
     from recon.exports.hand_over import HandOver, hand_over
-    from recon.render import render
+    from recon.measure.evaluate import evaluate
+    from recon.measure.evaluation import Evaluation
+    from recon.rendering.render import render
     from recon.result.scene import Scene, open_scene
     from recon.scene.gaussians import Gaussians
     from recon.splat import SplatCamera, rasterize
@@ -107,7 +107,7 @@ _HOMES = {
     "CaptureResult": "capture.record.capture_run",
     "CheckReport": "capture.check.check",
     "ConnectedCamera": "drivers.discovery",
-    "Evaluation": "recon.evaluation",
+    "Evaluation": "recon.measure.evaluation",
     "Exported": "recon.exports.export",
     "Exposure": "imaging.exposure",
     "HandOver": "recon.exports.hand_over",
@@ -129,7 +129,7 @@ _HOMES = {
     "capture_rig": "capture.capture_rig",
     "capture_simulated": "capture.simulated",
     "check": "capture.check.check",
-    "evaluate": "recon.evaluate",
+    "evaluate": "recon.measure.evaluate",
     "export": "recon.exports.export",
     "find_cameras": "rig.facade",
     "hand_over": "recon.exports.hand_over",
@@ -144,7 +144,7 @@ _HOMES = {
     "read_rig_file": "capture.rigfile.rigfile",
     "reconstruct": "rig.facade",
     "reconstruction_report": "rig.report.pages.reconstruction",
-    "render": "recon.render",
+    "render": "recon.rendering.render",
     "repair": "capture.check.check",
     "trade_report": "rig.report.pages.trade",
     "trade_sweep": "recon.trade",

@@ -28,7 +28,7 @@ from imaging.files.exr import read_exr
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.start.far_light import within_reach

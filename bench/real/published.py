@@ -19,7 +19,7 @@ from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
 from recon.decide.presets import QualityName
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
 from recon.train.warm_up import warm_up

@@ -23,7 +23,7 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.decide.presets import QUALITIES, MethodName
 from recon.decide.request import TrainingRequest
-from recon.measure_views import measured
+from recon.measure.views import measured
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
 from recon.trade.point import MEASURES, measuring, train_point

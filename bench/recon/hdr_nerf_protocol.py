@@ -36,7 +36,7 @@ from imaging.session.records import SplitRecord
 from imaging.session.session import SPLIT, Session
 from recon.decide.presets import MethodName
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 
 METHODS = ("vanilla", "hdr-gs", "nh-3dgs")

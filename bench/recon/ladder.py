@@ -30,7 +30,7 @@ from imaging.session.session import Session
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, MethodName, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.train.warm_up import warm_up

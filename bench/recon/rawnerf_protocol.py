@@ -4,10 +4,11 @@
         [--views 20,12,8,4] [--work FOLDER]
 
 A phone at night (bench/support/phone_views.py), true poses, one exposure a view; six views are measured
-against the clean mosaic (`recon.protocols.rawnerf`). All rows of a scene have the same start, the same number
-of Gaussians and the same iterations. Each seed has its own noise and order of training, and of the tabletop
-its own poses. A Scaffold-like baseline is not among them: anchors whose Gaussians a network decodes are a
-scene of another kind, of which nothing else here would remain. Finished rows are kept in FOLDER.
+against the clean mosaic (`recon.measure.protocols.rawnerf`). All rows of a scene have the same start, the
+same number of Gaussians and the same iterations. Each seed has its own noise and order of training, and of
+the tabletop its own poses. A Scaffold-like baseline is not among them: anchors whose Gaussians a network
+decodes are a scene of another kind, of which nothing else here would remain. Finished rows are kept in
+FOLDER.
 """
 
 import argparse
@@ -38,10 +39,10 @@ from bench.support.trial import Cache
 from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_image
 from recon.decide.presets import START_SHARE
+from recon.measure.protocols.rawnerf import score
 from recon.methods import nh_3dgs, vanilla
 from recon.methods.method import Method
 from recon.observe.linear import LinearLight
-from recon.protocols.rawnerf import score
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.learning_rates import rate_factor

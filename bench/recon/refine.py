@@ -30,7 +30,7 @@ from recon.decide.corrections import KNOWN_PX, tried
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 
 SCENES = (("demo", 0), ("gallery", 0))

@@ -35,7 +35,7 @@ from imaging.files import store
 from recon.data.dataset import Dataset, View
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.methods import nh_3dgs, vanilla
 from recon.scene.sampling import Sampling, away_from
 from recon.splat import Limits, Render, SplatCamera, rasterize

@@ -26,7 +26,7 @@ from imaging.session.calibration import CalibrationRecord, Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
 from recon.data.shot import Shot
-from recon.protocols.rawnerf import Reference
+from recon.measure.protocols.rawnerf import Reference
 from recon.splat import SplatCamera
 from recon.start.initialisation import start_points
 

@@ -17,8 +17,8 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_image
 from recon.data.load import load
 from recon.data.shot import Shot
-from recon.data.truth import true_radiance
 from recon.decide.presets import START_SHARE
+from recon.measure.truth import true_radiance
 from recon.methods.method import Method
 from recon.observe.recorded import shot_psnr
 from recon.start.initialisation import Start, gaussians_at, start_points

@@ -1,1 +1,1 @@
-"""Data of a training: views, pixels, the light of brackets, and the truth if known."""
+"""Data of a training: views, pixels, and the light of brackets."""

@@ -16,7 +16,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.load import load
 from recon.decide.request import TrainingRequest
-from recon.measure_views import measured
+from recon.measure.views import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from recon.result.scene import open_model

@@ -15,7 +15,7 @@ def _is_scene(folder: Path) -> bool:
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     from calib.calibrate import calibrate
     from imaging.session.calibration import read_calibration
-    from recon.evaluate import evaluate
+    from recon.measure.evaluate import evaluate
 
     imported(scene, session, "hdr-nerf", progress)
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):

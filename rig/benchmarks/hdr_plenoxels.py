@@ -16,7 +16,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.protocols import hdr_plenoxels
+    from recon.measure.protocols import hdr_plenoxels
 
     imported(scene, session, "llff", progress)
     _hold_out(session)

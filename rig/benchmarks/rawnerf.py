@@ -13,7 +13,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.protocols import rawnerf
+    from recon.measure.protocols import rawnerf
 
     imported(scene, session, "rawnerf", progress)
     folder = trained(session, "nh-3dgs", choices, progress)

@@ -42,7 +42,7 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
 
 def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
     """Width, px, at which the scenes of each session are compared, where several are named."""
-    from recon.evaluate import common_width
+    from recon.measure.evaluate import common_width
 
     scenes: dict[Path | None, list[Path]] = {}
     for path in paths:
@@ -59,10 +59,10 @@ def run_evaluate(
     """Evaluate, write the report and return the result.
 
     width: px, at most; None: that of the training. until: reading of `time.monotonic` by which it should be
-    done, as in `recon.evaluate.evaluate` and `reconstruction_report`.
+    done, as in `recon.measure.evaluate.evaluate` and `reconstruction_report`.
     """
     from recon.data.pixels import decoded_once
-    from recon.evaluate import evaluate as evaluate_scene
+    from recon.measure.evaluate import evaluate as evaluate_scene
 
     now = time.monotonic()
     with decoded_once():

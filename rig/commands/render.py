@@ -167,8 +167,8 @@ def render(
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 from imaging.files.exr import read_exr_header
-                from recon.render import PROBE_WIDTH, camera_path, render_probe
-                from recon.render import render as render_scene
+                from recon.rendering.render import PROBE_WIDTH, camera_path, render_probe
+                from recon.rendering.render import render as render_scene
                 from recon.result.scene import open_scene
 
                 scene = open_scene(folder)

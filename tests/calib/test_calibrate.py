@@ -37,7 +37,7 @@ from imaging.session.calibration import (
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from recon.data.truth import calibration_errors
+from recon.measure.truth import calibration_errors
 from tests.calib.conftest import make_session
 
 COLOUR_MATRIX = np.array([[0.5, 0.2, 0.05], [0.15, 0.75, 0.1], [0.05, 0.2, 0.55]])

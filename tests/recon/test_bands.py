@@ -18,13 +18,13 @@ from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import Band
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.evaluation import Evaluation
+from recon.measure.evaluate import evaluate
+from recon.measure.evaluation import Evaluation
+from recon.measure.truth import calibration_errors, true_radiance
 from recon.reconstruct import reconstruct
-from recon.render import render
+from recon.rendering.render import render
 from recon.result.scene import Scene, open_scene
 
 WHEEL = tuple(

@@ -16,11 +16,11 @@ from imaging.cfa import Cfa
 from imaging.files.exr import read_exr
 from imaging.files.raw import read_raw
 from imaging.session.session import Session
-from recon.data.truth import calibration_errors
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.evaluation import Evaluation
+from recon.measure.evaluate import evaluate
+from recon.measure.evaluation import Evaluation
+from recon.measure.truth import calibration_errors
 from recon.reconstruct import reconstruct
 
 BANDS = ("450nm", "550nm", "650nm")

@@ -13,7 +13,7 @@ from drivers.sim import rigs
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from tests.conftest import MadeOnce
@@ -28,7 +28,7 @@ from pathlib import Path
 import recon.decide.memory_need as forecast
 import recon.decide.forecast as deciding
 import recon.reconstruct as stage
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.train.warm_up import warm_up

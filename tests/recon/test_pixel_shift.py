@@ -22,11 +22,11 @@ from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.evaluation import Evaluation
+from recon.measure.evaluate import evaluate
+from recon.measure.evaluation import Evaluation
+from recon.measure.truth import calibration_errors, true_radiance
 from recon.reconstruct import reconstruct
 
 TIMES = 1 / 500, 1 / 30

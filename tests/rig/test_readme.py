@@ -41,7 +41,7 @@ AT_HAND = (
     "calib.calibrate",
     "capture.check.check",
     "capture.simulated",
-    "recon.evaluate",
+    "recon.measure.evaluate",
     "recon.reconstruct",
     "rig.view.pages.opening",
 )

@@ -14,7 +14,7 @@ from imaging.merge.linear_frame import decode
 from imaging.progress import Progress
 from recon.data.dataset import View
 from recon.data.shot import Shot
-from recon.data.truth import has_truth, true_radiance
+from recon.measure.truth import has_truth, true_radiance
 from recon.result.display import in_colour
 from recon.result.scene import Opened
 from rig.report.charts.pictures import (

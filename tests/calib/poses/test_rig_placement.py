@@ -22,7 +22,7 @@ from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
 from recon.data.load import load
-from recon.data.truth import calibration_errors
+from recon.measure.truth import calibration_errors
 
 from .test_sfm import GUESS, arc, seen
 

@@ -13,7 +13,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
 from recon.exports.export import export
 from recon.exports.place import pinhole
-from recon.render import camera_path, render
+from recon.rendering.render import camera_path, render
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera

@@ -27,10 +27,10 @@ from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
 from recon import reconstruct as stage
 from recon.data.dataset import View
-from recon.data.truth import true_radiance
 from recon.decide.presets import QUALITIES, MethodName, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
+from recon.measure.truth import true_radiance
 from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model
 from tests.recon.ply_files import read_ply

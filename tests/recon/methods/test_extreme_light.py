@@ -6,8 +6,8 @@ import pytest
 from imaging.errors import ReconstructionError
 from imaging.files.exr import read_exr
 from recon.data.light import light_of, radiance_image
-from recon.data.truth import true_radiance
 from recon.decide.request import TrainingRequest
+from recon.measure.truth import true_radiance
 from recon.reconstruct import reconstruct
 
 from .conftest import as_exr, in_other_units, mean_stops

@@ -6,7 +6,7 @@ import pytest
 from calib.calibrate import calibrate
 from imaging.files import store
 from recon.data.light import radiance_image
-from recon.data.truth import calibration_errors
+from recon.measure.truth import calibration_errors
 
 from .conftest import in_other_units, mean_stops
 

@@ -5,7 +5,7 @@ import pytest
 
 from imaging.cfa import BAYER, Cfa
 from imaging.errors import ReconstructionError
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 
 from .conftest import SEEDS, as_exr, joined, mean_stops
 

@@ -8,7 +8,7 @@ import pytest
 
 from imaging.files import store
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import CHECKPOINT, MODEL, SPLATS
 from tests.recon.ply_files import read_ply

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from imaging.cfa import Cfa
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 
 
 @pytest.mark.parametrize(

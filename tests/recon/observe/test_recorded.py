@@ -14,10 +14,10 @@ from imaging.metrics import PSNR_CAP
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session.calibration import Response
-from recon import measure_views
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import read_shot
 from recon.data.shot import Shot
+from recon.measure import views
 from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
 from recon.observe.recorded import shot_psnr
@@ -45,7 +45,7 @@ def figures(view, observation, image) -> tuple[dict, float]:
     )
     dataset = SimpleNamespace(reported=(view,), trained_at=lambda k: True)
     row: dict = {}
-    measure_views._against_shots(SimpleNamespace(training=training, dataset=dataset), drawn.image, view, row)
+    views._against_shots(SimpleNamespace(training=training, dataset=dataset), drawn.image, view, row)
     return row, held_out_psnr(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
 
 

@@ -13,7 +13,7 @@ from imaging.session.falloff import falloff
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.render import render
+from recon.rendering.render import render
 from recon.rendering.simulated_raw import RawCamera
 from recon.result.model import read_own_calibration
 from recon.result.scene import open_scene

@@ -11,10 +11,10 @@ from pxr import Gf, Usd, UsdGeom, UsdVol
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.session.paths import SPLAT_FILES
-from recon.evaluate import evaluate
 from recon.exports.export import export
 from recon.exports.place import pinhole
-from recon.render import render
+from recon.measure.evaluate import evaluate
+from recon.rendering.render import render
 from recon.result.scene import Scene, open_scene
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer

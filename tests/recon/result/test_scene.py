@@ -16,9 +16,9 @@ from imaging.session.view_id import ViewId
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
-from recon.render import render
+from recon.rendering.render import render
 from recon.result.scene import open_model, open_scene
 
 SMALL = Quality(20, 300, 32)

@@ -11,7 +11,7 @@ from drivers.sim.scene.tabletop import demo_scene
 from imaging.errors import ReconstructionError
 from recon.data.geometry import lift, project, rays
 from recon.data.light import light_of, radiance_image
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.scene.appearance import LuminanceChromaticity
 from recon.splat import SplatCamera
 from recon.start.initialisation import colours_at, gaussians_at, start_points

@@ -10,7 +10,7 @@ from imaging.files.colmap import pycolmap, read_points
 from recon.data.geometry import inside, project
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.start.initialisation import start_points
 
 

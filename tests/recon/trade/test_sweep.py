@@ -13,7 +13,7 @@ from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
+from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
 from recon.trade.records import key_of

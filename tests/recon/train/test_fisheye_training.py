@@ -9,7 +9,7 @@ from imaging import metrics
 from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
 from recon.start.initialisation import gaussians_at, start_points

@@ -14,7 +14,7 @@ from imaging.files import store
 from imaging.merge.masks import read_mask
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.methods import METHODS
 from recon.start.initialisation import colours_at, gaussians_at, start_points
 from recon.train.densification import DensityRules

@@ -11,7 +11,7 @@ import torch
 from imaging import metrics
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians

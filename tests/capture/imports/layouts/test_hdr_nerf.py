@@ -18,7 +18,7 @@ from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
 from recon.data.load import load
-from recon.data.truth import has_truth, true_radiance
+from recon.measure.truth import has_truth, true_radiance
 
 TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)
 CENTRES = [(4, 0.5, 1), (3, 2, 1.5), (1, 3.5, 0.5), (-2, 3, 1)]

@@ -10,7 +10,7 @@ from imaging.files.photo import read_photo
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
 from recon.data.load import load
-from recon.data.truth import true_radiance
+from recon.measure.truth import true_radiance
 
 
 def test_an_imported_scene_holds_the_codes_of_the_true_light_and_every_other_view_back(tmp_path):

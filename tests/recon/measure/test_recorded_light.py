@@ -9,9 +9,9 @@ from imaging.merge.linear_frame import SensorSignalNoise
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.shot import Shot
+from recon.measure.recorded_light import MOST_SAMPLES, against_photographs, recorded_light
 from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
-from recon.observe.recorded_light import MOST_SAMPLES, against_photographs, recorded_light
 from recon.splat import SplatCamera
 
 LINEAR = Response(kind="linear", evidence="test")

@@ -14,7 +14,7 @@ from imaging.files.exr import write_exr
 from imaging.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
-from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
+from recon.measure.truth import calibration_errors, has_truth, response_rmse, true_radiance
 
 
 @pytest.mark.parametrize("kind", ["ldr", "raw"])

@@ -16,10 +16,10 @@ from imaging.files.photo import encode_png, read_photo
 from recon.data.geometry import rays
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.render import render, render_probe
+from recon.measure.evaluate import evaluate
 from recon.rendering.camera_paths import named_path
 from recon.rendering.data_layers import LAYERS, DataLayers
+from recon.rendering.render import render, render_probe
 from recon.rendering.video import Video
 from recon.result.scene import open_model, open_scene
 

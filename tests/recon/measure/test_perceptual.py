@@ -9,11 +9,11 @@ import pytest
 
 from imaging.files.exr import read_exr
 from imaging.files.photo import read_photo
-from recon import flip
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.flip import hdr_flip
+from recon.measure import flip
+from recon.measure.evaluate import evaluate
+from recon.measure.flip import hdr_flip
 from recon.reconstruct import reconstruct
 
 

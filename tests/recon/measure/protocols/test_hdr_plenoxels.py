@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.protocols.hdr_plenoxels import score
+from recon.measure.protocols.hdr_plenoxels import score
 
 LIGHT = np.random.default_rng(1).uniform(0.02, 0.9, (40, 60, 3))
 

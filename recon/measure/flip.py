@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from imaging.arrays import Array32, Bytes, Mask
-from recon.pace import Clock, Pace
+from recon.measure.pace import Clock, Pace
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 ACES_TOP = 2.1188723239873153

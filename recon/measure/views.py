@@ -14,9 +14,9 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.light import Images, kept_images
 from recon.data.shot import Shot
-from recon.data.truth import has_truth, true_radiance
+from recon.measure.recorded_light import RecordedLight, against_photographs, recorded_light
+from recon.measure.truth import has_truth, true_radiance
 from recon.observe.recorded import as_recorded, shot_psnr
-from recon.observe.recorded_light import RecordedLight, against_photographs, recorded_light
 from recon.result.scene import Opened
 
 DISPLAY_PEAK = 1000.0

@@ -13,13 +13,14 @@ from imaging.colour import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.files.exr import read_exr
-from recon.data.truth import true_radiance
 from recon.decide.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate, render
-from recon.measure_views import measured
+from recon.measure.evaluate import evaluate
+from recon.measure.truth import true_radiance
+from recon.measure.views import measured
 from recon.reconstruct import reconstruct
+from recon.rendering.render import render
 from recon.result.model import read_model
 from recon.result.scene import Opened, open_model
 from tests.recon.ply_files import read_ply

@@ -17,19 +17,16 @@ from imaging.progress import Progress, unreported
 from imaging.session.paths import find_reconstruction
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.data.tone import encode
-from recon.data.truth import calibration_errors, has_truth, response_rmse
-from recon.evaluation import Evaluation
-from recon.measure_views import measured, reference_light
+from recon.measure.evaluation import Evaluation
+from recon.measure.pace import views_in_time
+from recon.measure.perceptual import compare_pictures
+from recon.measure.truth import calibration_errors, has_truth, response_rmse
+from recon.measure.views import measured, reference_light
 from recon.observe.mixed import Mixed
 from recon.observe.photographs import ToneCurve
-from recon.pace import views_in_time
-from recon.perceptual import compare_pictures
-from recon.render import render
 from recon.result.model import SPLATS, read_model
 from recon.result.scene import Opened, open_model
 from recon.splat.torch_threads import torch_on_one_thread
-
-__all__ = ["evaluate", "render"]
 
 METRICS = "metrics.json"
 FIGURES = 0.6
@@ -51,11 +48,11 @@ def evaluate(
 ) -> Evaluation:
     """Evaluate a reconstruction on its held-out views, and write metrics.json and the compared pictures.
 
-    renders/ and references/ hold the pictures that are compared (`recon.perceptual`). Figures against truth
-    use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single scale for all of
-    them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned radiance) pool
-    their values. Without truth, errors in stops are against the held-out photographs
-    (`recon.observe.recorded_light`). `rig.report.metrics` explains the names.
+    renders/ and references/ hold the pictures that are compared (`recon.measure.perceptual`). Figures against
+    truth use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single scale for
+    all of them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned radiance)
+    pool their values. Without truth, errors in stops are against the held-out photographs
+    (`recon.measure.recorded_light`). `rig.report.metrics` explains the names.
 
     Args:
         folder: SESSION/reconstructions/NAME, or a session for its newest.

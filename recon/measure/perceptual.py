@@ -1,6 +1,7 @@
 """Renders and what they should show, side by side on disk, and how different they look.
 
-CIEDE2000 is always reported, FLIP where it is installed (`recon.flip`). Other programs find the files there.
+CIEDE2000 is always reported, FLIP where it is installed (`recon.measure.flip`). Other programs find the
+files there.
 """
 
 import math
@@ -22,7 +23,7 @@ from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.light import Images
-from recon.flip import Flips, LightPair, Pair
+from recon.measure.flip import Flips, LightPair, Pair
 from recon.rendering.light_files import stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened

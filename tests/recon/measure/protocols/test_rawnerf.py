@@ -8,7 +8,7 @@ from imaging.errors import InputError
 from imaging.files.tiff.dng import write_dng
 from imaging.metrics import PSNR_CAP
 from imaging.mosaic import RawMosaic
-from recon.protocols.rawnerf import (
+from recon.measure.protocols.rawnerf import (
     Reference,
     affine_aligned,
     developed,

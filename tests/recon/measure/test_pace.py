@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from imaging.session.session import SPLIT, Session, brackets
-from recon import flip
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.evaluate import evaluate
-from recon.flip import Flips, LightPair, Pair
-from recon.pace import Pace
+from recon.measure import flip
+from recon.measure.evaluate import evaluate
+from recon.measure.flip import Flips, LightPair, Pair
+from recon.measure.pace import Pace
 from recon.reconstruct import reconstruct
 
 

@@ -1,0 +1,1 @@
+"""Published protocols of data sets, where they differ from `recon.measure.evaluate`."""

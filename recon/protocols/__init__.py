@@ -1,1 +1,0 @@
-"""Published protocols of data sets, where they differ from `recon.evaluate`."""
