@@ -14,6 +14,7 @@ from recon.exports.place import place_of
 from recon.exports.splats import Splats, display_splats, linear_splats
 from recon.result.scene import Scene, open_scene
 from recon.scene.ply import write_ply
+from tests.gltf_validator import issues_of, needs_gltf_validator
 from tests.splat_transform import needs_splat_transform, splat_transform
 
 
@@ -112,3 +113,17 @@ def test_playcanvas_writes_the_same(made_shiny: Path, tmp_path: Path) -> None:
         elif name.rpartition("DEGREE_")[2] in negated:
             expected = -expected
         assert np.allclose(written, expected, atol=1e-5), name
+
+
+@needs_gltf_validator
+@pytest.mark.parametrize("name", ["made_shiny", "made_sky"])
+def test_the_validator_misses_nothing_but_the_attributes_of_the_extension(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """It does not know `KHR_gaussian_splatting`, and calls the names of its attributes invalid."""
+    scene = open_scene(request.getfixturevalue(name))
+    for linear in (False, True):
+        export(scene, tmp_path / "scene.glb", linear=linear)
+        faults = [issue for issue in issues_of(tmp_path / "scene.glb") if issue["severity"] < 2]
+        assert {issue["code"] for issue in faults} == {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
+        assert all(f"/{EXTENSION}:" in issue["pointer"] for issue in faults)
