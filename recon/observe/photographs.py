@@ -7,11 +7,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from imaging.arrays import Array
+from imaging.arrays import Array, Array32
 from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.dataset import View
 from recon.data.tone import encode
+from recon.observe.display_kernel import photographed
 from recon.observe.glare import scattered
 from recon.observe.linear import Observation
 from recon.observe.targets import Targets
@@ -233,20 +234,28 @@ class Display(Observation):
     k: float
     developed: bool = False
     _prepared: Targets[_Codes] = field(default_factory=Targets, repr=False)
+    _shades: dict[int, tuple[Array32, Array32]] = field(default_factory=dict, repr=False)
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The image as every shot shows it, beside the photographs: [shots * 3, H, W]."""
         codes = self._prepared.of(view, lambda: _codes(view), image.device)
+        shade, gains = self._shade_of(view), self._gains(view, [shot.k for shot in view.shots])
+        if image.device.type == "cpu" and image.dtype == torch.float32:
+            return photographed(image, shade, gains, codes.stored, codes.below, codes.above)
         target = codes.target()
-        gains = self._gains(image, view, [shot.k for shot in view.shots])
-        prediction = (image[None] * gains).movedim(3, 1).flatten(0, 1)
+        each = torch.from_numpy(gains).to(image, non_blocking=True)[:, None, None]
+        if shade.size:
+            each = self._prepared.array(shade, image)[..., None] * each
+        prediction = (image[None] * each).movedim(3, 1).flatten(0, 1)
         return codes.bound(prediction, target), target
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The image as the photograph shows it, within 0..1."""
-        return (image * self._gains(image, view, [k])[0]).clamp(0.0, 1.0)
+        gains = torch.from_numpy(self._gains(view, [k])[0]).to(image)
+        shade = torch.from_numpy(self._shade(view)).to(image)
+        return (image * (shade[..., None] * gains if len(shade) else gains)).clamp(0.0, 1.0)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image through the inverse response, over `k`."""
@@ -260,11 +269,20 @@ class Display(Observation):
         codes = encode(light, self.response)
         return torch.from_numpy(codes * light.clip(1) ** DISPLAY_POWER if self.developed else codes)
 
-    def _gains(self, image: Tensor, view: View, scales: Sequence[float]) -> Tensor:
-        """Gains of each shot's display values, [shots, H, W, 3]; of size 1 where they are all alike."""
-        if not self.developed:
-            return image.new_ones(len(scales), 1, 1, 1)
+    def _gains(self, view: View, scales: Sequence[float]) -> Array32:
+        """Gains of each shot's display values before its falloff, [shots, 3]."""
         developed = np.outer(scales, view.sensor.white_balance) / self.k
-        falloff = self._prepared.array(view.sensor.falloff, image)[..., None]
-        factors = torch.from_numpy(developed).to(image, non_blocking=True)
-        return (falloff * factors[:, None, None]) ** DISPLAY_POWER
+        return np.asarray(developed**DISPLAY_POWER if self.developed else np.ones_like(developed), np.float32)
+
+    def _shade(self, view: View) -> Array32:
+        """Falloff of display values, [H, W]; of size 0 where no photograph has its own."""
+        if not self.developed:
+            return np.empty((0, 0), np.float32)
+        return np.asarray(view.sensor.falloff.astype(np.float64) ** DISPLAY_POWER, np.float32)
+
+    def _shade_of(self, view: View) -> Array32:
+        """The same, made once for all views that have the falloff in common."""
+        falloff = view.sensor.falloff
+        if id(falloff) not in self._shades:  # it is kept beside its shade, so that no other has its id
+            self._shades[id(falloff)] = falloff, self._shade(view)
+        return self._shades[id(falloff)][1]

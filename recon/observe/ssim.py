@@ -263,7 +263,8 @@ class _Photometric(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         (gradient,) = ctx.saved_tensors
-        return gradient * gradients[0], None, None, None
+        # Of a loss that is not weighed further, that spares a pass over memory.
+        return gradient if gradients[0] == 1 else gradient * gradients[0], None, None, None
 
 
 def photometric_loss(prediction: torch.Tensor, target: torch.Tensor, ssim_weight: float) -> torch.Tensor:

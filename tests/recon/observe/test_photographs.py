@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import imaging.compute.threads as threads
 from imaging.colour import srgb_encode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
@@ -221,3 +222,84 @@ def test_what_only_darker_photographs_tell_is_beyond_white() -> None:
     assert codes[1, 2] == pytest.approx(15**DISPLAY_POWER, rel=1e-4)
     torch.testing.assert_close(knows.radiance(codes), light, rtol=1e-4, atol=1e-5)
     assert Display(knows.response, 0.5).units(light).max() <= 1.0001
+
+
+def developed_views(height: int, width: int) -> tuple[Display, View]:
+    """Three photographs of noise, with exposures, white balance, falloff, and bounds here and there."""
+    rng = np.random.default_rng(7)
+    shots = []
+    for k in (0.2, 0.5, 1.4):
+        codes = (rng.integers(0, 256, (height, width, 3)) / np.float32(255)).astype(np.float32)
+        valid = rng.random(codes.shape) > 0.1
+        shots.append(Shot.of("file", k, codes, codes > 0.995, codes < 0.005, valid))
+    falloff = rng.uniform(0.5, 1.1, (height, width)).astype(np.float32)
+    response = Response(kind="srgb", evidence="test")
+    sensor = Sensor("ldr", None, np.eye(3), falloff, response, (1.2, 1.0, 0.7))
+    lens = SplatCamera(np.eye(4), 10.0, 10.0, width / 2, height / 2, width, height)
+    return Display(response, 0.5, True), View("cam", 0, lens, sensor, tuple(shots))
+
+
+def in_float64(image: torch.Tensor, view: View, k: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """The prediction of `Display` by its formula, and where it moves with the light."""
+    rows, moves = [], []
+    for shot in view.shots:
+        gains = torch.tensor(shot.k / k * np.array(view.sensor.white_balance))
+        shown = image * (torch.from_numpy(view.sensor.falloff).double()[..., None] * gains) ** (1 / 2.2)
+        codes, valid = torch.from_numpy(shot.pixels).double(), torch.tensor(shot.valid)
+        dark, bright = torch.tensor(shot.dark), torch.tensor(shot.saturated)
+        beyond = (shown < codes) & (dark | ~valid) | (shown > codes) & (bright | ~valid)
+        rows.append(torch.where(beyond, codes, shown).movedim(2, 0))
+        moves.append(~beyond.movedim(2, 0))
+    return torch.cat(rows), torch.cat(moves)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (5, 7), (37, 50)])
+def test_photographs_developed_apart_are_the_formula_and_its_slope(height: int, width: int) -> None:
+    display, view = developed_views(height, width)
+    generator = torch.Generator().manual_seed(2)
+    image = (1.6 * torch.rand(height, width, 3, generator=generator) - 0.2).requires_grad_()
+    prediction, target = display.compare(image, view, 0.0)
+    exact = image.detach().double().requires_grad_()
+    expected, moves = in_float64(exact, view, display.k)
+    torch.testing.assert_close(prediction.double(), expected, rtol=4e-7, atol=1e-7)
+    assert torch.equal(
+        target, torch.from_numpy(np.concatenate([shot.pixels.transpose(2, 0, 1) for shot in view.shots]))
+    )
+    pull = torch.rand(prediction.shape, generator=generator) - 0.5
+    (ours,) = torch.autograd.grad(prediction, image, pull)
+    (theirs,) = torch.autograd.grad(expected, exact, pull.double())
+    assert (ours - theirs).norm() <= 3e-7 * theirs.norm()
+    # The formula is straight but for the bounds: what does not cross one has this difference, too.
+    step = 1e-6 * torch.randn(image.shape, generator=generator).double()
+    ends = [in_float64(exact.detach() + sign * step, view, display.k) for sign in (1, -1)]
+    same = ends[0][1] & ends[1][1] | ~ends[0][1] & ~ends[1][1] & ~moves
+    rise = (pull * same * (ends[0][0] - ends[1][0])).sum() / 2
+    (inner,) = torch.autograd.grad(display.compare(image, view, 0.0)[0], image, pull * same)
+    assert float((inner * step).sum()) == pytest.approx(float(rise), rel=1e-5, abs=1e-12)
+
+
+def test_one_pass_over_photographs_is_what_plain_operations_give() -> None:
+    """The operations of a GPU, here in float64 on the CPU; and any number of threads gives the same bits."""
+    display, view = developed_views(70, 33)
+    image = torch.rand(70, 33, 3, generator=torch.Generator().manual_seed(3))
+    plain = display.compare(image.double(), view, 0.0)[0]
+    before, results = threads.thread_count(), []
+    try:
+        for count in (1, 3):
+            threads.set_threads(count)
+            leaf = image.clone().requires_grad_()
+            prediction = display.compare(leaf, view, 0.0)[0]
+            (prediction**2).sum().backward()
+            torch.testing.assert_close(prediction.double(), plain, rtol=4e-7, atol=1e-7)
+            results.append(prediction.detach().numpy().tobytes() + leaf.grad.numpy().tobytes())
+    finally:
+        threads.set_threads(before)
+    assert results[0] == results[1]
+
+
+def test_the_power_of_a_falloff_is_made_once() -> None:
+    display, view = developed_views(5, 7)
+    other = replace(view, frame=1)
+    for each in (view, other, view):
+        display.compare(torch.ones(5, 7, 3), each, 0.0)
+    assert len(display._shades) == 1
