@@ -9,6 +9,7 @@ may be that view's error (bench/results/splitting.md).
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -16,6 +17,35 @@ from torch import Tensor
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats
 from recon.train.adam import Adam
+
+
+class DensityControl(Protocol):
+    """Growth and pruning of the Gaussians on the way, as gsplat's Strategy: `train` takes any.
+
+    Several ranks each have one and have to come to the same change, of which all tensors are on the
+    Gaussians' device.
+    """
+
+    def due(self, position: float, total: int, step: float = 1) -> bool:
+        """Return whether an adaptation lies on the last `step` of the way to this position on a schedule of
+        `total`.
+
+        With a step of 1 positions are iterations, counted from 1.
+        """
+
+    def adapt(
+        self,
+        gaussians: Gaussians,
+        luminance: Tensor,
+        stats: SplatStats,
+        progress: float,
+        generator: torch.Generator,
+    ) -> "Change":
+        """Return which Gaussians go, and which new ones come: decided, not yet done.
+
+        luminance: [N] in scene units. stats: of all renders since the last adaptation. progress: position on
+        the schedule, 0..1. generator: on the processor; the same one for the same seed and iteration.
+        """
 
 
 @dataclass(frozen=True)
@@ -39,17 +69,13 @@ class DensityRules:
 
 @dataclass(frozen=True)
 class Density:
-    """The rules applied to a scene whose `reference` is the radiance that opacities are judged by."""
+    """The control by rules, of a scene whose `reference` is the radiance that opacities are judged by."""
 
     rules: DensityRules
     reference: float | None
 
     def due(self, position: float, total: int, step: float = 1) -> bool:
-        """Return whether an adaptation lies on the last `step` of the way to this position on a schedule of
-        `total`.
-
-        With a step of 1 positions are iterations, counted from 1.
-        """
+        """Return whether a multiple of `every`, from `begin` to `end`, lies on that step."""
         period = max(1, round(self.rules.every * total))
         passed = position // period
         first, last = self.rules.begin * total, self.rules.end * total
@@ -63,11 +89,10 @@ class Density:
         progress: float,
         generator: torch.Generator,
     ) -> "Change":
-        """Return which Gaussians go, and which new ones come: decided, not yet done.
+        """Split the Gaussians that pixels pull at the hardest, and prune those that do not show.
 
-        luminance [N] in scene units; stats of the iterations since the last time. The split ones are
-        replaced by two, drawn from the Gaussian itself along its axes, smaller by `shrink`, each of the
-        opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
+        The split ones are replaced by two, drawn from the Gaussian itself along its axes, smaller by
+        `shrink`, each of the opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
         """
         count = len(gaussians)
         keep = self._visible(gaussians, luminance)

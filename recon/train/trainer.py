@@ -18,7 +18,7 @@ from recon.scene.gaussians import Renderer
 from recon.splat import Render
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
-from recon.train.densification import Density
+from recon.train.densification import Density, DensityControl
 from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import deferred
 from recon.train.monitor import Monitor, Shown, no_viewer
@@ -51,6 +51,7 @@ def train(
     save: Callable[[], None],
     progress: Progress = unreported,
     until: int | None = None,
+    density: DensityControl | None = None,
     ranks: Ranks = _ALONE,
     steers: Sequence[Steer] = (),
     shown: Shown = no_viewer,
@@ -61,11 +62,12 @@ def train(
     One iteration draws `plan.batch` views, each once, and compares the render with every shot of its
     bracket. Every random choice is derived from the seed and the iteration, so a training that was
     saved and restored goes on bit for bit as if it had not been. `save` is called every
-    `plan.checkpoint_seconds`, and when the user interrupts. `steers` may shorten the rest of the schedule;
-    the first one that wants to is heard, and `training.schedule` says what came of it. A training that has
-    a schedule of that length already follows it. `shown` is asked after each iteration whether somebody
-    wants to see the scene as it is. Several `ranks` share the views of an iteration; `plan.batch` must be a
-    multiple of their number. Only the first logs, saves, shows and steers.
+    `plan.checkpoint_seconds`, and when the user interrupts. `density` splits and prunes; None: by
+    `plan.density`. `steers` may shorten the rest of the schedule; the first one that wants to is heard, and
+    `training.schedule` says what came of it. A training that has a schedule of that length already follows
+    it. `shown` is asked after each iteration whether somebody wants to see the scene as it is. Several
+    `ranks` share the views of an iteration; `plan.batch` must be a multiple of their number. Only the first
+    logs, saves, shows and steers.
     ReconstructionError where the loss of a view is not finite: nothing is saved that it has spoilt.
     """
     if plan.batch % ranks.count:
@@ -73,7 +75,8 @@ def train(
     schedule = training.schedule
     if schedule is None or schedule.planned != plan.iterations:
         schedule = training.schedule = Schedule.straight(plan.iterations)
-    density = Density(plan.density, training.light.reference)
+    if density is None:
+        density = Density(plan.density, training.light.reference)
     renderer, refinement, optimizer = training.renderer(), training.refinement, training.optimizer
     held_out = dataset.validation or dataset.held_out
     alphas, depths = Targets[_Alpha](), MeasuredDepth()
@@ -174,7 +177,7 @@ def _background(seed: int, like: torch.Tensor) -> torch.Tensor:
     return torch.from_numpy(ones).to(like, non_blocking=True)
 
 
-def _densify(training: Training, density: Density, done: float, seed: int, ranks: Ranks) -> None:
+def _densify(training: Training, density: DensityControl, done: float, seed: int, ranks: Ranks) -> None:
     """Split and prune Gaussians by what all ranks saw of them since the last time."""
     training.gather(ranks)
     generator = torch.Generator().manual_seed(_seed(seed, 1, training.iteration))

@@ -1,8 +1,10 @@
 """Training at toy size: it learns, it resumes bit for bit, it stops when told."""
 
+import ast
 import os
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,6 +70,22 @@ def test_it_learns_the_held_out_view(begun, toy_dataset):
     assert after > 25
     assert stops < 0.35
     assert len(training.gaussians) == CAP
+
+
+def test_a_training_takes_the_density_control_of_the_guide(begun, toy_dataset, capsys):
+    """docs/python.md halves the Gaussians in the middle; the rules of the plan would have grown them."""
+    text = (Path(__file__).parents[3] / "docs" / "python.md").read_text(encoding="utf-8")
+    section = text.partition("### Density control of your own\n")[2].partition("\n## ")[0]
+    code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
+    training, plan = begun(), Plan(20, DensityRules(CAP), log_every=5)
+    before = training.gaussians.parameters["means"].detach().clone()
+    exec(code, {"training": training, "dataset": toy_dataset, "plan": plan})
+    assert len(training.gaussians) == len(before) // 2
+    lines = [ast.literal_eval(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["gaussians"] for line in lines] == [len(before)] + 3 * [len(before) // 2]
+    assert (
+        len(training.optimizer.state[training.gaussians.parameters["means"]]["exp_avg"]) == len(before) // 2
+    )
 
 
 def test_the_baseline_learns_too(begun, toy_dataset):
