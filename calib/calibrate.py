@@ -1,10 +1,10 @@
 """A session's calibration, from its own pictures: exposures, response, poses, lenses, falloff."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from calib.assemble import Evidence, assemble
 from calib.boards.measure import measure_board
@@ -19,6 +19,7 @@ from calib.light.radiometry import LIGHT_RUNGS, light_of
 from calib.luminance.area import require_places
 from calib.luminance.measure import RUNG
 from calib.place_views import with_luminance, with_poses
+from calib.request import CalibrationRequest, Part
 from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor
@@ -32,12 +33,13 @@ from imaging.compute.threads import one_thread_a_product
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.progress import Progress, unreported
+from imaging.request import forgets, value_of
 from imaging.session.calibration import COLOUR, CalibrationRecord, is_stale, read_calibration
 from imaging.session.luminance import LuminanceReading
 from imaging.session.records import Board, ShotRecord
 from imaging.session.session import Session
 
-Part = Literal["sensor", "response", "colour", "poses", "luminance"]
+_DEFAULTS = CalibrationRequest()
 
 
 @dataclass(frozen=True)
@@ -79,38 +81,18 @@ _STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 @checked
 def calibrate(
     session: str | PathLike[str],
+    request: CalibrationRequest = _DEFAULTS,
     *,
-    only: Part | None = None,
-    board: Board | None = None,
-    chart: bool = False,
-    luminance: Sequence[LuminanceReading] | None = None,
-    survey: str | Path | None = None,
-    marks: str | Path | None = None,
-    markers: str | None = None,
-    onto: str | Path | None = None,
-    without: Collection[LightPart] = (),
-    keep_doubtful: bool = False,
     on_progress: Progress = unreported,
+    **options: Any,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder, which is replaced as a whole or not at all.
 
     Args:
         session: Session, or its folder.
-        only: Part to measure anew; the rest of the earlier calibration is kept. All parts but 'poses' need no
-            poses.
-        board: Board in the session's shots, if the session does not describe it.
-        chart: Search the views for a colour chart, and measure colours by it.
-        luminance: Readings of meters and lamps, which make the light absolute; None: those of the earlier
-            calibration, (): none.
-        survey: Table of surveyed points, in whose coordinates the scene is placed; None: that of the earlier
-            calibration, 'none': no survey.
-        marks: Table of the points' positions in images.
-        markers: OpenCV's dictionary of the markers on the points.
-        onto: Calibrated session of the same scene, whose coordinates are taken; None: that of the earlier
-            calibration, 'none': no session.
-        without: Parts of the light that are not estimated from scene points.
-        keep_doubtful: Keep views that others contradict, with a warning, instead of leaving them out.
+        request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The record that was written; views without a pose are listed in it.
@@ -122,13 +104,15 @@ def calibrate(
         InputError: The session is damaged, or an option cannot be used.
         StorageError: The disk refuses.
     """
+    only, without = request.only, request.without or ()
+    readings = () if isinstance(request.luminance, str) else request.luminance
     measures = _ALL if only is None else _PARTS[only]
     opened = Session.open(session)
     store.require_writable(_folder(opened))
-    if chart and not measures.chart:
+    if request.chart and not measures.chart:
         raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
-    require_places(opened, luminance or ())
-    if not measures.poses and (survey is not None or onto is not None):
+    require_places(opened, readings or ())
+    if not measures.poses and (request.survey is not None or request.onto is not None):
         raise InputError(f"--survey and --onto place poses, not the {only}: leave them or --only {only} out.")
     if not measures.poses and without:
         raise InputError(
@@ -137,16 +121,16 @@ def calibrate(
     if unknown := set(without) - set(get_args(LightPart)):
         parts = ", ".join(get_args(LightPart))
         raise InputError(f"there is no part {sorted(unknown)[0]!r} to leave out: choose from {parts}.")
-    if survey is not None and onto is not None and "none" not in (str(survey), str(onto)):
+    if value_of(request.survey) is not None and value_of(request.onto) is not None:
         raise InputError("The coordinates are a survey's or another session's: give --survey or --onto.")
-    if keep_doubtful and not measures.poses:
+    if request.keep_doubtful and not measures.poses:
         raise InputError(f"--keep-doubtful is about poses, not the {only}: leave it or --only {only} out.")
-    target = _target(opened, onto, survey) if measures.poses else None
-    control = _control(opened, survey, marks, markers) if target is None else None
+    target = _target(opened, request) if measures.poses else None
+    control = _control(opened, request) if target is None else None
     earlier = None if only is None else _earlier(opened)
     evidence = _evidence(opened, measures, earlier, on_progress)
-    evidence = replace(evidence, readings=luminance, control=control, target=target, without=without)
-    if chart:
+    evidence = replace(evidence, readings=readings, control=control, target=target, without=without)
+    if request.chart:
         charts = measure_charts(
             opened, evidence.views, evidence.sensors, evidence.light, earlier, on_progress
         )
@@ -156,16 +140,16 @@ def calibrate(
         if only == "colour" and earlier is not None:
             record = rebalanced(record)
         record = with_luminance(record, evidence)
-        missing = _missing_luminance(record, luminance)
+        missing = _missing_luminance(record, readings)
         if missing and only == "luminance":
             raise CalibrationError(f"{session}: {missing}.")
         store.write_json(_folder(opened) / "calibration.json", record.model_dump(mode="json"))
         if missing:
             raise PartialError(f"{session}: {only} is calibrated, and the light has no scale: {missing}.")
         return record
-    evidence, refused = _with_board(evidence, board, on_progress)
+    evidence, refused = _with_board(evidence, request.board, on_progress)
     if evidence.views:
-        record = with_poses(evidence, refused, keep_doubtful, on_progress)
+        record = with_poses(evidence, refused, request.keep_doubtful, on_progress)
     elif evidence.board is None and not evidence.has_sensor_frames:
         raise CalibrationError(refused)
     else:
@@ -173,32 +157,31 @@ def calibrate(
         write_calibration(opened, record, (), None, on_progress)
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
-    if missing := _missing_luminance(record, luminance):
+    if missing := _missing_luminance(record, readings):
         raise PartialError(f"{session}: all is calibrated but the scale of light: {missing}.")
     if missing := _missing_coordinates(record, control, target):
         raise PartialError(f"{session}: all is calibrated, but in coordinates of its own: {missing}.")
     return record
 
 
-def _control(
-    session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
-) -> Control | None:
+def _control(session: Session, request: CalibrationRequest) -> Control | None:
     """The surveyed points that are given, else those of the earlier calibration."""
-    if survey is not None and str(survey) == "none":
+    if forgets(request.survey):
         return None
-    if survey is None and marks is None and markers is None:
+    if request.survey is None and request.marks is None and request.markers is None:
         known = (_folder(session) / "calibration.json").exists()
         earlier = read_calibration(session.folder).coordinates if known else None
         return None if earlier is None else control_of(earlier)
-    return read_control(session, survey, marks, markers)
+    return read_control(session, request.survey, request.marks, request.markers)
 
 
-def _target(session: Session, onto: str | Path | None, survey: str | Path | None) -> Target | None:
+def _target(session: Session, request: CalibrationRequest) -> Target | None:
     """The session whose coordinates are wanted, else that of the earlier calibration."""
-    if onto is None and survey is None and (_folder(session) / "calibration.json").exists():
+    onto = value_of(request.onto)
+    if request.onto is None and request.survey is None and (_folder(session) / "calibration.json").exists():
         earlier = read_calibration(session.folder).coordinates
         onto = None if earlier is None else earlier.onto
-    if onto is None or str(onto) == "none":
+    if onto is None:
         return None
     if Path(onto).resolve() == session.folder.resolve():
         raise InputError(f"{session.folder} cannot be placed onto itself: name another session after --onto.")

@@ -3,6 +3,7 @@
 import functools
 import inspect
 import numbers
+import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from imaging.errors import InputError
+from imaging.request import Request
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -28,22 +30,39 @@ _WORDS = {
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function refuse arguments that are of none of the types in its signature.
 
-    Types that the signature only quotes, protocols that cannot be checked, and what collections hold are left
-    to the function. Errors: InputError.
+    A stage, whose signature has a `request` and `**options`, is given one request: options by name are in
+    place of its values, and each of them is checked; types that it quotes are of its module or of the
+    function's. Types that a signature quotes, protocols that cannot be checked, and what collections hold are
+    left to the function. Errors: InputError.
     """
     signature = inspect.signature(function)
+    asked = signature.parameters.get("request")
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name, value in signature.bind(*args, **kwargs).arguments.items():
-            kind = signature.parameters[name].annotation
-            if not fits(value, kind):
-                raise InputError(
-                    f"{function.__name__} cannot take {value!r:.60} for {name}: give it {wanted(kind)}."
-                )
-        return function(*args, **kwargs)
+        bound = signature.bind(*args, **kwargs)
+        given = bound.arguments
+        if asked is not None:
+            request = type(asked.default).of(given.get("request"), given.pop("options", {}))
+            given["request"] = request
+            for name, kind in _types_of(request, function).items():
+                check(name, getattr(request, name), kind)
+        for name, value in given.items():
+            check(name, value, signature.parameters[name].annotation)
+        return function(*bound.args, **bound.kwargs)
+
+    def check(name: str, value: object, kind: Any) -> None:
+        if not fits(value, kind):
+            raise InputError(
+                f"{function.__name__} cannot take {value!r:.60} for {name}: give it {wanted(kind)}."
+            )
 
     return call
+
+
+def _types_of(request: Request, function: Callable[..., object]) -> dict[str, Any]:
+    known = inspect.unwrap(function).__globals__ | vars(sys.modules[type(request).__module__])
+    return typing.get_type_hints(type(request), known)
 
 
 def fits(value: object, kind: Any) -> bool:

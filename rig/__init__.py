@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from calib.calibrate import calibrate
     from calib.exports.merge_session import Merged, merge
+    from calib.request import CalibrationRequest
     from capture.capture_rig import capture_rig
     from capture.check.check import CheckReport, RepairReport, check, repair
     from capture.imports.photos import ImportResult, import_photos
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CalibrationRecord",
+    "CalibrationRequest",
     "CaptureResult",
     "CheckReport",
     "ConnectedCamera",
@@ -104,6 +106,7 @@ __all__ = [
 
 _HOMES = {
     "CalibrationRecord": "imaging.session.calibration",
+    "CalibrationRequest": "calib.request",
     "CaptureResult": "capture.record.capture_run",
     "CheckReport": "capture.check.check",
     "ConnectedCamera": "drivers.discovery",

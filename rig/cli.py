@@ -32,6 +32,7 @@ from rig.commands import (
 )
 from rig.options.common import QuietOption
 from rig.options.defaults import config_file, read_defaults
+from rig.options.request import expanded
 from rig.terminal.progress import silenced
 from rig.terminal.result import CommandResult
 
@@ -95,16 +96,17 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
 
 
 def _with_quiet(command: Callable[..., CommandResult]) -> Callable[..., CommandResult]:
-    """A command that --quiet silences."""
+    """A command that takes the options of its request one by one, and that --quiet silences."""
+    parameters, expanded_command = expanded(command)
 
     @wraps(command)
     def run(*, quiet: bool, **options: Any) -> CommandResult:
         with silenced(quiet):
-            return replace(command(**options), quiet=quiet)
+            result: CommandResult = expanded_command(**options)
+            return replace(result, quiet=quiet)
 
     last = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
-    # Annotations that are text mean what they do in the module of the command.
-    parameters = [*inspect.signature(command, eval_str=True).parameters.values(), last]
+    parameters = [*parameters, last]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run

@@ -25,6 +25,7 @@ from bench.support.record import arguments, deliver, machine, words
 from calib.calibrate import calibrate
 from calib.exports.merge_session import merge
 from calib.luminance.area import LUMINANCE
+from calib.request import CalibrationRequest
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.arrays import Array, Array32
@@ -89,7 +90,7 @@ def interval(seed: int) -> dict[str, Any]:
         ):
             capture_simulated("demo", session, seed=seed, frames=1)
             capture_simulated("demo", session, seed=seed, kind="flat", frames=2)
-        calibrate(session, only="sensor")
+        calibrate(session, CalibrationRequest(only="sensor"))
         light = luminance(session, view)
         spot, card = np.exp(rng.normal(0.0, (SPOT, CARD)))
         readings = []
@@ -102,7 +103,7 @@ def interval(seed: int) -> dict[str, Any]:
                 stated = {"illuminance": lux, "reflectance": 0.18, "error": CARD, "source": "card"}
             readings.append(LuminanceReading(view=view, area=area, **stated))
         try:
-            record = calibrate(session, only="luminance", luminance=readings)
+            record = calibrate(session, CalibrationRequest(only="luminance", luminance=readings))
         except CalibrationError:
             return {"seed": seed, "readings": len(readings), "refused": True}
         truth = store.read_json(session / "truth" / "truth.json")
@@ -127,7 +128,7 @@ def one_scale(seed: int) -> dict[str, float]:
         reading = LuminanceReading(
             view=view, area=area, luminance=CANDELAS * mean_of(light, area), error=0.001, source="exact"
         )
-        record = calibrate(session, luminance=[reading])
+        record = calibrate(session, CalibrationRequest(luminance=[reading]))
         assert record.luminance is not None
         truth = store.read_json(session / "truth" / "truth.json")["cameras"]
         gains = np.log([truth[camera.name]["gain"] for camera in record.cameras])

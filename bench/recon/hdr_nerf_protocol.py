@@ -29,6 +29,7 @@ from bench.support.hdr_nerf_scene import Size, curve, write_scene
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
+from calib.request import CalibrationRequest
 from capture.imports.photos import import_photos
 from imaging.files import store
 from imaging.session.calibration import read_calibration
@@ -118,7 +119,7 @@ def with_measured_response(plain: Path, session: Path) -> Path:
     if not session.exists():
         with store.replacing(session) as part:
             shutil.copytree(plain, part, ignore=shutil.ignore_patterns("reconstructions"))
-            calibrate(part, only="response")
+            calibrate(part, CalibrationRequest(only="response"))
     return session
 
 

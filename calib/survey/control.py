@@ -1,6 +1,7 @@
 """Control of a session's coordinates: surveyed points with their marks, and another session."""
 
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 
 from calib.survey.marks import Marks, dictionary_of, numbers_of, read_marks
@@ -20,7 +21,10 @@ class Control:
 
 
 def read_control(
-    session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
+    session: Session,
+    survey: str | PathLike[str] | None,
+    marks: str | PathLike[str] | None,
+    markers: str | None,
 ) -> Control | None:
     """Read the control from these files; None without a survey. InputError of one sentence for unusable
     files.

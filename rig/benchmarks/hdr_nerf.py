@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from calib.request import CalibrationRequest
 from imaging.progress import Progress
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
@@ -19,7 +20,7 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
     imported(scene, session, "hdr-nerf", progress)
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
-        calibrate(session, only="response", on_progress=progress)
+        calibrate(session, CalibrationRequest(only="response"), on_progress=progress)
     folder = trained(session, "hdr-gs", choices, progress)
     figures = evaluate(folder, on_progress=progress).known()
     return {key: figures[key] for key in HDR_NERF.columns if key in figures}

@@ -3,84 +3,50 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, get_args
 
-import typer
-
+from calib.light.parts import LightPart
+from calib.request import CalibrationRequest
 from imaging.compute.free_share import free_share, if_so
 from imaging.errors import PartialError
-from rig.commands.calibration_result import LightPart, cameras_result, poses_result
-from rig.options.anchors import NO_ANCHORS, SURVEY_HELP, Anchors
+from rig.commands.calibration_result import cameras_result, poses_result
 from rig.options.board import EXAMPLE, BoardText, board_text
 from rig.options.common import JsonOption, SessionArgument
 from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
+from rig.options.request import Asked, Shown
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import counted, duration
 
-if TYPE_CHECKING:
-    from calib.light import parts
-    from imaging.session.luminance import LuminanceReading
-    from imaging.session.records import Board
-
-Part = Literal["sensor", "response", "colour", "poses", "luminance"]
+NO_OPTIONS = CalibrationRequest()
+OPTIONS = Asked(
+    board=Shown(
+        kind=BoardText | None,
+        made=lambda text: text and text.board(),
+        more=f"Such as {EXAMPLE}.",
+        how={"parser": board_text, "metavar": "COLUMNSxROWS,..."},
+    ),
+    luminance=Shown(
+        kind=list[ReadingText] | None,
+        made=readings_of,
+        more=HELP,
+        how={"parser": reading_text, "metavar": "READING"},
+    ),
+    survey=Shown(how={"metavar": "FILE"}),
+    marks=Shown(how={"metavar": "FILE"}),
+    markers=Shown(how={"metavar": "DICTIONARY"}),
+    onto=Shown(how={"metavar": "SESSION"}),
+    without=Shown(
+        made=lambda parts: parts and [str(part) for part in parts],
+        more=f"{', '.join(get_args(LightPart))}. May be repeated.",
+        how={"metavar": "PART"},
+    ),
+)
 
 
 def calibrate(
     session: SessionArgument,
-    only: Annotated[
-        Part | None, typer.Option(help="Redo only this part and keep the rest; works without poses too.")
-    ] = None,
-    board: Annotated[
-        BoardText | None,
-        typer.Option(
-            parser=board_text,
-            metavar="COLUMNSxROWS,...",
-            help=f"ChArUco board layout, if the session does not record it: {EXAMPLE}.",
-        ),
-    ] = None,
-    chart: Annotated[
-        bool, typer.Option("--chart", help="Measure colours by a ColorChecker that some views show.")
-    ] = False,
-    luminance: Annotated[
-        list[ReadingText] | None, typer.Option(parser=reading_text, metavar="READING", help=HELP)
-    ] = None,
-    survey: Annotated[Path | None, typer.Option(metavar="FILE", help=SURVEY_HELP, exists=False)] = None,
-    marks: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Where images show surveyed points: a table with name,image,u,v in pixels."
-        ),
-    ] = None,
-    markers: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DICTIONARY",
-            help="Markers that stand on surveyed points, called by their numbers: DICT_APRILTAG_36H11.",
-        ),
-    ] = None,
-    onto: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="SESSION",
-            help="Take the coordinates of a calibrated session that shows the same scene; none forgets it.",
-        ),
-    ] = None,
-    without: Annotated[
-        list[LightPart] | None,
-        typer.Option(
-            metavar="PART",
-            help="Leave out a part of what scene points tell of light: "
-            f"{', '.join(LightPart)}. May be repeated.",
-        ),
-    ] = None,
-    keep_doubtful: Annotated[
-        bool,
-        typer.Option(
-            "--keep-doubtful",
-            help="Keep views that others contradict about where they stand, with a warning that names them.",
-        ),
-    ] = False,
+    request: Annotated[CalibrationRequest, OPTIONS] = NO_OPTIONS,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
@@ -94,13 +60,7 @@ def calibrate(
     Example: rig calibrate S
     """
     with running("calibrate") as status:
-        described = board.board() if board else None
-        anchors = Anchors(survey, marks, markers, onto)
-        readings = readings_of(luminance)
-        left_out: list[parts.LightPart] = [part.value for part in without or ()]
-        return run_calibrate(
-            session, status, only, described, chart, readings, anchors, left_out, keep_doubtful
-        )
+        return run_calibrate(session, status, request)
 
 
 EACH, FULL_SIZE = (0.7, 4.0), (5.3, 15.0)
@@ -147,15 +107,7 @@ def _say_how_long(session: Path, status: StatusLine) -> None:
 
 
 def run_calibrate(
-    session: Path,
-    status: StatusLine,
-    only: Part | None = None,
-    board: "Board | None" = None,
-    chart: bool = False,
-    luminance: "Sequence[LuminanceReading] | None" = None,
-    anchors: Anchors = NO_ANCHORS,
-    without: "Sequence[parts.LightPart]" = (),
-    keep_doubtful: bool = False,
+    session: Path, status: StatusLine, request: CalibrationRequest = NO_OPTIONS
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -163,14 +115,10 @@ def run_calibrate(
         from calib.calibrate import calibrate as calibrate_session
         from rig.report.pages.calibration import calibration_report
 
-        if only in (None, "poses"):
+        if request.only in (None, "poses"):
             _say_how_long(session, status)
         try:
-            record = calibrate_session(
-                session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
-                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, without=without,
-                keep_doubtful=keep_doubtful, on_progress=status,
-            )  # fmt: skip
+            record = calibrate_session(session, request, on_progress=status)
         except PartialError:
             # What was measured has its page too; the error says what is missing.
             calibration_report(session, on_progress=status)
@@ -179,7 +127,7 @@ def run_calibrate(
     poseless = not record.views and not record.unregistered
     return (
         cameras_result(session, record)
-        if poseless or (only and not record.views)
+        if poseless or (request.only and not record.views)
         else poses_result(session, record)
     )
 

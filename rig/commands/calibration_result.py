@@ -1,10 +1,10 @@
 """Results of `rig calibrate`, as its terminal and `--json` say them."""
 
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calib.light.parts import LightPart
 from rig.terminal.result import CommandResult
 from rig.terminal.text import command_line, counted, number
 
@@ -13,22 +13,13 @@ if TYPE_CHECKING:
     from imaging.session.view_id import ViewId
 
 
-class LightPart(StrEnum):
-    """Parts of light from scene points, as `calib.light.parts` has them."""
-
-    EXPOSURE = "exposure"
-    WHITE_BALANCE = "white_balance"
-    FALLOFF = "falloff"
-    GAIN = "gain"
-
-
 LIGHT: dict[str, tuple[LightPart, str]] = {
-    "exposure_each_photograph": (LightPart.EXPOSURE, "exposure of each photograph"),
-    "white_balance_each_photograph": (LightPart.WHITE_BALANCE, "white balance of each photograph"),
-    "vignetting": (LightPart.FALLOFF, "falloff"),
-    "vignetting_each_camera": (LightPart.FALLOFF, "falloff of each camera"),
-    "camera_gain": (LightPart.GAIN, "sensitivity of each camera"),
-    "white_balance": (LightPart.WHITE_BALANCE, "white balance between cameras"),
+    "exposure_each_photograph": ("exposure", "exposure of each photograph"),
+    "white_balance_each_photograph": ("white_balance", "white balance of each photograph"),
+    "vignetting": ("falloff", "falloff"),
+    "vignetting_each_camera": ("falloff", "falloff of each camera"),
+    "camera_gain": ("gain", "sensitivity of each camera"),
+    "white_balance": ("white_balance", "white balance between cameras"),
 }
 """Part and display name of each rung of light."""
 

@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from imaging.request import FORGET, Forget
+
 if TYPE_CHECKING:
     from imaging.session.luminance import LuminanceReading
 
 EXAMPLE = "0000/cam0:1200,800,60,40=85cd/m2"
 HELP = (
-    "A reading of the light in a picture: VIEW:LEFT,TOP,WIDTH,HEIGHT=READING, in pixels of the file; repeat "
-    f"it for more. READING is a luminance, as in {EXAMPLE} (spot meter, known lamp), or an illuminance and a "
-    "reflectance, as in 0000/cam0:1200,800,60,40=1200lx,18% (grey card). chart=1200lx is the illuminance at "
-    "the colour chart of the calibration. Add ,+-3% for the standard error of meter and card together (5 % "
-    "if it is not given), and ,by=NAME where readings are by different meters or of different lamps: those "
-    "of one meter share its error. none forgets the readings of earlier runs."
+    "READING is VIEW:LEFT,TOP,WIDTH,HEIGHT=VALUE, in pixels of the file; repeat it for more. VALUE is a "
+    f"luminance, as in {EXAMPLE} (spot meter, known lamp), or an illuminance and a reflectance, as in "
+    "0000/cam0:1200,800,60,40=1200lx,18% (grey card). chart=1200lx is the illuminance at the colour chart of "
+    "the calibration. Add ,+-3% for the standard error of meter and card together (5 % if it is not given), "
+    "and ,by=NAME where readings are by different meters or of different lamps: those of one meter share its "
+    "error."
 )
 ERROR = 0.05
 """Standard error of a reading that states none: luminance meters of class L to B of DIN 5032-7 have 5 to 10 %
@@ -92,10 +94,10 @@ def reading_text(text: str) -> ReadingText:
     return ReadingText(text)
 
 
-def readings_of(texts: list[ReadingText] | None) -> tuple[LuminanceReading, ...] | None:
-    """Readings from the options; None without any, those of earlier runs stay; (): they are dropped."""
+def readings_of(texts: list[ReadingText] | None) -> tuple[LuminanceReading, ...] | Forget | None:
+    """Readings from the options; None without any."""
     if not texts:
         return None
-    if [text.strip() for text in texts] == ["none"]:
-        return ()
+    if [text.strip() for text in texts] == [FORGET]:
+        return FORGET
     return tuple(text.reading() for text in texts)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from calib.calibrate import calibrate
 from calib.data.features import Features, extract
 from calib.poses.sfm import SceneModel
+from calib.request import CalibrationRequest
 from calib.survey.onto import place_onto, read_target
 from calib.survey.similarity import fit
 from capture.simulated import capture_simulated
@@ -61,7 +62,7 @@ def centre(motion: np.ndarray) -> np.ndarray:
 
 
 def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: Path) -> None:
-    record = calibrate(later, onto=arm)
+    record = calibrate(later, CalibrationRequest(onto=arm))
     coordinates, other, truth = (
         record.coordinates,
         read_calibration(arm),
@@ -93,10 +94,10 @@ def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: P
 
     from calib.calibrate import _target
 
-    again = _target(Session.open(later), None, None)  # where the next calibration places it
+    again = _target(Session.open(later), CalibrationRequest())  # where the next calibration places it
     assert again is not None
     assert again.folder == arm
-    assert _target(Session.open(later), "none", None) is None
+    assert _target(Session.open(later), CalibrationRequest(onto="none")) is None
 
 
 def test_sessions_that_share_nothing_are_not_placed(
@@ -119,11 +120,11 @@ def test_sessions_that_share_nothing_are_not_placed(
 
 def test_what_nothing_can_be_placed_onto_is_one_sentence(own_arm: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not calibrated"):
-        calibrate(own_arm, onto=tmp_path)
+        calibrate(own_arm, CalibrationRequest(onto=tmp_path))
     with pytest.raises(InputError, match="onto itself"):
-        calibrate(own_arm, onto=own_arm)
+        calibrate(own_arm, CalibrationRequest(onto=own_arm))
     with pytest.raises(InputError, match="leave them"):
-        calibrate(own_arm, only="colour", onto=tmp_path)
+        calibrate(own_arm, CalibrationRequest(only="colour", onto=tmp_path))
     (own_arm / "calibration" / "colmap" / "cameras.bin").unlink()
     with pytest.raises(InputError, match="damaged"):
         read_target(own_arm)

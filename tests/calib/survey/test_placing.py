@@ -10,6 +10,7 @@ import pytest
 from calib.calibrate import calibrate
 from calib.data.unfinished import FOLDER
 from calib.poses.sfm import SceneModel, centres
+from calib.request import CalibrationRequest
 from calib.survey.placing import Expected, place_by_survey
 from calib.survey.points import Survey, SurveyPosition
 from imaging.arrays import Array
@@ -143,7 +144,7 @@ def matched(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        calibrate(session, only="poses", on_progress=stop)
+        calibrate(session, CalibrationRequest(only="poses"), on_progress=stop)
     assert (session / FOLDER).is_dir()
     return session
 
@@ -156,7 +157,7 @@ def placed(matched: Path, staked: Staked, tmp_path_factory: pytest.TempPathFacto
     points = write_points(folder / "points.csv", {name: place + UTM for name, place in staked.places.items()})
     points.write_text("# EPSG:25832\n" + points.read_text())
     marks = write_marks(folder / "marks.csv", staked.marks(CLICK))
-    calibrate(session, only="poses", survey=points, marks=marks)
+    calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
     return session
 
 
@@ -183,13 +184,13 @@ def test_a_survey_stays_until_it_is_forgotten(placed: Path) -> None:
 
     session = Session.open(placed)
     before = read_calibration(placed).coordinates
-    again = _control(session, None, None, None)
+    again = _control(session, CalibrationRequest())
     assert before is not None
     assert again is not None
     assert list(again.survey.points) == [point.name for point in before.points]
     assert again.survey.system == "EPSG:25832"
     assert sum(map(len, again.marks.values())) == sum(len(point.marks) for point in before.points)
-    assert _control(session, "none", None, None) is None
+    assert _control(session, CalibrationRequest(survey="none")) is None
 
 
 def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
@@ -203,9 +204,9 @@ def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
         tmp_path / "marks.csv", {n: by_view for n, by_view in staked.marks(CLICK).items() if n in few}
     )
     with pytest.raises(PartialError, match=r"coordinates of its own.*exchanged"):
-        calibrate(session, only="poses", survey=points, marks=marks)
+        calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
     record = read_calibration(session)
     assert len(record.views) == 12
     assert (record.unit, record.coordinates) == ("relative", None)
     with pytest.raises(InputError, match="--survey and --onto place poses"):
-        calibrate(session, only="colour", survey=points, marks=marks)
+        calibrate(session, CalibrationRequest(only="colour", survey=points, marks=marks))

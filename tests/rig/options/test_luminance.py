@@ -4,6 +4,7 @@ import pytest
 import typer
 
 from imaging.errors import InputError
+from imaging.request import FORGET
 from imaging.session.view_id import ViewId
 from rig.options.luminance import ERROR, EXAMPLE, ReadingText, reading_text, readings_of
 
@@ -60,6 +61,6 @@ def test_what_is_no_reading_is_refused_in_a_sentence_with_the_fix(text: str, mes
 def test_none_forgets_and_nothing_keeps() -> None:
     assert readings_of(None) is None
     assert readings_of([]) is None
-    assert readings_of([ReadingText("none")]) == ()
+    assert readings_of([ReadingText("none")]) == FORGET
     with pytest.raises(typer.BadParameter):
         reading_text(" ")
