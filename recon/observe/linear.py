@@ -14,9 +14,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
+from imaging.arrays import Array32
 from imaging.cfa import Cfa
 from recon.data.dataset import View
 from recon.observe.glare import scattered
+from recon.observe.linear_kernel import Sites, recorded
 from recon.observe.losses import exposed_mu_law, mu_law
 from recon.observe.targets import Targets
 from recon.scene.appearance import Rate
@@ -111,6 +113,14 @@ def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
     return conv2d(image.movedim(2, 0)[None], kernels, stride=(rows, columns))[0]
 
 
+def _sites(matrix: Array32, cfa: Cfa | None) -> Sites:
+    """The planes of `through_filter`: the sites of the tile, or all channels at each pixel."""
+    if cfa is None:
+        return Sites((1, 1), np.zeros((len(matrix), 2), np.int64), np.ascontiguousarray(matrix))
+    offsets = np.stack([place.ravel() for place in np.indices(cfa.period)], -1)
+    return Sites(cfa.period, offsets, matrix[cfa.pattern.ravel()])
+
+
 @dataclass(frozen=True)
 class _Prepared:
     """Constant inputs of a view, for J shots of P planes.
@@ -120,6 +130,7 @@ class _Prepared:
     """
 
     matrix: Tensor
+    sites: Sites
     falloff: Tensor
     scales: Tensor
     target: Tensor
@@ -159,8 +170,14 @@ class LinearLight(Observation):
         """All shots of the bracket, darkest first: [shots * P, h, w], planes as of `through_filter`."""
         prepared = self._prepared.of(view, lambda: self._prepare(view), image.device)
         image = scattered(image, view.sensor.glare)
-        light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]
+        if image.device.type == "cpu" and image.dtype == torch.float32:
+            prediction = recorded(
+                image, scales.reshape(-1), prepared.sites, prepared.falloff, prepared.target,
+                prepared.saturated, prepared.valid, prepared.mu,
+            )  # fmt: skip
+            return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
+        light = through_filter(image, prepared.matrix.to(image.dtype), view.sensor.cfa) * prepared.falloff
         prediction = exposed_mu_law(light, scales, prepared.ceiling(), prepared.mu)
         if prepared.valid is not None:
             prediction = torch.where(prepared.valid, prediction, prepared.target)
@@ -206,10 +223,11 @@ class LinearLight(Observation):
         valid = torch.stack([planes(shot.valid) for shot in view.shots])
         return _Prepared(
             matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
+            sites=_sites(sensor.camera_from_rec709.astype(np.float32), sensor.cfa),
             falloff=falloff[None] if period is None else split(falloff, period),
             scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
-            target=target,
-            saturated=saturated if bool(saturated.any()) else None,
-            valid=None if bool(valid.all()) else valid,
+            target=target.contiguous(),
+            saturated=saturated.contiguous() if bool(saturated.any()) else None,
+            valid=None if bool(valid.all()) else valid.contiguous(),
             mu=mu,
         )

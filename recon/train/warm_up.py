@@ -5,6 +5,8 @@ import torch
 
 from imaging.compute.jit import cache_folder
 from imaging.progress import Progress
+from recon.observe.display_kernel import photographed
+from recon.observe.linear_kernel import Sites, recorded
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.splat.limits import CHANNELS_MOST
@@ -39,13 +41,24 @@ def warm_up(
         _render(device, fisheye=True, channels=channels).sum().backward()  # type: ignore[no-untyped-call]
     if depth and channels < CHANNELS_MOST:
         _render(_CPU, channels=channels + 1).sum().backward()  # type: ignore[no-untyped-call]
-    progress(f"{doing} SSIM", 2, total)
+    progress(f"{doing} cameras and SSIM", 2, total)
+    _observe(image.detach()[:, :, :1].expand(-1, -1, 3))
     planes = image.detach().permute(2, 0, 1).contiguous()
     photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)
     if device != _CPU:
         progress(f"loading the kernels of {device}, or compiling them once", 3, total)
         _render(device).sum().backward()  # type: ignore[no-untyped-call]
     progress("kernels are ready", total, total)
+
+
+def _observe(image: torch.Tensor) -> None:
+    """Observe an image [H, W, 3] as shots of linear light and as photographs."""
+    image = image.contiguous().requires_grad_()
+    planes = torch.zeros(3, *image.shape[:2])
+    sites = Sites((1, 1), np.zeros((3, 2), np.int64), np.eye(3, dtype=np.float32))
+    recorded(image, torch.ones(1), sites, planes, planes[None], None, None, 1.0).sum().backward()  # type: ignore[no-untyped-call]
+    gains, shade = np.ones((1, 3), np.float32), np.empty((0, 0), np.float32)
+    photographed(image, shade, gains, planes.to(torch.uint8), None, None)[0].sum().backward()  # type: ignore[no-untyped-call]
 
 
 def _render(device: torch.device, *, fisheye: bool = False, channels: int = 3) -> torch.Tensor:
