@@ -246,13 +246,12 @@ def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
     deep = any(view.depth is not None for view in views)
     warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
     started = run.clock()
-    evidence = Evidence.of(run)
-    plan = decide(run, evidence)
+    plan = run.ranks.decided(lambda: decide(run, Evidence.of(run)))
     if run.ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):
             store.discard(folder / name)
-    training = plan.training(evidence, run)
+    training = plan.training(run.dataset, run.device)
     training.seconds = run.clock() - started
     return training, plan
 
@@ -261,14 +260,16 @@ def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, TrainingPlan]:
     """The training that was stopped, with what was decided of it."""
     facts = checkpoint.facts
     settings = Settings.model_validate(facts["settings"])
+    light = light_in(checkpoint)
     plan = TrainingPlan(
         settings,
-        Refinement.stored(run.dataset, checkpoint),
+        light,
         rungs=tuple(Rung.model_validate(rung) for rung in facts["size"]),
         prediction=Prediction.model_validate(facts["predicted"]) if facts["predicted"] else None,
     )
-    method = settings.composed(run.dataset, light_in(checkpoint))
-    training = restored(method, checkpoint, run.dataset.extent, run.device, plan.refinement)
+    refinement = Refinement.stored(run.dataset, checkpoint)
+    method = settings.composed(run.dataset, light)
+    training = restored(method, checkpoint, run.dataset.extent, run.device, refinement)
     if not run.ranks.first:  # the first one holds what all had counted
         training.count_anew()
     return training, plan

@@ -1,6 +1,7 @@
 """Corrections that a training may make: by the errors of the calibration, else by the evidence of a trial."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -19,7 +20,6 @@ from recon.decide.stray_light import glare_of
 from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
-from recon.train.ranks import Ranks
 from recon.train.training import Training
 
 ALL: tuple[Refined, ...] = get_args(Refined)
@@ -42,16 +42,34 @@ TRIAL_SHARE = 0.2
 UNIT = "dB of the residuals of views held out of a trial"
 
 
-def refinement_for(
+@dataclass(frozen=True)
+class Corrections:
+    """Corrections that a training makes.
+
+    rungs: the reasons for and against each of `ALL`. scattered: share of the light that the lens of each
+    camera scatters at the start.
+    """
+
+    names: tuple[Refined, ...] = ()
+    rungs: tuple[Rung, ...] = ()
+    scattered: tuple[float, ...] = ()
+
+    def begun(self, dataset: Dataset) -> Refinement:
+        """Return them as they are when a training begins."""
+        return Refinement.of(dataset, self.names, self.rungs, torch.tensor(self.scattered))
+
+
+UNCORRECTED = Corrections()
+
+
+def corrections_for(
     dataset: Dataset,
     images: Images,
     settings: Settings,
     against_trials: str | None,
-    ranks: Ranks,
     progress: Progress,
-) -> Refinement:
-    """Return the corrections of a training with these settings: as requested, else by evidence; the same on
-    all ranks.
+) -> Corrections:
+    """Return the corrections of a training with these settings: as requested, else by evidence.
 
     images: radiance images of the training views. against_trials: the reason against trials, or None if they
     are allowed.
@@ -62,14 +80,11 @@ def refinement_for(
         rungs = [
             _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
         ]
-    elif ranks.first:
+    else:
         known = _displayed(dataset, settings.method, "glare") or glare
         rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress), known]
-    else:
-        rungs = [_rung(name, False, "as the first process decided") for name in ALL]
-    taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.broadcast(float(rung.taken))]
-    scattered = torch.tensor([ranks.broadcast(share) for share in shares])
-    return Refinement.of(dataset, taken, tuple(rungs), scattered)
+    taken = tuple(name for name, rung in zip(ALL, rungs, strict=True) if rung.taken)
+    return Corrections(taken, tuple(rungs), tuple(shares))
 
 
 def rungs_by_evidence(

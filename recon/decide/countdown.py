@@ -58,12 +58,9 @@ class Countdown:
         end = self.clock() + MOST_OF_START * max(self.left(), 0.0)
         return lambda: self.clock() >= end
 
-    def require(self, training: float, fewest: int, available: float | None = None) -> None:
-        """TooShort, with the time that would do, where the `training` seconds of the fewest do not fit.
-
-        available: seconds until training has to be over, where several processes have to agree on them.
-        """
-        available = self.left() if available is None else available
+    def require(self, training: float, fewest: int) -> None:
+        """TooShort, with the time that would do, where the `training` seconds of the fewest do not fit."""
+        available = self.left()
         if training <= available:
             return
         needed = math.ceil((self.seconds - available + training) / 5) * 5

@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import torch
 
 from imaging.arrays import Array
 from imaging.session.records import Rung
-from recon.decide.corrections import refinement_for
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.decide.corrections import UNCORRECTED, Corrections, corrections_for
 from recon.decide.countdown import MOST_OF_START
 from recon.decide.evidence import Evidence, Run
 from recon.decide.far_field import environment_for
@@ -21,7 +24,6 @@ from recon.decide.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.trials import reason_against_trials
-from recon.observe.refinement import Refinement
 from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, gaussians_at, points_of_poses, scattered, start_points
@@ -32,32 +34,29 @@ NO_TIME = "not tried, since a trial would take its time from the budget"
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """A training as it was decided.
+    """A training as it was decided, without the photographs: several processes are sent the same one.
 
-    settings: the requested ones, with decisions in place of defaults. points: to start from; None of a
-    training that goes on. far: the environment behind them at the start. rungs: the evidence for the size,
-    the environment and depth; that for the corrections is in `refinement`.
+    settings: the requested ones, with decisions in place of defaults. points: to start from, and `far`, the
+    environment behind them; a training that goes on has no more use for these and the corrections. rungs: the
+    evidence for the size, the environment and depth; that for the corrections is in `corrections`.
     """
 
     settings: Settings
-    refinement: Refinement
+    light: Light
+    corrections: Corrections = UNCORRECTED
     rungs: tuple[Rung, ...] = ()
     prediction: Prediction | None = None
     points: Start | None = None
     far: Environment | None = None
 
-    def training(self, evidence: Evidence, run: Run) -> Training:
+    def training(self, dataset: Dataset, device: torch.device) -> Training:
         """A training of this plan, not yet begun."""
         assert self.points is not None
-        dataset = evidence.dataset
-        method = self.settings.composed(dataset, evidence.light)
+        method = self.settings.composed(dataset, self.light)
         gaussians = gaussians_at(self.points, method.appearance, method.observation.units)
-        decided = self.refinement
-        refinement = Refinement.of(
-            dataset, decided.parameters, decided.rungs, decided.parameters.get("glare")
-        )
+        refinement = self.corrections.begun(dataset)
         far = None if self.far is None else self.far.copied()
-        return Training.begin(method, evidence.light, gaussians, dataset.extent, run.device, refinement, far)
+        return Training.begin(method, self.light, gaussians, dataset.extent, device, refinement, far)
 
 
 def decide(run: Run, evidence: Evidence) -> TrainingPlan:
@@ -66,9 +65,8 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     Raises:
         TooShort: A budget of time has no room for the fewest iterations.
     """
-    asked, ranks, progress, countdown = run.asked, run.ranks, run.progress, run.countdown
+    asked, progress, countdown = run.asked, run.progress, run.countdown
     dataset, images = evidence.dataset, evidence.images
-    uncorrected = Refinement.of(dataset, ())
 
     # Iterations at most: with early stop as many as were worth it in other scenes.
     settings = _with(asked, iterations=iterations_at_most(asked))
@@ -76,11 +74,11 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     # The report, and any training at all: whether a time has room for them, by what the first look took.
     if countdown is not None:
         countdown.plan(evidence.look, len(dataset.train), len(dataset.held_out))
-        countdown.require(evidence.look, FEWEST, run.seconds_left())
+        countdown.require(evidence.look, FEWEST)
 
     # The degree of the harmonics, by scene points seen from all sides.
     first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress)
-    degree, colour = degree_for(dataset, asked, images, ranks, first)
+    degree, colour = degree_for(dataset, asked, images, first)
 
     # The most Gaussians, by preset, budget and samples of the views.
     settings = _with(settings, degree=degree, max_gaussians=most_for(dataset, asked, degree))
@@ -88,38 +86,36 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
 
     # The starting points, and whether short trainings from them may decide what follows.
     points = _start(run, evidence, settings, first)
-    plan = TrainingPlan(settings, uncorrected, points=points)
+    plan = TrainingPlan(settings, evidence.light, points=points)
     against_trials = _reason_against_trials(run, evidence, plan)
 
     # Light from far away behind the Gaussians: by views that look through the points, else by a trial.
     units = settings.composed(dataset, evidence.light).observation.units
     far = None
-    taken, environment = environment_for(
-        dataset, settings, images, points, units, against_trials, ranks, progress
-    )
-    if taken:
+    environment = environment_for(dataset, settings, images, points, units, against_trials, progress)
+    if environment.taken:
         far = far_light(dataset.train, images, units)
         points = without_far(points, dataset.train, images, far, units)
         settings = _with(settings, environment=True)
 
     # Measured depth: its weight, by its fit to the scene points, then by trials.
-    weight, depth = depth_for(dataset, evidence.depths, settings, against_trials, ranks, progress)
+    weight, depth = depth_for(dataset, evidence.depths, settings, against_trials, progress)
     settings = _with(settings, depth=weight, depth_scale=dataset.depth_scale)
 
     # Corrections of the calibration, by its errors, else by trials of what was asked for with these two.
     tried = _with(asked, environment=settings.environment, depth=weight)
-    refinement = refinement_for(dataset, images, tried, against_trials, ranks, progress)
+    corrections = corrections_for(dataset, images, tried, against_trials, progress)
 
     # The number of Gaussians, by trials that halve it or by the samples of the views.
     count, size = gaussians_for(
-        dataset, tried, against_trials, degree, refinement, points, ranks, progress, run.device
+        dataset, tried, against_trials, degree, corrections.names, points, progress, run.device
     )
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
     points = fewer(points, int(asked.start_share * count), asked.seed)
     settings = _with(settings, max_gaussians=count)
 
     rungs = (size, colour, environment, *depth)
-    plan = TrainingPlan(settings, refinement, rungs, points=points, far=far)
+    plan = TrainingPlan(settings, evidence.light, corrections, rungs, points=points, far=far)
     return plan if asked.budget is None else _within_budget(run, evidence, plan)
 
 
@@ -142,12 +138,12 @@ def _require_room(run: Run, evidence: Evidence, settings: Settings) -> None:
         return
     dataset = evidence.dataset
     points = scattered(dataset, int(settings.start_share * settings.max_gaussians), settings.seed)
-    plan = TrainingPlan(settings, Refinement.of(dataset, ()), points=points)
-    begin = partial(plan.training, evidence, run)
-    pace = pace_at_once(begin, dataset, settings.plan(), run.ranks, run.clock)
+    plan = TrainingPlan(settings, evidence.light, points=points)
+    begin = partial(plan.training, dataset, run.device)
+    pace = pace_at_once(begin, dataset, settings.plan(), run.clock)
     started = 1.0 if run.smaller is None else 1 - MOST_OF_START
     least = Probe(0, pace * GROWTH, None).seconds_for(min(FEWEST, settings.iterations))
-    run.countdown.require(least / started, FEWEST, run.seconds_left())
+    run.countdown.require(least / started, FEWEST)
 
 
 def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None) -> Start:
@@ -158,8 +154,7 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
     countdown, dataset = run.countdown, evidence.dataset
     count = int(settings.start_share * settings.max_gaussians)
     rng = np.random.Generator(np.random.PCG64([settings.seed, 0x57A27]))
-    # Several processes have to begin with the same points, whichever is slower.
-    over = countdown.start_over() if countdown is not None and run.ranks.count == 1 else None
+    over = None if countdown is None else countdown.start_over()
     points = start_points(dataset, evidence.images, count, rng, run.progress, over, first)
     if countdown is not None and points.left_out:
         few = f"{points.left_out} of {len(dataset.train)} views"
@@ -172,10 +167,8 @@ def _reason_against_trials(run: Run, evidence: Evidence, plan: TrainingPlan) -> 
     reason, seconds = reason_against_trials(evidence.dataset, run.asked), run.seconds_left()
     if reason is not None or run.countdown is None or seconds is None:
         return reason
-    begin = partial(plan.training, evidence, run)
-    if has_time_for_trials(
-        begin, evidence.dataset, plan.settings.plan(), seconds, ranks=run.ranks, clock=run.clock
-    ):
+    begin = partial(plan.training, evidence.dataset, run.device)
+    if has_time_for_trials(begin, evidence.dataset, plan.settings.plan(), seconds, clock=run.clock):
         return None
     run.say(f"{run.countdown.seconds:g} s leave no room for trials of what the scene needs.")
     return NO_TIME
@@ -188,22 +181,21 @@ def _within_budget(run: Run, evidence: Evidence, plan: TrainingPlan) -> Training
     """
     countdown, most = run.countdown, plan.settings.iterations
     miniature = probe(
-        partial(plan.training, evidence, run), evidence.dataset, plan.settings.plan(), run.seconds_left(),
-        ranks=run.ranks, progress=run.progress, clock=run.clock,
+        partial(plan.training, evidence.dataset, run.device), evidence.dataset, plan.settings.plan(),
+        run.seconds_left(), progress=run.progress, clock=run.clock,
     )  # fmt: skip
     settings = plan.settings
     if countdown is not None:
-        available = run.ranks.broadcast(countdown.left())
+        available = countdown.left()
         fitting = miniature.iterations_within(available)
         if fitting < min(FEWEST, most):
-            countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST, available)
+            countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST)
         settings = _with(settings, iterations=min(most, fitting))
     plan = replace(plan, settings=settings)
     if miniature.db is None:
         return plan
     length = settings.iterations * settings.batch
     guess = predicted(miniature.db, miniature.iterations, length, timed=countdown is not None)
-    if run.ranks.first:
-        width = max(view.lens.width for view in evidence.dataset.views)
-        run.say(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}) at {width} px")
+    width = max(view.lens.width for view in evidence.dataset.views)
+    run.say(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}) at {width} px")
     return replace(plan, prediction=guess)

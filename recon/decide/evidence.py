@@ -36,8 +36,8 @@ class Run:
     smaller: Settings | None = field(default=None, kw_only=True)
 
     def seconds_left(self) -> float | None:
-        """Seconds until training has to be over, the same on all ranks; None without a time limit."""
-        return None if self.countdown is None else self.ranks.broadcast(self.countdown.left())
+        """Seconds until training has to be over; None without a time limit."""
+        return None if self.countdown is None else self.countdown.left()
 
 
 @dataclass(frozen=True)
@@ -62,5 +62,4 @@ class Evidence:
         light, depths = light_of(run.dataset, images), depth_fit(run.dataset, images, run.progress)
         used = depths is not None and depths.fits and run.asked.overrides.depth != 0
         dataset = run.dataset.with_depths(depths.scale if depths is not None and used else None)
-        look = run.ranks.broadcast(run.clock() - began)
-        return cls(dataset, images, light, look, depths)
+        return cls(dataset, images, light, run.clock() - began, depths)

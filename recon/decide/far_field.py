@@ -19,7 +19,6 @@ from recon.decide.trials import Trials, room
 from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at
 from recon.start.plane_sweep import plane_sweep, sample
-from recon.train.ranks import Ranks
 
 NAME = "environment"
 SUGGESTED, SURE = 0.12, 0.16
@@ -41,13 +40,12 @@ def environment_for(
     points: Start,
     units: Callable[[torch.Tensor], torch.Tensor],
     against_trials: str | None,
-    ranks: Ranks,
     progress: Progress,
-) -> tuple[bool, Rung]:
+) -> Rung:
     """Return whether there is an environment, and why: as asked, else by geometry, where that is sure.
 
     images: radiance images of the training views; points: those that training would start from; units: as of
-    `far_light`. The same on all ranks.
+    `far_light`.
     """
     asked = settings.overrides.environment
     if dataset.bands:
@@ -56,21 +54,14 @@ def environment_for(
                 f"{dataset.session} has the light of bands, and an environment that of Rec.709: leave "
                 "--set environment=1 out."
             )
-        return False, Rung(
-            name=NAME, taken=False, reason="the light is that of bands, which it does not have"
-        )
+        return Rung(name=NAME, taken=False, reason="the light is that of bands, which it does not have")
     if asked is not None:
-        rung = Rung(name=NAME, taken=asked, reason="asked for" if asked else "left out, as asked for")
-    elif ranks.first:
-        if all(view.transparent for view in dataset.train):
-            reason = "where the photographs are transparent there is nothing"
-            rung = Rung(name=NAME, taken=False, reason=reason)
-        else:
-            share = far_share(dataset, images, points, units)
-            rung = _by_share(dataset, settings, share, against_trials, progress)
-    else:
-        rung = Rung(name=NAME, taken=False, reason="as the first process decided")
-    return bool(ranks.broadcast(float(rung.taken))), rung
+        return Rung(name=NAME, taken=asked, reason="asked for" if asked else "left out, as asked for")
+    if all(view.transparent for view in dataset.train):
+        reason = "where the photographs are transparent there is nothing"
+        return Rung(name=NAME, taken=False, reason=reason)
+    share = far_share(dataset, images, points, units)
+    return _by_share(dataset, settings, share, against_trials, progress)
 
 
 def _by_share(

@@ -16,7 +16,6 @@ from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.trials import Trials, room
 from recon.start.initialisation import points_of_poses
-from recon.train.ranks import Ranks
 
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)
@@ -53,10 +52,9 @@ def depth_for(
     fitted: DepthFit | None,
     settings: Settings,
     against_trials: str | None,
-    ranks: Ranks,
     progress: Progress,
 ) -> tuple[float, tuple[Rung, ...]]:
-    """The weight of measured depth in the loss, the same on all ranks, and the rungs; none without maps.
+    """The weight of measured depth in the loss, and the rungs; none without maps.
 
     dataset: with its depth maps in scene coordinates, or without any where they do not fit.
     """
@@ -69,19 +67,18 @@ def depth_for(
         reason = f"{fitted.summary()}: they tell another scene, or units of their own"
         return 0.0, (Rung(name=START, taken=False, reason=reason),)
     first = Rung(name=START, taken=True, reason=f"in place of a sweep: {fitted.summary()}")
-    weight, rung = 0.0, Rung(name=TERM, taken=False, reason="as the first process decided")
     if asked is not None:
         weight, rung = asked, Rung(name=TERM, taken=True, reason=f"asked for with a weight of {asked:g}")
-    elif ranks.first and against_trials is not None:
+    elif against_trials is not None:
         sure, count = fitted.scatter <= SURE_SCATTER, len(dataset.train)
         taken = sure and count < FEW_VIEWS
         weight = USUAL if taken else 0.0
         agreed = f"maps and scene points differ by {'less' if sure else 'more'} than {100 * SURE_SCATTER:g} %"
         views = f"{count} training views are {'few' if count < FEW_VIEWS else 'enough without it'}"
         rung = Rung(name=TERM, taken=taken, reason=f"{agreed}, {views}; a trial: {against_trials}")
-    elif ranks.first:
+    else:
         weight, rung = tried(dataset, settings, WEIGHTS, progress)
-    return ranks.broadcast(weight), (first, rung)
+    return weight, (first, rung)
 
 
 def tried(

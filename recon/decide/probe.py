@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.train.learning_rates import rate_factor
-from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -29,8 +28,6 @@ two scenes of which only the number of Gaussians is tried, which makes what foll
 two whose poses, exposures and falloff are all in doubt."""
 RESERVE = 0.92
 """Share of the time that is planned with: the rest is for measuring, checkpoints and a busier machine."""
-
-_ALONE = Ranks()
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,6 @@ def probe(
     plan: Plan,
     seconds: float | None,
     *,
-    ranks: Ranks = _ALONE,
     progress: Progress = unreported,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
@@ -74,7 +70,7 @@ def probe(
     progress("probing the scene", 0, 1)
     count = max(SHORTEST, int(SHARE * plan.iterations))
     if seconds is not None:
-        pace = pace_at_once(begin, dataset, plan, ranks, clock)
+        pace = pace_at_once(begin, dataset, plan, clock)
         count = int(min(SHARE * seconds / pace, count))
         if count < SHORTEST:
             return Probe(TRIAL, pace * GROWTH, None)
@@ -82,9 +78,8 @@ def probe(
     factor = rate_factor(count)
     short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, rate_factor=factor)
     taken = _seconds(training, dataset, short, count, clock)
-    pace = ranks.broadcast(max(taken - training.measuring, 1e-9) / count)
-    db = ranks.broadcast(training.curve[-1].db) if training.curve else None
-    return Probe(count, pace, db)
+    pace = max(taken - training.measuring, 1e-9) / count
+    return Probe(count, pace, training.curve[-1].db if training.curve else None)
 
 
 def has_time_for_trials(
@@ -93,28 +88,27 @@ def has_time_for_trials(
     plan: Plan,
     seconds: float,
     *,
-    ranks: Ranks = _ALONE,
     clock: Callable[[], float] = time.monotonic,
 ) -> bool:
     """Return whether the whole schedule fits into `seconds` after the trials.
 
-    The same on all ranks; the result depends on the machine. Arguments as those of `probe`.
+    The result depends on the machine. Arguments as those of `probe`.
     """
-    pace = pace_at_once(begin, dataset, plan, ranks, clock)
+    pace = pace_at_once(begin, dataset, plan, clock)
     return WITH_TRIALS * GROWTH * pace * plan.iterations <= RESERVE * seconds
 
 
 def pace_at_once(
-    begin: Callable[[], Training], dataset: Dataset, plan: Plan, ranks: Ranks, clock: Callable[[], float]
+    begin: Callable[[], Training], dataset: Dataset, plan: Plan, clock: Callable[[], float]
 ) -> float:
-    """Seconds an iteration with as many Gaussians as a training starts with, by a few; on all ranks."""
+    """Seconds an iteration with as many Gaussians as a training starts with, by a few."""
     # Standing late on the schedule: all harmonics and corrections are on, and nothing is split.
     count = WARM_UP + TRIAL
     training, short = begin(), Plan(count, plan.density, plan.seed, log_every=count)
     training.schedule = Schedule.still(count, LATE)
     _seconds(training, dataset, short, WARM_UP, clock)
     taken = _seconds(training, dataset, short, count, clock)
-    return max(ranks.broadcast(taken / TRIAL), 1e-9)
+    return max(taken / TRIAL, 1e-9)
 
 
 def _seconds(

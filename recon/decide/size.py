@@ -5,6 +5,7 @@ preset names the most Gaussians; from there trials halve the count for as long a
 lose little.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
 from recon.decide.trials import SAMPLES, Trials, room
 from recon.decide.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
-from recon.observe.refinement import Refinement
+from recon.observe.refinement import Refined
 from recon.scene.harmonics import DEGREE
 from recon.scene.ply import most_gaussians
 from recon.start.initialisation import Start
@@ -56,10 +57,9 @@ def degree_for(
     dataset: Dataset,
     settings: Settings,
     images: Images,
-    ranks: Ranks,
     points: Array | None = None,
 ) -> tuple[int, Rung]:
-    """The degree of the harmonics, and why: as asked, else by the evidence; the same on all ranks.
+    """The degree of the harmonics, and why: as asked, else by the evidence.
 
     images: radiance images of the training views. points: of the scene, where calibration has none. The
     rung's parameters are those of one Gaussian.
@@ -85,7 +85,6 @@ def degree_for(
                 f"the lowest above which none surely gains {MATERIAL:g} dB: over 0 at {evidence.points} "
                 f"scene points gain {steps}"
             )
-    degree = int(ranks.broadcast(degree))
     # Of colours that stay the same everywhere, the rung has what the better of the others would gain.
     best = degree or (0 if evidence is None else int(evidence.db.argmax()) or 1)
     rung = Rung(
@@ -114,47 +113,16 @@ def gaussians_for(
     settings: Settings,
     against_trials: str | None,
     degree: int,
-    refined: Refinement,
+    refined: Sequence[Refined],
     points: Start,
-    ranks: Ranks,
     progress: Progress,
     device: torch.device,
 ) -> tuple[int, Rung]:
-    """Number of Gaussians, and the reason: as requested, else by evidence; the same number on all ranks.
+    """Number of Gaussians, and the reason: as asked, else by trials, else by the samples there are.
 
-    against_trials: the reason against trials, or None if they are allowed. points: the start of a training of
-    `most_for` Gaussians.
+    against_trials: the reason against trials, or None if they are allowed. refined: corrections that the
+    training makes. points: the start of a training of `most_for` Gaussians.
     """
-    if not ranks.first:  # only the first one writes why
-        return int(ranks.broadcast(0)), Rung(name=COUNT, taken=False, reason="as the first process decided")
-    count, rung = count_by_evidence(
-        dataset, settings, against_trials, degree, refined, points, progress, device
-    )
-    return int(ranks.broadcast(count)), rung
-
-
-def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
-    """The most Gaussians that the scene may be given: as asked for, else of the preset, if it has room."""
-    if settings.budget is not None and settings.budget_unit == "bytes":
-        return min(settings.max_gaussians, most_gaussians(settings.budget, degree))
-    return settings.max_gaussians if _asked(settings) else min(settings.max_gaussians, room(dataset))
-
-
-def _asked(settings: Settings) -> bool:
-    return settings.overrides.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
-
-
-def count_by_evidence(
-    dataset: Dataset,
-    settings: Settings,
-    against_trials: str | None,
-    degree: int,
-    refined: Refinement,
-    points: Start,
-    progress: Progress,
-    device: torch.device,
-) -> tuple[int, Rung]:
-    """The number of Gaussians, and why: as asked, else by trials, else by the samples there are."""
     most = most_for(dataset, settings, degree)
     if _asked(settings):
         reason = f"at most {most:,}, as asked for"
@@ -168,6 +136,17 @@ def count_by_evidence(
     return most, Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most)
 
 
+def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
+    """The most Gaussians that the scene may be given: as asked for, else of the preset, if it has room."""
+    if settings.budget is not None and settings.budget_unit == "bytes":
+        return min(settings.max_gaussians, most_gaussians(settings.budget, degree))
+    return settings.max_gaussians if _asked(settings) else min(settings.max_gaussians, room(dataset))
+
+
+def _asked(settings: Settings) -> bool:
+    return settings.overrides.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
+
+
 @dataclass
 class Ladder:
     """Trials of one session, each trained once. measured: dB of each view, by count.
@@ -178,7 +157,7 @@ class Ladder:
     """
 
     trials: Trials
-    refined: Refinement
+    refined: Sequence[Refined]
     most: int
     degree: int
     device: torch.device
@@ -216,7 +195,7 @@ class Ladder:
     def db(self, count: int) -> Array:
         """Quality in every judging view, [views], of a training with that many Gaussians."""
         if count not in self.measured:
-            trials, fitted = self.trials, bool({*self.refined.parameters} & {"poses", "exposures"})
+            trials, fitted = self.trials, bool({*self.refined} & {"poses", "exposures"})
             if not self.measured:
                 halvings = sum(self.most >> step >= FEWEST for step in range(1, MOST_HALVINGS + 1))
                 fits = len(trials.judged) * STEPS if fitted else 0
@@ -225,12 +204,12 @@ class Ladder:
                 self.iterations,
                 count,
                 f"a trial with {count:,} Gaussians",
-                refine=tuple(self.refined.parameters),
+                refine=tuple(self.refined),
                 degree=self.degree,
                 points=fewer(trials.points, int(START_SHARE * count), trials.settings.seed),
                 device=self.device,
             )
-            unsure, extent = tuple(self.refined.parameters), trials.part.extent
+            unsure, extent = tuple(self.refined), trials.part.extent
             views = []
             for view in trials.judged:
                 views.append(fitted_view(training, view, unsure, extent))

@@ -6,16 +6,23 @@ all take equal steps, so their Gaussians stay equal, density control included; o
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import timedelta
+from typing import TypeVar, cast
 
 import torch
 import torch.distributed as distributed
 from torch import Tensor
 
 from imaging.compute import threads
-from imaging.errors import ReconstructionError
+from imaging.errors import ReconstructionError, RigError
+
+Decided = TypeVar("Decided")
+
+LONGEST_WAIT = timedelta(hours=12)
+"""Time after which a rank takes the others for lost: all but the first wait while that one decides."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +63,22 @@ class Ranks:
         distributed.all_reduce(together)
         return [float(number) for number in together.tolist()]
 
-    def broadcast(self, value: float) -> float:
-        """Rank 0's value, on every rank."""
-        return self.totals(value if self.first else 0.0)[0]
+    def decided(self, decide: Callable[[], Decided]) -> Decided:
+        """Return what rank 0 decides, on every rank; a RigError or an interrupt of it is raised on all."""
+        if self.count == 1:
+            return decide()
+        outcome: list[Decided | BaseException | None] = [None]
+        if self.first:
+            try:
+                outcome[0] = decide()
+            except (RigError, KeyboardInterrupt) as error:
+                outcome[0] = error
+        distributed.broadcast_object_list(outcome)
+        self.totals(0.0)  # no rank goes on before the others know
+        (result,) = outcome
+        if isinstance(result, BaseException):
+            raise result
+        return cast(Decided, result)
 
 
 def _device() -> str:
@@ -81,7 +101,7 @@ def joined() -> Iterator[Ranks]:
     if torch.cuda.is_available():
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     try:
-        distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+        distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo", timeout=LONGEST_WAIT)
     except (ValueError, RuntimeError) as error:
         raise ReconstructionError(
             f"The {count} processes of this training did not find each other: start them with torchrun."

@@ -15,7 +15,6 @@ from recon.decide.countdown import Countdown
 from recon.decide.decisions import NO_TIME, TrainingPlan, decide
 from recon.decide.evidence import Evidence, Run
 from recon.decide.prediction import enough
-from recon.observe.refinement import Refinement
 from recon.train.ranks import Ranks
 
 from .test_corrections import settings
@@ -33,7 +32,7 @@ def test_the_package_states_the_order_of_the_decisions():
     page = inspect.getsource(decide)
     made = [
         "iterations_at_most(", "countdown.plan(", "degree_for(", "most_for(", "_require_room(", "_start(",
-        "_reason_against_trials(", "environment_for(", "depth_for(", "refinement_for(", "gaussians_for(",
+        "_reason_against_trials(", "environment_for(", "depth_for(", "corrections_for(", "gaussians_for(",
         "_within_budget(",
     ]  # fmt: skip
     assert len(made) == len(stated) - 1  # the method is chosen before the views are looked at
@@ -51,7 +50,7 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
         "direction-dependent colour",
         "environment",
     ]
-    assert [rung.taken for rung in decided.refinement.rungs] == [False] * 4
+    assert [rung.taken for rung in decided.corrections.rungs] == [False] * 4
     assert len(decided.points.xyz) <= 200
     assert decided.prediction is None
     assert decided.settings.iterations == wanted.iterations
@@ -67,17 +66,17 @@ def test_a_budget_of_time_decides_whether_trials_may(toy_long, monkeypatch, fits
     monkeypatch.setattr(decisions, "has_time_for_trials", lambda *_, **__: fits)
     said = []
     run = run_of(toy_long, settings(budget=60.0), Countdown(60.0, time.monotonic()), said)
-    plan = TrainingPlan(run.asked, Refinement.of(toy_long, ()))
-    reason = decisions._reason_against_trials(run, Evidence.of(run), plan)
+    evidence = Evidence.of(run)
+    plan = TrainingPlan(run.asked, evidence.light)
+    reason = decisions._reason_against_trials(run, evidence, plan)
     assert reason == (None if fits else NO_TIME)
     assert bool(said) != fits
 
 
 def test_a_training_of_the_decisions_begins_anew_each_time(toy_dataset):
     run = run_of(toy_dataset, settings())
-    evidence = Evidence.of(run)
-    plan = decide(run, evidence)
-    first, second = plan.training(evidence, run), plan.training(evidence, run)
+    plan = decide(run, Evidence.of(run))
+    first, second = (plan.training(toy_dataset, run.device) for _ in range(2))
     assert first is not second
     for name, values in first.gaussians.parameters.items():
         assert np.array_equal(values.detach(), second.gaussians.parameters[name].detach())

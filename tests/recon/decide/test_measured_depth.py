@@ -23,7 +23,6 @@ from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
-from recon.train.ranks import Ranks
 
 from .test_corrections import settings
 from .test_decisions import run_of
@@ -66,7 +65,7 @@ def test_without_a_trial_many_views_and_scattered_maps_go_without_the_term(deep)
         (many, good, "15 training views are enough without it"),
         (deep, replace(good, scatter=0.05), "differ by more than 3 %"),
     ):
-        weight, rungs = depth_for(dataset, fitted, settings(), "no time", Ranks(), unreported)
+        weight, rungs = depth_for(dataset, fitted, settings(), "no time", unreported)
         assert weight == 0
         assert [rung.taken for rung in rungs] == [True, False]
         assert words in rungs[1].reason

@@ -24,7 +24,6 @@ from recon.decide.size import (
     COLOUR,
     COUNT,
     Ladder,
-    count_by_evidence,
     degree_for,
     fewer,
     fewest,
@@ -34,13 +33,11 @@ from recon.decide.size import (
 )
 from recon.decide.trials import Trials, reason_against_trials
 from recon.decide.view_dependence import Gains
-from recon.observe.refinement import Refinement
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.scene import open_model
 from recon.scene.ply import most_gaussians
 from recon.start.initialisation import Start, start_points
-from recon.train.ranks import Ranks
 
 QUICK = Quality(80, 800, 64)
 
@@ -69,12 +66,12 @@ def settings(**changed) -> Settings:
 def decide(dataset, wanted):
     """The number of Gaussians, the degree, and the rung of each."""
     images = [radiance_image(view) for view in dataset.train]
-    rng, refined = np.random.Generator(np.random.PCG64(0)), Refinement.of(dataset, ())
-    degree, colour = degree_for(dataset, wanted, images, Ranks())
+    rng = np.random.Generator(np.random.PCG64(0))
+    degree, colour = degree_for(dataset, wanted, images)
     points = start_points(dataset, images, most_for(dataset, wanted, degree) // 2, rng)
     against = reason_against_trials(dataset, wanted)
     count, number = gaussians_for(
-        dataset, wanted, against, degree, refined, points, Ranks(), unreported, torch.device("cpu")
+        dataset, wanted, against, degree, (), points, unreported, torch.device("cpu")
     )
     return count, degree, number, colour
 
@@ -90,7 +87,7 @@ def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
 def test_a_scene_is_given_no_more_gaussians_than_its_trials_name(monkeypatch):
     """However much longer the whole training is: the gallery, trials of 400 iterations for one of 4,000."""
     trials = SimpleNamespace(settings=settings(iterations=4000), part=SimpleNamespace(held_out=()))
-    ladder = Ladder(trials, None, 80_000, 0, torch.device("cpu"))
+    ladder = Ladder(trials, (), 80_000, 0, torch.device("cpu"))
     db_of = {80_000: 42.54, 40_000: 42.93, 20_000: 42.57}
     monkeypatch.setattr(Ladder, "db", lambda self, count: np.array([db_of[count], db_of[count]]))
     count, rung = ladder.climbed()
@@ -145,7 +142,7 @@ def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
 def test_colours_follow_the_direction_where_things_gloss(many):
     """The table's balls and mug do."""
     images = [radiance_image(view) for view in many.train]
-    degree, rung = degree_for(many, settings(), images, Ranks())
+    degree, rung = degree_for(many, settings(), images)
     assert degree > 0
     assert rung.taken
     assert rung.gain > rung.standard_error > 0
@@ -178,8 +175,8 @@ def test_a_budget_in_bytes_has_room_for_more_gaussians_of_one_colour(many):
 def test_as_few_as_are_as_good(many, monkeypatch):
     """All halvings are taken where none loses."""
     monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
-    wanted, refined = settings(max_gaussians=1600), Refinement.of(many, ())
-    count, number = count_by_evidence(many, wanted, None, 1, refined, None, unreported, "cpu")
+    wanted = settings(max_gaussians=1600)
+    count, number = gaussians_for(many, wanted, None, 1, (), None, unreported, "cpu")
     assert count == 1600 // 2**module.MOST_HALVINGS == 50
     assert number.taken
 
@@ -210,25 +207,6 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
     assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]
     assert reconstruct(long, TrainingRequest(overrides=overrides, name="twice")) == again
-
-
-class Second(Ranks):
-    """A process that hears degree 1 and 1234 Gaussians from the first."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 2)
-        object.__setattr__(self, "words", [1.0, 1234.0])
-
-    def broadcast(self, value: float) -> float:
-        return self.words.pop(0)
-
-
-def test_the_first_process_decides(many, monkeypatch):
-    monkeypatch.setattr(module, "count_by_evidence", lambda *_: pytest.fail("decided twice"))
-    images, refined, second = [radiance_image(view) for view in many.train], Refinement.of(many, ()), Second()
-    degree, _ = degree_for(many, settings(), images, second)
-    count, _ = gaussians_for(many, settings(), None, degree, refined, None, second, unreported, "cpu")
-    assert (count, degree) == (1234, 1)
 
 
 def test_trials_see_no_view_that_judges_and_none_that_is_held_out(many):

@@ -7,7 +7,7 @@ from recon.data.dataset import Dataset
 from recon.decide import corrections, size
 from recon.decide.size import Ladder
 from recon.decide.trials import Trials
-from recon.observe.refinement import Refined, Refinement
+from recon.observe.refinement import Refined
 
 from .test_corrections import settings
 
@@ -48,9 +48,7 @@ def test_trials_of_corrections_have_one_length(toy_long: Dataset, shown: Reports
 
 def test_trials_of_the_number_of_gaussians_have_one_length(toy_long: Dataset, shown: Reports) -> None:
     trials = Trials.from_new_points(toy_long, settings(), 200, lambda *report: shown.append(report))
-    poses: tuple[Refined, ...] = ("poses",)
-    refined = Refinement.of(trials.part, poses)
-    Ladder(trials, refined, 200, 0, torch.device("cpu")).climbed()
+    Ladder(trials, ["poses"], 200, 0, torch.device("cpu")).climbed()
     reports = of_trials(shown)
     require_one_length(reports)
     assert reports[-1][1] <= reports[-1][2]

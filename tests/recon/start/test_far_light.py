@@ -19,7 +19,6 @@ from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start
-from recon.train.ranks import Ranks
 from tests.recon.decide.test_corrections import settings
 
 
@@ -108,11 +107,11 @@ def test_a_far_field_is_suggested_by_far_light_and_not_by_a_wall(toy_dataset: Da
 def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: Dataset) -> None:
     for wall, taken in ((None, True), (1.0, False)):
         images = pictures(toy_dataset, wall=wall)
-        decided, rung = environment_for(
+        rung = environment_for(
             toy_dataset, settings(), images, start_of(toy_dataset, images), lambda light: light, "no time",
-            Ranks(), unreported,
+            unreported,
         )  # fmt: skip
-        assert decided is rung.taken is taken
+        assert rung.taken is taken
         assert "light from far away" in rung.reason
 
 
@@ -166,13 +165,12 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     )
     asked = settings().model_copy(update={"quality": "draft"})
     sky = pictures(toy_dataset, wall=None)
-    taken = {
+    rungs = {
         with_alpha: environment_for(
             replace(toy_dataset, train=covered if with_alpha else toy_dataset.train),
-            asked, sky, start_of(toy_dataset, sky), lambda light: light, "no trials here", Ranks(),
-            unreported,
+            asked, sky, start_of(toy_dataset, sky), lambda light: light, "no trials here", unreported,
         )
         for with_alpha in (True, False)
     }  # fmt: skip
-    assert [taken[with_alpha][0] for with_alpha in (True, False)] == [False, True]
-    assert "transparent" in taken[True][1].reason
+    assert [rungs[with_alpha].taken for with_alpha in (True, False)] == [False, True]
+    assert "transparent" in rungs[True].reason

@@ -14,6 +14,7 @@ import torch
 from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
+from recon.decide.countdown import TooShort
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.model import read_model
@@ -127,6 +128,41 @@ def test_a_batch_that_cannot_be_shared_is_refused(toy_dataset: Dataset) -> None:
         train(begin(toy_dataset), toy_dataset, plan, log=lambda _: None, save=lambda: None, ranks=Ranks(0, 2))
 
 
+def decide_here(ranks: Ranks) -> list[object]:
+    """Decide twice: the first rank alone has values, then an error."""
+
+    def values() -> dict[str, object]:
+        assert ranks.first, "decided twice"
+        return {"points": np.arange(3.0), "far": torch.full((2,), 0.1), "count": 1234}
+
+    def refuse() -> None:
+        assert ranks.first, "decided twice"
+        raise TooShort("5 s are too short.")
+
+    plan = ranks.decided(values)
+    try:
+        ranks.decided(refuse)
+    except TooShort as error:
+        return [plan["points"].tolist(), plan["far"].tolist(), plan["count"], str(error)]
+    return []
+
+
+def test_the_first_rank_decides_for_all_and_its_error_is_that_of_all() -> None:
+    results = together([__file__])
+    assert [code for code, _, _ in results] == [0, 0], results[0][2] + results[1][2]
+    first, second = (json.loads(out) for _, out, _ in results)
+    assert first == second
+    assert first == [[0.0, 1.0, 2.0], torch.full((2,), 0.1).tolist(), 1234, "5 s are too short."]
+
+
+def test_a_time_that_is_too_short_ends_both_ranks_with_one_sentence(session_copy: Path) -> None:
+    first, second = together(["-m", "rig", "reconstruct", str(session_copy), "--budget", "1s"])
+    assert (first[0], second[0]) == (2, 2), first[2] + second[2]
+    assert "1 s are too short for this scene" in second[2]
+    assert first[2].endswith(second[2])
+
+
 if __name__ == "__main__":
     with joined() as here:
-        print(json.dumps(train_here(Path(sys.argv[1]), Path(sys.argv[2]), here)))
+        out = train_here(Path(sys.argv[1]), Path(sys.argv[2]), here) if sys.argv[1:] else decide_here(here)
+        print(json.dumps(out))
