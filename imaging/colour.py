@@ -6,12 +6,12 @@ Bradford's matrix (Lam 1985).
 """
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import AnyArray, Array, Array32
+from imaging.spaces import SPACE_PRIMARIES, Space
 
 PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
     "rec709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)),
@@ -32,10 +32,6 @@ def xyz_from_rgb(primaries: Sequence[tuple[float, float]]) -> Array:
 XYZ_FROM_REC709 = xyz_from_rgb(PRIMARIES["rec709"])
 REC709_FROM_XYZ = np.linalg.inv(XYZ_FROM_REC709)
 
-Space = Literal["rec709", "acescg", "aces2065-1"]
-"""Colour spaces of files of linear light, by their common names."""
-SPACE_PRIMARIES: dict[Space, str] = {"rec709": "rec709", "acescg": "ap1", "aces2065-1": "ap0"}
-SPACE_NAMES: dict[Space, str] = {"rec709": "Rec.709", "acescg": "ACEScg", "aces2065-1": "ACES2065-1"}
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 

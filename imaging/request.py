@@ -22,8 +22,9 @@ class Request:
     """Base of all requests."""
 
     @classmethod
-    def of(cls, given: Self | None, options: Mapping[str, object]) -> Self:
-        """A request from keywords; those beside one that is given are in place of its values.
+    def of(cls, given: object, options: Mapping[str, object]) -> Self:
+        """A request from keywords; those beside one that is given, or beside the value of its first option,
+        are in place of its values.
 
         InputError for one that is no option.
         """
@@ -31,9 +32,9 @@ class Request:
         if unknown := sorted(options.keys() - set(names)):
             raise InputError(f"There is no option {unknown[0]!r}: give any of {', '.join(names)}.")
         values: Any = options
-        if not isinstance(given, cls | None):
-            raise InputError(f"{given!r:.60} is no {cls.__name__}: give one, or its options as keywords.")
-        return cls(**values) if given is None else replace(given, **values)
+        if isinstance(given, cls):
+            return replace(given, **values)
+        return cls(**({} if given is None else {names[0]: given}) | values)
 
     @classmethod
     def helps(cls) -> Iterator[tuple[str, str]]:

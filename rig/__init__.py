@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from capture.capture_rig import capture_rig
     from capture.check.check import CheckReport, RepairReport, check, repair
     from capture.imports.photos import ImportResult, import_photos
+    from capture.imports.request import ImportRequest
     from capture.record.capture_run import CaptureResult
     from capture.rigfile.rigfile import read_rig_file
     from capture.simulated import capture_simulated
@@ -40,9 +41,11 @@ if TYPE_CHECKING:
     from imaging.session.calibration import CalibrationRecord, read_calibration
     from recon.exports.export import Exported, export
     from recon.exports.hand_over import HandOver, hand_over
+    from recon.exports.request import ExportRequest
     from recon.measure.evaluate import evaluate
     from recon.measure.evaluation import Evaluation
     from recon.rendering.render import render
+    from recon.rendering.request import RenderRequest
     from recon.result.scene import Scene, open_scene
     from recon.scene.gaussians import Gaussians
     from recon.splat import SplatCamera, rasterize
@@ -60,15 +63,18 @@ __all__ = [
     "CheckReport",
     "ConnectedCamera",
     "Evaluation",
+    "ExportRequest",
     "Exported",
     "Exposure",
     "Gaussians",
     "HandOver",
+    "ImportRequest",
     "ImportResult",
     "InputError",
     "Merged",
     "PartialError",
     "RawMosaic",
+    "RenderRequest",
     "RepairReport",
     "RigError",
     "Scene",
@@ -111,15 +117,18 @@ _HOMES = {
     "CheckReport": "capture.check.check",
     "ConnectedCamera": "drivers.discovery",
     "Evaluation": "recon.measure.evaluation",
+    "ExportRequest": "recon.exports.request",
     "Exported": "recon.exports.export",
     "Exposure": "imaging.exposure",
     "HandOver": "recon.exports.hand_over",
     "Gaussians": "recon.scene.gaussians",
+    "ImportRequest": "capture.imports.request",
     "ImportResult": "capture.imports.photos",
     "InputError": "imaging.errors",
     "Merged": "calib.exports.merge_session",
     "PartialError": "imaging.errors",
     "RawMosaic": "imaging.mosaic",
+    "RenderRequest": "recon.rendering.request",
     "RepairReport": "capture.check.check",
     "RigError": "imaging.errors",
     "Scene": "recon.result.scene",

@@ -34,6 +34,7 @@ from calib.light import each_photograph
 from calib.light.each_photograph import Development
 from calib.light.stated import NOTHING
 from capture.imports.photos import import_photos
+from capture.imports.request import ImportRequest
 from imaging import metrics
 from imaging.errors import PartialError
 from imaging.files import store
@@ -69,7 +70,7 @@ def session_of(name: str, work: Path) -> Path:
             scaled(name, photographs)
         else:
             photographs, _ = photographed(folder, CASES[MADE[name]], 0, FRAMES)
-        import_photos(photographs, session, bracket=1)
+        import_photos(photographs, session, ImportRequest(bracket=1))
     if not (folder / "developments.json").exists():
         developments: dict[str, Development] = {}
         with patch("calib.light.each_photograph.estimate", partial(_all_rules, developments)):

@@ -23,6 +23,7 @@ from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
+from capture.imports.request import ImportRequest
 from imaging.arrays import Array
 from imaging.colour import srgb_encode
 from imaging.files import store
@@ -78,7 +79,7 @@ def trained(options: argparse.Namespace, name: str, method: MethodName | None, s
     session = base / "S"
     if not (session / "calibration" / "calibration.json").exists():
         folder, factors = photographed(base, CASES[name], seed, options.frames)
-        import_photos(folder, session, bracket=1)
+        import_photos(folder, session, ImportRequest(bracket=1))
         calibrate(session)
         store.write_json(base / "factors.json", factors.tolist())
     factors = np.array(store.read_json(base / "factors.json"))

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.support.record import arguments, deliver, machine, words
-from recon.exports.export import FormatName, export
+from recon.exports.export import export
+from recon.exports.request import ExportRequest, FormatName
 from recon.result.scene import Scene, open_scene
 
 FORMATS: tuple[tuple[FormatName, bool], ...] = (
@@ -41,7 +42,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def one(scene: Scene, format: FormatName, linear: bool) -> dict[str, Any]:
     """A file, and what it lost."""
     with tempfile.TemporaryDirectory() as folder:
-        exported = export(scene, Path(folder) / f"scene.{ENDS.get(format, format)}", format, linear=linear)
+        file = Path(folder) / f"scene.{ENDS.get(format, format)}"
+        exported = export(scene, file, ExportRequest(format, linear))
         return exported.data()
 
 

@@ -31,6 +31,7 @@ from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from calib.request import CalibrationRequest
 from capture.imports.photos import import_photos
+from capture.imports.request import ImportRequest
 from imaging.files import store
 from imaging.session.calibration import read_calibration
 from imaging.session.records import SplitRecord
@@ -64,7 +65,7 @@ PAPERS = (
 def photographs(scene: Path, session: Path) -> Path:
     """The session of a scene's photographs, with the data set's own split."""
     if not (session / "calibration" / "calibration.json").exists():
-        import_photos(scene, session, layout="hdr-nerf")
+        import_photos(scene, session, ImportRequest(layout="hdr-nerf"))
         _add_curve(session / "truth" / "truth.json")
     return session
 
@@ -87,7 +88,7 @@ def true_light(photos: Path, session: Path) -> Path:
         terms |= {key: getattr(lens, key) for key in ("k1", "k2", "p1", "p2")}
         frames.append({"file_path": name, "transform_matrix": pose.tolist(), **size, **terms})
     store.write_json(folder / "transforms.json", {"frames": frames})
-    import_photos(folder, session, layout="nerfstudio")
+    import_photos(folder, session, ImportRequest(layout="nerfstudio"))
     split = _split_of(photos)
     frame_of = {shot.file: shot.frame for shot in Session.open(photos).shots()}
     train, test = ({frame_of[file] for file in files} for files in (split.train, split.test))

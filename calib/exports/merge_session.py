@@ -18,7 +18,6 @@ from pathlib import Path
 from calib.exports.merged_view import UNIT, MergedView, assumed_response, exposure_scales, merge_view
 from calib.exports.middle_grey import exposure_factor
 from imaging.arguments import checked
-from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -26,6 +25,7 @@ from imaging.session.calibration import CalibrationRecord, Response, is_stale, r
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
+from imaging.spaces import Space
 
 SUMMARY = "merge.json"
 

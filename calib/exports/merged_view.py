@@ -21,7 +21,6 @@ import numpy as np
 
 from calib.exports.merge_warnings import warnings_of
 from imaging.arrays import Array32, Mask
-from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.dial_settings import meant
 from imaging.errors import InputError
 from imaging.files import store
@@ -36,6 +35,7 @@ from imaging.session.calibration import CameraCalibration, Response
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
+from imaging.spaces import SPACE_NAMES, SPACE_PRIMARIES, Space
 
 VERSION = 6
 """Version of the format; another number makes every file anew."""

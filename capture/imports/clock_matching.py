@@ -9,16 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
 from capture.imports.grouping import Bracket
+from capture.imports.request import Together
 from imaging.arrays import Array
 from imaging.session.records import CameraRecord
-
-Together = Literal["time", "order", "never"]
-"""Criterion that joins brackets of several cameras into one frame: their time, their order, or none."""
 
 JITTER = 1.0
 """Seconds by which brackets of one instant differ at most: EXIF counts in whole ones."""

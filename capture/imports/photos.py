@@ -6,10 +6,10 @@ from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from capture.bracket.deviation import deviates
 from capture.imports.bands import bands_of, read_band_list
-from capture.imports.clock_matching import Together
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
 from capture.imports.depths import Depths, depths_asked, told_depths
 from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
@@ -17,11 +17,12 @@ from capture.imports.given_calibration import FILE as CALIBRATION
 from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
 from capture.imports.given_split import write_split
 from capture.imports.layouts import detect, read_layout
-from capture.imports.layouts.given import Given, LayoutName
+from capture.imports.layouts.given import Given
 from capture.imports.masks import masks_asked, told_masks
 from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.pixel_shift import put_together
-from capture.imports.sorting.cameras import Identity, sort_into_cameras
+from capture.imports.request import ImportRequest, LayoutName
+from capture.imports.sorting.cameras import sort_into_cameras
 from capture.imports.sorting.strays import without_strays
 from capture.imports.video import is_video, take_frames
 from capture.record.new_session import folder_made
@@ -32,6 +33,8 @@ from imaging.exposure import Exposure
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord
+
+_DEFAULTS = ImportRequest()
 
 
 @dataclass(frozen=True)
@@ -71,17 +74,10 @@ class ImportResult:
 def import_photos(
     folder: str | PathLike[str],
     out: str | PathLike[str],
+    request: ImportRequest = _DEFAULTS,
     *,
-    layout: LayoutName | None = None,
-    cameras: Identity | None = None,
-    bracket: int | None = None,
-    together: Together | None = None,
-    exposures: str | Path | None = None,
-    masks: str | Path | None = None,
-    depths: str | Path | None = None,
-    bands: str | Path | None = None,
-    pixel_shift: bool = False,
     on_progress: Progress = unreported,
+    **options: Any,
 ) -> ImportResult:
     """Make a session of photographs; these stay untouched.
 
@@ -91,19 +87,9 @@ def import_photos(
     Args:
         folder: Folder of the photographs, with its subfolders; or a video, whose sharpest frames are taken.
         out: Session folder.
-        layout: Program that left the folder; None: by its files. Lenses, poses and scene points of a layout
-            become the session's calibration.
-        cameras: How cameras are distinguished; this and the next three: guessed when None.
-        bracket: Number of consecutive photographs of a camera in a bracket.
-        together: How brackets of several cameras are joined into one frame.
-        exposures: List of exposures (`exposure_list`).
-        masks: Folder of masks, named as the photographs; None: those of the layout.
-        depths: Folder of depth maps (`imaging.files.depth`); None: those of the layout.
-        bands: List of the filters before mono cameras (`imports.bands`), whose names are folders or in the
-            names of files.
-        pixel_shift: Combine every four photographs of a camera, between which its sensor moved
-            (`imports.pixel_shift`).
+        request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The session, its guesses, and the files left out.
@@ -118,20 +104,21 @@ def import_photos(
         with TemporaryDirectory() as aside:
             frames = Path(aside) / folder.stem
             note = take_frames(folder, frames, on_progress)
-            result = import_photos(
-                frames, out, layout="photos", cameras="one", bracket=1, masks=masks, on_progress=on_progress
-            )
+            shot = ImportRequest(layout="photos", cameras="one", bracket=1, masks=request.masks)
+            result = import_photos(frames, out, shot, on_progress=on_progress)
         return replace(result, guesses=(note,))
-    exposures = None if exposures is None else Path(exposures)
-    masks = None if masks is None else Path(masks)
-    _check_folders(folder, out, bracket)
-    name = layout or detect(folder)
+    exposures, masks, depths, bands = (
+        None if path is None else Path(path)
+        for path in (request.exposures, request.masks, request.depths, request.bands)
+    )
+    _check_folders(folder, out, request.bracket)
+    name = request.layout or detect(folder)
     given = read_layout(folder, name)
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
-    filters = () if bands is None else read_band_list(Path(bands))
+    filters = () if bands is None else read_band_list(bands)
     surveyed = survey(folder, on_progress, named=named, exposures=exposures)
     strays: list[str] = []
-    if given is None and cameras is None:
+    if given is None and request.cameras is None:
         remaining, strays = without_strays(surveyed.originals)
         surveyed = replace(surveyed, originals=remaining)
     lost = () if given is None else given.missing
@@ -140,26 +127,33 @@ def import_photos(
     notes = [*surveyed.notes, *strays]
     if given is not None:
         check_sizes(given, surveyed.originals)
-        notes = [_told_layout(given, layout), *given.notes, *_absent(given), *notes]
+        notes = [_told_layout(given, request.layout), *given.notes, *_absent(given), *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     sorted_series, guesses = sort_into_cameras(
         folder,
         surveyed.originals,
-        cameras,
+        request.cameras,
         labels,
         frozenset(band.name.casefold() for band in filters),
         turn=depths is None and not filters,
     )
-    if pixel_shift:
+    if request.pixel_shift:
         if given is not None:
             raise InputError("pixel shift is read of folders of photographs: add --layout photos.")
         sorted_series, shift_notes = put_together(sorted_series)
         guesses += shift_notes
     numbered, why = (
-        frames_in_time(sorted_series, bracket, together, band_of, filters, ordered=cameras == "folder")
+        frames_in_time(
+            sorted_series,
+            request.bracket,
+            request.together,
+            band_of,
+            filters,
+            ordered=request.cameras == "folder",
+        )
         if given is None or filters
-        else frames_of_layout(sorted_series, given, bracket, together)
+        else frames_of_layout(sorted_series, given, request.bracket, request.together)
     )
     guesses += why
     covers = (
@@ -173,7 +167,7 @@ def import_photos(
         notes.append(mask_note)
     elif covers:
         notes.append(told_masks(covers, len(paths)))
-    deep = _depths(given, paths, folder, None if depths is None else Path(depths))
+    deep = _depths(given, paths, folder, depths)
     if deep:
         notes.append(told_depths(deep, len(paths)))
     places: list[Place] = []

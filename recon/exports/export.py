@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from imaging.arguments import checked
 from imaging.errors import InputError
@@ -16,10 +16,11 @@ from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
 from recon.exports.loss import Loss, loss_of
 from recon.exports.place import place_of
+from recon.exports.request import ExportRequest, FormatName
 from recon.exports.splats import sound
 from recon.result.scene import Scene, open_scene
 
-FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
+_DEFAULTS = ExportRequest()
 
 
 @dataclass(frozen=True)
@@ -83,22 +84,19 @@ class Exported:
 def export(
     scene: Scene | str | PathLike[str],
     out: str | PathLike[str],
-    format: FormatName | None = None,
+    request: ExportRequest | FormatName = _DEFAULTS,
     *,
-    linear: bool | None = None,
-    exposure: float | None = None,
     on_progress: Progress = unreported,
+    **options: Any,
 ) -> Exported:
     """Write a scene as a file of another program.
 
     Args:
         scene: Scene, or its folder.
         out: File.
-        format: Format; None: by the extension of `out`.
-        linear: Whether light stays linear; None: the format's default.
-        exposure: Stops, light is multiplied by 2^exposure; None: chosen so that the median of the scene is
-            middle grey.
+        request: Options, or the format alone.
         on_progress: Callback for the current step, the steps done, and all of them.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The files, and the loss of light in them.
@@ -108,8 +106,8 @@ def export(
         ReconstructionError: The scene lacks data that the format needs.
         StorageError: The disk refuses.
     """
-    out = Path(out)
-    name = format or format_of(out)
+    out, request = Path(out), ExportRequest.of(request, {})
+    name, linear = request.format or format_of(out), request.linear
     chosen = FORMATS[name]
     if linear is not None and linear != chosen.linear and chosen.only is not None:
         option = "--linear" if linear else "--display"
@@ -120,7 +118,12 @@ def export(
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
     finite, dropped = (opened, 0) if name == "cameras" else sound(opened)
     job = Job(
-        finite, out, chosen.linear if linear is None else linear, exposure, place_of(finite), on_progress
+        finite,
+        out,
+        chosen.linear if linear is None else linear,
+        request.exposure,
+        place_of(finite),
+        on_progress,
     )
     written = chosen.write(job)
     loss = None if written.held is None else loss_of(finite, written.truth, written.held, on_progress)

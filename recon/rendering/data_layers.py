@@ -7,7 +7,6 @@ place where there is nothing.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -17,14 +16,12 @@ from torch.nn.functional import normalize
 from imaging.arrays import Array32
 from imaging.progress import Progress, unreported
 from recon.rendering.median_depth import median_depth
+from recon.rendering.request import Layer
 from recon.rendering.trust import photographs_that_saw
 from recon.result.scene import Scene
 from recon.scene.gaussians import Shapes, drawn_values
 from recon.scene.sampling import away_from
 from recon.splat import SplatCamera
-
-Layer = Literal["depth", "alpha", "normal", "trust"]
-LAYERS: tuple[Layer, ...] = get_args(Layer)
 
 _FAINT = 1e-4
 """Opacity of a pixel below which its Gaussians do not define a surface."""

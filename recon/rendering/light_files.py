@@ -7,10 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from imaging.arrays import Array32
-from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
+from imaging.colour import space_from_rec709
 from imaging.files.exr import white_luminance, write_exr
 from imaging.session.bands import LAYOUT, channels
-from recon.rendering.data_layers import Layer
+from imaging.spaces import SPACE_PRIMARIES, Space
+from recon.rendering.request import Layer
 from recon.result.model import ModelRecord
 
 CHANNELS: dict[Layer, tuple[str, ...]] = {

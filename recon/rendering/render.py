@@ -6,25 +6,27 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from imaging.arguments import checked
 from imaging.arrays import Array
-from imaging.colour import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
+from imaging.spaces import Space
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
-from recon.rendering.data_layers import LAYERS, DataLayers, Layer
+from recon.rendering.data_layers import DataLayers
 from recon.rendering.light_files import stem, write_light
 from recon.rendering.light_probe import light_probe
+from recon.rendering.request import LAYERS, RenderRequest
 from recon.rendering.simulated_raw import RawCamera
 from recon.rendering.video import Video
-from recon.result.display import Shown, displayed, in_colour, picture
+from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera
@@ -33,6 +35,7 @@ PROBE_WIDTH = 1024
 """Pixels, of a light probe."""
 FIRST_FRAME = 1001
 """First frame number of a path, as in film."""
+_DEFAULTS = RenderRequest()
 
 
 @dataclass(frozen=True)
@@ -48,21 +51,11 @@ class Frame:
 def render(
     folder: str | PathLike[str],
     out: str | PathLike[str],
+    request: RenderRequest = _DEFAULTS,
     *,
-    views: Sequence[str] | None = None,
-    path: str | PathLike[str] | CameraPath | None = None,
-    first_frame: int | None = None,
-    stops: Sequence[float] = (0.0,),
-    exposure: float | None = None,
-    space: Space = "rec709",
-    width: int | None = None,
-    layers: Sequence[Layer] = (),
-    shown: Shown = displayed,
-    video: bool = False,
-    rate: float = 24.0,
-    raw: str | None = None,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
+    **options: Any,
 ) -> list[Path]:
     """Render views of a reconstruction, or a path through it.
 
@@ -73,23 +66,10 @@ def render(
     Args:
         folder: Reconstruction, or a session for its newest.
         out: Folder of the pictures.
-        views: Names `frame/camera`; None: every view of the scene.
-        path: Cameras to draw instead: `orbit`, `spline:240` or a file (`recon.rendering.camera_paths`,
-            `camera_files`); files are then NAME.####.exr.
-        first_frame: Number of a path's first frame; None: that of the file, else 1001.
-        stops: A PNG is the radiance times 2^(exposure + stops).
-        exposure: Stops; None: chosen so that the median of the scene is middle grey. The EXR states that
-            factor as `rig:exposure`.
-        space: Primaries of the EXR.
-        width: Width of the pictures, px; None: that of the trained views, or of the path.
-        layers: Data in parts of their own (`recon.rendering.data_layers`).
-        shown: Tone map of the PNG.
-        video: Write an MP4 of the first of `stops` too.
-        rate: Frames a second of the video.
-        raw: Name of a camera by whose sensor a bracket of DNG is simulated too
-            (`recon.rendering.simulated_raw`).
+        request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
-        on_message: Callback for lines on frames that see nothing of the scene.
+        on_message: Callback for lines on the cameras of a file, and on frames that see nothing of the scene.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The files, EXR first.
@@ -100,21 +80,26 @@ def render(
         StorageError: The disk refuses.
     """
     out = Path(out)
-    for layer in layers:
+    for layer in request.layers:
         if layer not in LAYERS:
             raise InputError(f"There is no layer {layer!r:.60}: name any of {', '.join(LAYERS)}.")
     store.require_writable(out)
     scene = open_scene(folder)
-    _check_space(scene, space)
+    _check_space(scene, request.space)
     bands = scene.record.bands
-    factor = math.log2(scene.exposure) if exposure is None else exposure
-    frames = list(_frames(scene, views, path, first_frame, width))
+    factor = math.log2(scene.exposure) if request.exposure is None else request.exposure
+    path = _path(scene, request, on_message)
+    frames = list(_frames(scene, request, path))
     data = DataLayers(scene, on_progress)
-    sensor = None if raw is None else RawCamera.of(scene, raw)
+    sensor = None if request.raw is None else RawCamera.of(scene, request.raw)
     files, pictures, mosaics, empty = [], [], [], []
     store.make_folder(out)
     with ExitStack() as stack:
-        film = stack.enter_context(Video(out / f"{_title(path)}.mp4", rate)) if video else None
+        film = (
+            stack.enter_context(Video(out / f"{path.name if path else 'views'}.mp4", request.rate))
+            if request.video
+            else None
+        )
         for done, frame in enumerate(frames):
             on_progress("rendering", done, len(frames))
             image, covered = scene.covered_layer(frame.camera)
@@ -122,16 +107,20 @@ def render(
             if not covered.any():
                 empty.append(frame.name)
             file = out / f"{frame.stem}.exr"
-            planes = {layer: data.layer(layer, frame.camera) for layer in layers}
-            write_light(file, image, scene.record, frame.name, space, alpha, planes)
+            planes = {layer: data.layer(layer, frame.camera) for layer in request.layers}
+            write_light(file, image, scene.record, frame.name, request.space, alpha, planes)
             files.append(file)
             for index, mosaic in enumerate(() if sensor is None else sensor.bracket(image, seed=done)):
                 file = out / f"{frame.stem}_{index}.dng"
                 write_dng(file, mosaic)
                 mosaics.append(file)
-            for index, step in enumerate(stops):
-                file = out / (f"{frame.stem}.png" if len(stops) == 1 else f"{frame.stem}_{step:+g}ev.png")
-                shot = picture(in_colour(image, bands), alpha, 2.0 ** (factor + step), shown)
+            for index, step in enumerate(request.stops):
+                file = out / (
+                    f"{frame.stem}.png" if len(request.stops) == 1 else f"{frame.stem}_{step:+g}ev.png"
+                )
+                shot = picture(
+                    in_colour(image, bands), alpha, 2.0 ** (factor + step), request.shown or displayed
+                )
                 store.write_bytes(file, encode_png(shot))
                 pictures.append(file)
                 if film is not None and index == 0:
@@ -159,29 +148,28 @@ def _tell_empty(
     raise ReconstructionError(f"No frame sees anything of {scene.folder} (alpha is 0 everywhere): {fix}.")
 
 
+@checked
 def render_probe(
     folder: str | PathLike[str],
     out: str | PathLike[str],
     place: Sequence[float] | str,
-    *,
-    width: int = PROBE_WIDTH,
-    exposure: float | None = None,
-    space: Space = "rec709",
-    shown: Shown = displayed,
+    request: RenderRequest = _DEFAULTS,
+    **options: Any,
 ) -> list[Path]:
     """Render all light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in
     `out`.
 
-    place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is. width:
-    of the map, px, which is half as high. The other arguments are as of `render`; the layout of the map, in
-    its header, is that of the scene's environment.exr. InputError for an invalid place.
+    place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is.
+    request, options: as of `render`, of which width (of the map, half as high), exposure, space and shown
+    count. The layout of the map, in its header, is that of the scene's environment.exr. InputError for an
+    invalid place.
     """
     out = Path(out)
     store.require_writable(out)
     scene = open_scene(folder)
-    _check_space(scene, space)
+    _check_space(scene, request.space)
     centre = _place(scene, place)
-    probe = light_probe(scene, centre, max(1, width // 2))
+    probe = light_probe(scene, centre, max(1, (request.width or PROBE_WIDTH) // 2))
     side, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
     header: dict[str, str | float] = {
         "rig:known": probe.known,
@@ -191,11 +179,13 @@ def render_probe(
         "rig:middle": middle,
         "rig:longitude90": side,
     }
-    factor = scene.exposure if exposure is None else 2.0**exposure
+    factor = scene.exposure if request.exposure is None else 2.0**request.exposure
     store.make_folder(out)
     files = [out / "probe.exr", out / "probe.png"]
-    write_light(files[0], probe.light, scene.record, "probe", space, probe.alpha, attributes=header)
-    shot = picture(in_colour(probe.light, scene.record.bands), probe.alpha, factor, shown)
+    write_light(files[0], probe.light, scene.record, "probe", request.space, probe.alpha, attributes=header)
+    shot = picture(
+        in_colour(probe.light, scene.record.bands), probe.alpha, factor, request.shown or displayed
+    )
     store.write_bytes(files[1], encode_png(shot))
     return files
 
@@ -216,24 +206,32 @@ def _check_space(scene: Scene, space: Space) -> None:
         raise InputError(f"{scene.folder} has the light of bands, which has no primaries: leave --space out.")
 
 
-def _frames(
-    scene: Scene,
-    views: Sequence[str] | None,
-    path: str | PathLike[str] | CameraPath | None,
-    first: int | None,
-    width: int | None,
-) -> Iterator[Frame]:
-    if path is not None and views is not None:
+def _path(scene: Scene, request: RenderRequest, say: Callable[[str], None]) -> CameraPath | None:
+    """The cameras that are asked for in place of the views."""
+    if request.path is None:
+        if request.path_in is not None or request.path_camera is not None:
+            raise InputError("--path-in and --path-camera are of a path: name one by --path.")
+        return None
+    if request.views is not None:
         raise InputError("views and a path cannot be rendered at once: name one of them.")
+    if isinstance(request.path, CameraPath):
+        return request.path
+    cameras = camera_path(scene, request.path, within=request.path_in, camera=request.path_camera)
+    if cameras.note:
+        say(cameras.note)
+    return cameras
+
+
+def _frames(scene: Scene, request: RenderRequest, path: CameraPath | None) -> Iterator[Frame]:
+    first, width, views = request.first_frame, request.width, request.views
     if path is None:
         for view in scene.views if views is None else tuple(scene.view(name) for name in views):
             yield Frame(stem(view), view.name, _resized(view.splat_camera, width))
         return
-    cameras = path if isinstance(path, CameraPath) else camera_path(scene, path)
     start = first if first is not None else FIRST_FRAME
-    for index, camera in enumerate(cameras.cameras):
-        number = start + index if first is not None or not cameras.numbers else cameras.numbers[index]
-        yield Frame(f"{cameras.name}.{number:04d}", f"{cameras.name} {number}", _resized(camera, width))
+    for index, camera in enumerate(path.cameras):
+        number = start + index if first is not None or not path.numbers else path.numbers[index]
+        yield Frame(f"{path.name}.{number:04d}", f"{path.name} {number}", _resized(camera, width))
 
 
 def camera_path(
@@ -260,9 +258,3 @@ def camera_path(
 
 def _resized(camera: SplatCamera, width: int | None) -> SplatCamera:
     return camera if width is None else camera.resized(width)
-
-
-def _title(path: str | PathLike[str] | CameraPath | None) -> str:
-    if path is None:
-        return "views"
-    return path.name if isinstance(path, CameraPath) else Path(str(path).partition(":")[0]).stem

@@ -14,7 +14,7 @@ from recon.decide.presets import MethodName, QualityName
 from recon.decide.request import TrainingRequest
 
 if TYPE_CHECKING:
-    from capture.imports.layouts.given import LayoutName
+    from capture.imports.request import LayoutName
 
 Figures = dict[str, float]
 
@@ -117,6 +117,7 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
     """
     from capture.imports.layouts import read_layout
     from capture.imports.photos import import_photos
+    from capture.imports.request import ImportRequest
 
     if not (session / "calibration" / "calibration.json").is_file():
         given = read_layout(scene, layout)
@@ -124,7 +125,7 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
             raise InputError(
                 f"{given.missing[0]}: copy the scene again, a benchmark is of all its photographs."
             )
-        import_photos(scene, session, layout=layout, on_progress=progress).require_complete()
+        import_photos(scene, session, ImportRequest(layout=layout), on_progress=progress).require_complete()
 
 
 def trained(session: Path, method: MethodName, choices: Choices, progress: Progress) -> Path:

@@ -22,7 +22,7 @@ NO_OPTIONS = CalibrationRequest()
 OPTIONS = Asked(
     board=Shown(
         kind=BoardText | None,
-        made=lambda text: text and text.board(),
+        made=BoardText.board,
         more=f"Such as {EXAMPLE}.",
         how={"parser": board_text, "metavar": "COLUMNSxROWS,..."},
     ),
@@ -37,7 +37,7 @@ OPTIONS = Asked(
     markers=Shown(how={"metavar": "DICTIONARY"}),
     onto=Shown(how={"metavar": "SESSION"}),
     without=Shown(
-        made=lambda parts: parts and [str(part) for part in parts],
+        made=lambda parts: [str(part) for part in parts],
         more=f"{', '.join(get_args(LightPart))}. May be repeated.",
         how={"metavar": "PART"},
     ),

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imaging.session.paths import find_reconstruction
+from recon.exports.request import ExportRequest
 from rig.options.common import JsonOption, WrongUsage
+from rig.options.request import Asked, Shown
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted, number
 
@@ -16,7 +18,11 @@ if TYPE_CHECKING:
     from recon.exports.hand_over import HandOver
     from recon.exports.loss import Loss
 
-Format = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
+NO_OPTIONS = ExportRequest()
+OPTIONS = Asked(
+    linear=Shown(name="--linear/--display"),
+    exposure=Shown(how={"metavar": "STOPS", "min": -60, "max": 60}),
+)
 
 
 def export(
@@ -29,9 +35,7 @@ def export(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The file to write; its end tells the format.")
     ] = None,
-    format: Annotated[
-        Format | None, typer.Option(help="What to write, where the end of FILE does not tell it.")
-    ] = None,
+    request: Annotated[ExportRequest, OPTIONS] = NO_OPTIONS,
     vfx: Annotated[
         Path | None,
         typer.Option(
@@ -39,24 +43,6 @@ def export(
             help="Write the whole hand-over folder instead: USD, EXR renders that line up with its cameras, "
             "the cameras for other programs, an OpenColorIO configuration, and a page that says how to open "
             "it.",
-        ),
-    ] = None,
-    linear: Annotated[
-        bool | None,
-        typer.Option(
-            "--linear/--display",
-            help="Linear light, or sRGB as displays show it, clipped at white. [default: what programs "
-            "expect of the format]",
-        ),
-    ] = None,
-    exposure: Annotated[
-        float | None,
-        typer.Option(
-            metavar="STOPS",
-            min=-60,
-            max=60,
-            help="Light is multiplied by 2^STOPS. If it is not given, the median of the scene is middle "
-            "grey.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -71,7 +57,7 @@ def export(
     """
     if (out is None) == (vfx is None):
         raise WrongUsage("Name a file with --out, or a folder with --vfx")
-    if vfx is not None and (format is not None or linear is not None):
+    if vfx is not None and (request.format is not None or request.linear is not None):
         raise WrongUsage(
             "--vfx writes its own formats, in linear light: leave --format, --linear and --display out"
         )
@@ -84,9 +70,9 @@ def export(
         status("opening the scene", 0, 0)
         scene = open_scene(folder)
         if vfx is not None:
-            return _handed_over(folder, hand_over(scene, vfx, exposure=exposure, on_progress=status))
+            return _handed_over(folder, hand_over(scene, vfx, exposure=request.exposure, on_progress=status))
         assert out is not None
-        exported = export_scene(scene, out, format, linear=linear, exposure=exposure, on_progress=status)
+        exported = export_scene(scene, out, request, on_progress=status)
     size = sum(path.stat().st_size for path in exported.files)
     if exported.format == "cameras":
         lines = [

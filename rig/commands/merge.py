@@ -54,7 +54,7 @@ def merge(
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
         from calib.exports.merge_session import merge as merge_session
-        from imaging.colour import SPACE_NAMES
+        from imaging.spaces import SPACE_NAMES
 
         merged = merge_session(
             session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status

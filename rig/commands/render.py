@@ -2,23 +2,58 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from imaging.errors import InputError
 from imaging.session.paths import find_reconstruction, scene_around
+from recon.rendering.request import LAYERS, Layer, RenderRequest
 from rig.options.common import JsonOption, ReconstructionsArgument
+from rig.options.request import Asked, Shown
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
 
 if TYPE_CHECKING:
-    from recon.rendering.data_layers import Layer
-    from recon.result.display import Shown
+    from recon.result.display import Shown as Tones
 
 
 _CAMERAS, _FILES, _PICTURES = "Which cameras", "EXR files", "PNG files and film"
+
+
+def _layers(text: str) -> tuple[Layer, ...]:
+    """The layers of data that are named; InputError for another."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in LAYERS:
+            raise InputError(f"There is no layer {name!r}: name any of {', '.join(LAYERS)}.")
+    return tuple(layer for layer in LAYERS if layer in names)
+
+
+NO_OPTIONS = RenderRequest()
+OPTIONS = Asked(
+    beside=("views", "stops", "shown"),
+    path=Shown(kind=str | None, how={"metavar": "PATH", "rich_help_panel": _CAMERAS}),
+    path_in=Shown(how={"metavar": "FILE", "rich_help_panel": _CAMERAS}),
+    path_camera=Shown(how={"metavar": "NAME", "rich_help_panel": _CAMERAS}),
+    first_frame=Shown(
+        "--start-frame", how={"metavar": "N", "min": 0, "max": 10_000_000, "rich_help_panel": _CAMERAS}
+    ),
+    width=Shown(how={"metavar": "PX", "min": 16, "max": 16384, "rich_help_panel": _CAMERAS}),
+    space=Shown(how={"rich_help_panel": _FILES}),
+    layers=Shown(
+        kind=str | None,
+        made=_layers,
+        more="Commas between.",
+        how={"metavar": "NAMES", "rich_help_panel": _FILES},
+    ),
+    raw=Shown(how={"metavar": "CAMERA", "rich_help_panel": _FILES}),
+    exposure=Shown(how={"metavar": "STOPS", "min": -60, "max": 60, "rich_help_panel": _PICTURES}),
+    video=Shown(how={"rich_help_panel": _PICTURES}),
+    rate=Shown("--fps", how={"metavar": "HZ", "min": 1, "max": 240, "rich_help_panel": _PICTURES}),
+)
 
 
 def render(
@@ -26,42 +61,7 @@ def render(
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Where to write, one folder for each scene.")
     ] = Path("renders"),
-    path: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PATH",
-            help="Draw a camera that moves instead of the views: orbit or spline (with a number of frames, "
-            "spline:240), or a file of cameras: transforms.json, a folder with a COLMAP model, CSV, USD.",
-            rich_help_panel=_CAMERAS,
-        ),
-    ] = None,
-    path_in: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The file of rig export (USD, glb, PLY) in whose coordinates the path is, where the path "
-            "does not tell them, as CSV of Blender or Nuke. [default: those of the calibration]",
-            rich_help_panel=_CAMERAS,
-        ),
-    ] = None,
-    path_camera: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Which camera of a USD stage. [default: the first that rig export did not write, if any]",
-            rich_help_panel=_CAMERAS,
-        ),
-    ] = None,
-    start_frame: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=0,
-            max=10_000_000,
-            help="Number of the first frame of a path. [default: as its file says, else 1001]",
-            rich_help_panel=_CAMERAS,
-        ),
-    ] = None,
+    request: Annotated[RenderRequest, OPTIONS] = NO_OPTIONS,
     probe: Annotated[
         str | None,
         typer.Option(
@@ -79,51 +79,6 @@ def render(
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
-    width: Annotated[
-        int | None,
-        typer.Option(
-            metavar="PX",
-            min=16,
-            max=16384,
-            help="Width of the pictures. [default: that of the training, or of the path; of a probe 1024]",
-            rich_help_panel=_CAMERAS,
-        ),
-    ] = None,
-    space: Annotated[
-        Literal["rec709", "acescg", "aces2065-1"],
-        typer.Option(
-            help="Primaries of the EXR files, which name them by colorInteropID; light is linear in all.",
-            rich_help_panel=_FILES,
-        ),
-    ] = "rec709",
-    layers: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Layers of data beside the light, in parts of their own: depth, alpha, normal, trust, "
-            "with commas between. Trust is how many training views saw a surface and measured its light.",
-            rich_help_panel=_FILES,
-        ),
-    ] = "",
-    raw: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CAMERA",
-            help="Write what the sensor of that camera would record too: RAW (DNG) by each exposure of its "
-            "bracket, with its colours, filters and noise.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None,
-    exposure: Annotated[
-        float | None,
-        typer.Option(
-            metavar="STOPS",
-            min=-60,
-            max=60,
-            help="The light times 2^STOPS. If it is not given, the median of each scene is middle grey.",
-            rich_help_panel=_PICTURES,
-        ),
-    ] = None,
     tones: Annotated[
         str,
         typer.Option(
@@ -132,15 +87,6 @@ def render(
             rich_help_panel=_PICTURES,
         ),
     ] = "linear",
-    video: Annotated[
-        bool, typer.Option("--video", help="Write an MP4 of the PNG files too.", rich_help_panel=_PICTURES)
-    ] = False,
-    fps: Annotated[
-        float,
-        typer.Option(
-            metavar="HZ", min=1, max=240, help="Frames a second of the MP4.", rich_help_panel=_PICTURES
-        ),
-    ] = 24.0,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Render scenes to EXR and PNG files.
@@ -154,35 +100,25 @@ def render(
     with running("render") as status:
         folders = _scenes(reconstructions)
         targets = _targets(folders, out)
-        wanted = _layers(layers)
-        if start_frame is not None and path is None:
+        if request.first_frame is not None and request.path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
-        if (path_in is not None or path_camera is not None) and path is None:
-            raise InputError("--path-in and --path-camera are of a path: name one by --path.")
         place = _place(probe, probe_view)
-        if place is not None and (path or wanted or video or raw):
+        if place is not None and (request.path or request.layers or request.video or request.raw):
             raise InputError("A light probe is one picture: leave --path, --layers, --video and --raw out.")
+        asked = replace(request, shown=_tones(tones))
 
         def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 from imaging.files.exr import read_exr_header
-                from recon.rendering.render import PROBE_WIDTH, camera_path, render_probe
                 from recon.rendering.render import render as render_scene
+                from recon.rendering.render import render_probe
                 from recon.result.scene import open_scene
 
                 scene = open_scene(folder)
                 if place is not None:
                     status("drawing the light probe", 0, 0)
-                    files = render_probe(
-                        scene,
-                        target,
-                        place,
-                        width=width or PROBE_WIDTH,
-                        exposure=exposure,
-                        space=space,
-                        shown=_shown(tones),
-                    )
+                    files = render_probe(scene, target, place, asked)
                     return CommandResult(
                         _scene_data(folder, target, files, scene.exposure),
                         [
@@ -190,33 +126,16 @@ def render(
                             *_unknown(read_exr_header(files[0]).attributes),
                         ],
                     )
-                cameras = None
-                if path is not None:
-                    cameras = camera_path(scene, path, within=path_in, camera=path_camera)
-                said = [cameras.note] if cameras is not None and cameras.note else []
-                files = render_scene(
-                    scene,
-                    target,
-                    path=cameras,
-                    first_frame=start_frame,
-                    space=space,
-                    exposure=exposure,
-                    width=width,
-                    layers=wanted,
-                    shown=_shown(tones),
-                    video=video,
-                    rate=fps,
-                    raw=raw,
-                    on_progress=status,
-                    on_message=said.append,
-                )
+                said: list[str] = []
+                files = render_scene(scene, target, asked, on_progress=status, on_message=said.append)
             scale = scene.exposure
+            kind = "frame" if asked.path else "view"
             count = sum(file.suffix == ".exr" for file in files)
             return CommandResult(
                 _scene_data(folder, target, files, scale),
                 [
-                    f"{target}: {counted(count, 'frame' if path else 'view')} of {folder}, as EXR and PNG"
-                    f"{', and ' + files[-1].name if video else ''}",
+                    f"{target}: {counted(count, kind)} of {folder}, as EXR and PNG"
+                    f"{', and ' + files[-1].name if asked.video else ''}",
                     f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
                     "of the scene as middle grey",
                     *said,
@@ -224,7 +143,7 @@ def render(
             )
 
         result = for_each_scene(folders, render_one, "rendered")
-    result.data["space"] = space
+    result.data["space"] = request.space
     return result
 
 
@@ -251,25 +170,14 @@ def _unknown(attributes: Mapping[str, object]) -> list[str]:
     return [f"the scene has light from {100 * known:.0f} % of all directions; the rest of the map is black"]
 
 
-def _layers(text: str) -> "tuple[Layer, ...]":
-    """The layers of data that are named; InputError for another."""
-    from recon.rendering.data_layers import LAYERS
-
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in LAYERS:
-            raise InputError(f"There is no layer {name!r}: name any of {', '.join(LAYERS)}.")
-    return tuple(layer for layer in LAYERS if layer in names)
-
-
-def _shown(tones: str) -> "Shown":
+def _tones(name: str) -> "Tones":
     """The map of tones of a name, as rig view has them; InputError for another."""
     from rig.view.pictures.look import TONE_MAPS, Look
 
-    names = {name.lower().replace(" ", "-"): name for name in TONE_MAPS}
-    tone_map = names.get(tones.lower().replace(" ", "-"))
+    names = {one.lower().replace(" ", "-"): one for one in TONE_MAPS}
+    tone_map = names.get(name.lower().replace(" ", "-"))
     if tone_map is None:
-        raise InputError(f"There are no tones {tones!r}: name one of {', '.join(names)}.")
+        raise InputError(f"There are no tones {name!r}: name one of {', '.join(names)}.")
     return Look(tones=tone_map).shown
 
 

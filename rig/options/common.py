@@ -2,11 +2,12 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from imaging.errors import InputError
+from imaging.spaces import Space
 
 SessionArgument = Annotated[
     Path, typer.Argument(metavar="SESSION", help="A session folder, as created by rig capture or rig import.")
@@ -32,7 +33,7 @@ QuietOption = Annotated[
 ]
 """Every command has it (`rig.cli`)."""
 SpaceOption = Annotated[
-    Literal["rec709", "acescg", "aces2065-1"],
+    Space,
     typer.Option(help="Primaries of the EXR files (written to the header); light is linear in all."),
 ]
 RayOption = Annotated[

@@ -54,14 +54,19 @@ class Asked:
             yield inspect.Parameter(
                 one.name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=one.default,
+                default=None if one.default == () else one.default,
                 annotation=Annotated[_typed(kind) if shown.kind is None else shown.kind, option],
             )
 
     def request(self, request: type[Request], typed: dict[str, Any]) -> Request:
-        """The request, of values as typed, which are taken out of `typed`."""
-        options = [one.name for one in fields(request) if one.name in typed]
-        return request(**{name: self.shown.get(name, PLAIN).made(typed.pop(name)) for name in options})
+        """The request, of values as typed, which are taken out of `typed`; None: it was not typed."""
+        values = {one.name: typed.pop(one.name) for one in fields(request) if one.name in typed}
+        made = {
+            name: self.shown.get(name, PLAIN).made(value)
+            for name, value in values.items()
+            if value is not None
+        }
+        return request(**made)
 
 
 def _typed(kind: Any) -> Any:

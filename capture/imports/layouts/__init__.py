@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import get_args
 
 from capture.imports.layouts import colmap, hdr_nerf, llff, nerfstudio, rawnerf
-from capture.imports.layouts.given import Given, LayoutName
+from capture.imports.layouts.given import Given
 from capture.imports.layouts.split_lists import with_lists
+from capture.imports.request import LayoutName
 from imaging.errors import InputError
 
 

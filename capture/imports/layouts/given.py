@@ -10,13 +10,12 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from capture.imports.request import LayoutName
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.lens import Lens, LensModel
 from imaging.pose import Pose
-
-LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "llff"]
 
 FARTHEST = 1e9
 """A camera further than this from the origin, in any unit, is a damaged number."""

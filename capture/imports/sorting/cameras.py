@@ -12,11 +12,9 @@ from typing import Literal
 from capture.imports.clock_matching import MOST_NAMED, clock_offset, seconds_of
 from capture.imports.grouping import PhotoSeries
 from capture.imports.originals import Original, shown
+from capture.imports.request import Identity
 from capture.imports.sorting.lens_settings import UNKNOWN, LensSetting, lens_settings
 from imaging.session.records import CameraRecord
-
-Identity = Literal["serial", "folder", "one"]
-"""Key that distinguishes cameras; one: only their kind and size."""
 
 Source = Literal["serial", "model", "layout", "folder", "one"]
 

@@ -1,0 +1,24 @@
+"""Options that a user gives the export of a scene."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from imaging.request import Request
+
+FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
+
+
+@dataclass(frozen=True)
+class ExportRequest(Request):
+    """Options of an export: the command line, Python and the benches each make one."""
+
+    format: Annotated[FormatName | None, "What to write, where the end of FILE does not tell it."] = None
+    linear: Annotated[
+        bool | None,
+        "Linear light, or sRGB as displays show it, clipped at white. [default: what programs expect of the "
+        "format]",
+    ] = None
+    exposure: Annotated[
+        float | None,
+        "Light is multiplied by 2^STOPS. If it is not given, the median of the scene is middle grey.",
+    ] = None

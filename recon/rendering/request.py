@@ -1,0 +1,74 @@
+"""Options that a user gives the pictures of a scene."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from imaging.request import Request
+from imaging.spaces import Space
+
+if TYPE_CHECKING:
+    from recon.rendering.camera_paths import CameraPath
+
+Layer = Literal["depth", "alpha", "normal", "trust"]
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+
+
+@dataclass(frozen=True)
+class RenderRequest(Request):
+    """Options of renders: the command line, Python and the benches each make one."""
+
+    views: Annotated[
+        Sequence[str] | None,
+        "Names `frame/camera` of the views to draw. If not given, every view of the scene.",
+    ] = None
+    path: Annotated[
+        "str | PathLike[str] | CameraPath | None",
+        "Draw a camera that moves instead of the views: orbit or spline (with a number of frames, "
+        "spline:240), or a file of cameras: transforms.json, a folder with a COLMAP model, CSV, USD.",
+    ] = None
+    path_in: Annotated[
+        str | PathLike[str] | None,
+        "The file of rig export (USD, glb, PLY) in whose coordinates the path is, where the path does not "
+        "tell them, as CSV of Blender or Nuke. [default: those of the calibration]",
+    ] = None
+    path_camera: Annotated[
+        str | None,
+        "Which camera of a USD stage. [default: the first that rig export did not write, if any]",
+    ] = None
+    first_frame: Annotated[
+        int | None, "Number of the first frame of a path. [default: as its file says, else 1001]"
+    ] = None
+    width: Annotated[
+        int | None,
+        "Width of the pictures, px. [default: that of the training, or of the path; of a probe 1024]",
+    ] = None
+    space: Annotated[
+        Space, "Primaries of the EXR files, which name them by colorInteropID; light is linear in all."
+    ] = "rec709"
+    layers: Annotated[
+        Sequence[Layer],
+        "Layers of data beside the light, in parts of their own: depth, alpha, normal, trust. Trust is how "
+        "many training views saw a surface and measured its light.",
+    ] = ()
+    raw: Annotated[
+        str | None,
+        "Write what the sensor of that camera would record too: RAW (DNG) by each exposure of its bracket, "
+        "with its colours, filters and noise.",
+    ] = None
+    stops: Annotated[Sequence[float], "A PNG for each of them: the light times 2^(exposure + stops)."] = (
+        0.0,
+    )
+    exposure: Annotated[
+        float | None,
+        "The light times 2^STOPS. If it is not given, the median of each scene is middle grey; the EXR "
+        "states the factor as rig:exposure.",
+    ] = None
+    shown: Annotated[
+        Callable[..., Any] | None,
+        "Tone map of the PNG, of linear light [H, W, 3] and a factor, uint8. If not given, light is clipped "
+        "at white and encoded as sRGB.",
+    ] = None
+    video: Annotated[bool, "Write an MP4 of the PNG files too, of the first of their stops."] = False
+    rate: Annotated[float, "Frames a second of the MP4."] = 24.0
