@@ -118,14 +118,14 @@ def report(result: dict[str, Any]) -> str:
         f"wide or 108. {words(result['machine'])}.",
         "",
         "The share of them at which most views show the light that others show in the same direction, and "
-        f"rather that than the light of the point. Below {100 * SUGGESTED:g} % there is no far field, "
-        f"above {100 * SURE:g} % there is one; in between a trial decides.",
+        f"rather that than the light of the point. Below {100 * SUGGESTED:g} % there is no far field; else a "
+        f"trial decides, and where none can be made there is one above {100 * SURE:g} %.",
         "",
         "| scene | share, % | |",
         "|---|---|---|",
     ]
     for row in result["rows"]:
-        verdict = "refused" if row["share"] < SUGGESTED else "taken" if row["share"] > SURE else "by a trial"
+        verdict = "refused" if row["share"] < SUGGESTED else "tried"
         lines.append(f"| {row['scene']} | {100 * row['share']:.1f} | {verdict} |")
     return "\n".join(lines) + "\n"
 

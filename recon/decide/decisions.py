@@ -77,7 +77,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         countdown.require(evidence.look, FEWEST)
 
     # The degree of the harmonics, by scene points seen from all sides.
-    first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress, evidence.light)
+    first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress)
     degree, colour = degree_for(dataset, asked, images, first)
 
     # The most Gaussians, by preset, budget and samples of the views.
@@ -89,10 +89,12 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     plan = TrainingPlan(settings, evidence.light, points=points)
     against_trials = _reason_against_trials(run, evidence, plan)
 
-    # Light from far away behind the Gaussians: by views that look through the points, else by a trial.
+    # Light from far away behind the Gaussians: by views that look through the points, and a trial, which is
+    # short enough for a draft and does not depend on what was set by hand.
     units = settings.composed(dataset, evidence.light).observation.units
     far = None
-    environment = environment_for(dataset, settings, images, points, units, against_trials, progress)
+    against_far = against_trials if run.countdown else None
+    environment = environment_for(dataset, settings, images, points, units, against_far, progress)
     if environment.taken:
         far = far_light(dataset.train, images, units)
         points = without_far(points, dataset.train, images, far, units)
@@ -155,7 +157,7 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
     count = int(settings.start_share * settings.max_gaussians)
     rng = np.random.Generator(np.random.PCG64([settings.seed, 0x57A27]))
     over = None if countdown is None else countdown.start_over()
-    points = start_points(dataset, evidence.images, count, rng, run.progress, over, first, evidence.light)
+    points = start_points(dataset, evidence.images, count, rng, run.progress, over, first)
     if countdown is not None and points.left_out:
         few = f"{points.left_out} of {len(dataset.train)} views"
         run.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")

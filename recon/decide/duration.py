@@ -14,7 +14,7 @@ from imaging.compute.threads import thread_count
 from imaging.session.session import Session
 from recon.data.dataset import View
 from recon.data.resident import pixels_of
-from recon.decide import corrections, size
+from recon.decide import corrections, far_field, size
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
@@ -99,7 +99,7 @@ class Work:
             iterations=iterations,
             gaussians=gaussians,
             trials=(1 + size.MOST_HALVINGS) * round(size.TRIAL_SHARE * iterations) if made else 0,
-            small_trials=corrected + 2 * looks if made else 0,
+            small_trials=corrected if made else 0,
             small=view * min(1.0, corrections.TRIAL_WIDTH / width) ** 2,
             width=width,
         )
@@ -120,7 +120,10 @@ class Work:
         )
         small = self._step(self.small, corrections.TRIAL_GAUSSIANS)
         trials = pace * self.trials + small * self.small_trials
-        return plain, plain + min(trials, MOST_TRIALS * pace * self.iterations)
+        tiny = self.view * min(1.0, far_field.TRIAL_WIDTH / self.width) ** 2
+        looks = min(far_field.MOST_ITERATIONS, far_field.TRIAL_LOOKS * self.train)
+        far = 2 * looks * self._step(tiny, far_field.TRIAL_GAUSSIANS)
+        return plain, plain + far + min(trials, MOST_TRIALS * pace * self.iterations)
 
     def clock_seconds(self, cores: int) -> tuple[float, float]:
         """Seconds of the clock, at least and at most, on that many cores that do nothing else."""

@@ -30,6 +30,12 @@ def judged_seconds(name: str) -> list[float]:
     return [cell("real_judges", column, name) for column in ("s", "s of pycolmap")]
 
 
+def far_gain(name: str) -> tuple[float, float]:
+    """Percentage of points that are looked through, and dB that a far field gains."""
+    share, without, far = (cell("real_far_field", key, name) for key in ("looked through", "without", "with"))
+    return share, far - without
+
+
 def by_scene(name: str, scene: str, trained: str, coloured: str) -> float:
     """dB of a scene in the table by scene that follows a comparison."""
     (figure,) = [
@@ -265,6 +271,16 @@ CLAIMS = (
             line("real_judges", r"cameras within ([\d.]+) m, ground")[0],
             *line("real_judges", r"ground [\d.]+ m below, axes tilted by ([\d.]+) degrees"),
             *line("real_judges", r"ground ([\d.]+) m below, axes"),
+        ],
+    ),
+    Claim(
+        r"of the castle it would cost ([\d.]+) dB, and of the fruit ([\d.]+), which look through (\d+) and "
+        r"(\d+) % of their points; a yard before the sun with (\d+) % gains ([\d.]+)\.",
+        lambda: [
+            -far_gain("sceaux")[1],
+            -far_gain("banana")[1],
+            *(far_gain(name)[0] for name in ("sceaux", "banana", "low-sun")),
+            far_gain("low-sun")[1],
         ],
     ),
     Claim(

@@ -50,6 +50,7 @@ SETTINGS = {
         r"at 300 iterations",
         r"at 100(?= \d)",
         r"where they are 0\.6 px off and nothing at 0\.3",
+        r"one seed, drafts 200 px wide",
         r"scatters 0\.3 to 3 % of the light",
         r"within 0\.2 dB of the best light",
         r"4 to 8 views",

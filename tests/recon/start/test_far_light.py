@@ -8,13 +8,15 @@ import pytest
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
 from imaging.progress import unreported
+from imaging.session.records import Rung
 from recon import reconstruct as stage
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
-from recon.decide.far_field import SUGGESTED, SURE, environment_for, far_share
+from recon.decide.far_field import FEWEST_JUDGED, SUGGESTED, SURE, environment_for, far_share
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
+from recon.decide.trials import HELD_OUT
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.start.far_light import far_light, without_far
@@ -113,6 +115,23 @@ def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: 
         )  # fmt: skip
         assert rung.taken is taken
         assert "light from far away" in rung.reason
+
+
+def test_a_trial_has_the_last_word_where_it_can_be_made(
+    toy_long: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A castle of eleven views looks through a sixth of its points, and loses 2.5 dB with a far field."""
+    sky = pictures(toy_long, wall=None)
+    few = replace(toy_long, train=toy_long.train[: FEWEST_JUDGED * HELD_OUT - 1])
+    for gain, taken in ((-2.5, False), (2.5, True)):
+        judged = Rung.judged("environment", gain, 0.5, "dB", "a trial")
+        monkeypatch.setattr("recon.decide.far_field.tried", lambda *_, judged=judged: judged)
+        for dataset, expected in ((toy_long, taken), (few, True)):
+            images = sky[: len(dataset.train)]
+            start = start_of(dataset, images)
+            rung = environment_for(dataset, settings(), images, start, lambda light: light, None, unreported)
+            assert rung.taken is expected
+            assert ("too few" in rung.reason) is (dataset is few)
 
 
 def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, monkeypatch) -> None:
