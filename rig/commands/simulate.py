@@ -3,6 +3,7 @@
 import re
 import socket
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from typing import Annotated
@@ -42,29 +43,61 @@ def simulate(
             help="The address of this host, such as 127.0.0.2, to be a GigE Vision camera at instead.",
         ),
     ] = None,
+    usbip: Annotated[
+        Address | None,
+        typer.Option(
+            parser=address,
+            metavar="HOST:PORT",
+            help="Where to listen for USB/IP instead, by which Linux has the camera on its USB; the port is "
+            "3240 as a rule.",
+        ),
+    ] = None,
     profile: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
-            help="The camera to simulate: generic, canon-eos-6d, canon-eos-r7, nikon-z6 or sony-a7m4.",
+            help="The still camera to simulate: generic (for --ptpip the default), canon-eos-6d, "
+            "canon-eos-r7, nikon-z6 or sony-a7m4; without it, --usbip is a USB3 Vision camera.",
         ),
-    ] = "generic",
+    ] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Simulate a PTP/IP or a GigE Vision camera.
+    """Simulate a PTP/IP, a GigE Vision, a USB3 Vision or a USB still camera.
 
-    Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, or to GigE Vision hosts, such
-    as Aravis, until Ctrl-C. There is no password: listen on 127.0.0.1 unless the network is your own. For a
-    USB3 Vision camera the host would have to be a USB device, which rig does not make of it.
+    Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, to GigE Vision hosts, such as
+    Aravis, or over USB/IP to any Linux host, whose programs find it on USB, until Ctrl-C. There is no
+    password: listen on 127.0.0.1 unless the network is your own.
 
     Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6
     """
-    if (ptpip is None) == (gige is None):
-        raise WrongUsage("give --ptpip HOST:PORT or --gige IPV4, one of them", context)
+    if (ptpip, gige, usbip).count(None) != 2:
+        raise WrongUsage("give --ptpip HOST:PORT, --gige IPV4 or --usbip HOST:PORT, one of them", context)
     if gige is not None:
+        if profile is not None:
+            raise WrongUsage("--profile is for --ptpip and --usbip", context)
         return _gige(gige, seed)
+    if usbip is not None:
+        return _usbip(usbip, profile, seed)
     assert ptpip is not None
+    return _ptpip(ptpip, profile or "generic", seed)
+
+
+def _listening(where: Address, listen: Callable[[str, int], socket.socket]) -> socket.socket:
+    """The socket of a server there. InputError."""
+    from imaging.errors import InputError
+
+    try:
+        return listen(*where)
+    except OSError as error:
+        reason = str(error.strerror).partition(" (")[0]
+        raise InputError(
+            f"{where[0]}:{where[1]} cannot be listened on ({reason}): choose another one."
+        ) from error
+
+
+def _ptpip(where: Address, profile: str, seed: int) -> CommandResult:
+    """Be a still camera on the network until Ctrl-C."""
     with ExitStack() as stack:
         with running("simulate") as status:
             from drivers.sim import rigs
@@ -73,16 +106,9 @@ def simulate(
             from drivers.sim.ptp.ptpip import PtpIpServer, listen
             from drivers.sim.ptp.responder import Responder
             from drivers.sim.usb.timeline import LiveTimeline
-            from imaging.errors import InputError
 
             body = profiles.profile(profile)
-            try:
-                listening = stack.enter_context(listen(*ptpip))
-            except OSError as error:
-                reason = str(error.strerror).partition(" (")[0]
-                raise InputError(
-                    f"{ptpip[0]}:{ptpip[1]} cannot be listened on ({reason}): choose another one."
-                ) from error
+            listening = stack.enter_context(_listening(where, listen))
             rig = rigs.simulate("demo", seed)
             status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)
@@ -148,3 +174,56 @@ def _gige(host: str, seed: int) -> CommandResult:
         {"gige": host, "serial": device.serial, "shots": shots},
         [f"{device.serial} took {counted(shots, 'shot')}"],
     )
+
+
+def _usbip(where: Address, profile: str | None, seed: int) -> CommandResult:
+    """Be a camera on the USB of the hosts that attach it until Ctrl-C: a still one, or without a profile USB3
+    Vision.
+    """
+    with ExitStack() as stack:
+        with running("simulate") as status:
+            from drivers.sim import rigs
+            from drivers.sim.camera.camera import SimulatedCamera
+            from drivers.sim.ptp import profiles
+            from drivers.sim.ptp.responder import Responder
+            from drivers.sim.ptp.usb_device import PtpDevice
+            from drivers.sim.u3v.device import U3vDevice
+            from drivers.sim.usb.bus import VirtualBus
+            from drivers.sim.usb.timeline import LiveTimeline
+            from drivers.sim.usb.usbip.packets import PORT
+            from drivers.sim.usb.usbip.server import UsbIpServer, listen
+
+            body = None if profile is None else profiles.profile(profile)
+            listening = stack.enter_context(_listening(where, listen))
+            host, port = listening.getsockname()
+            serial = f"SIM-{socket.inet_aton(host).hex()}-{port}"  # of its own, as above
+            rig = rigs.simulate("demo", seed)
+            status("rendering the scene", 0, 0)
+            view = rig.radiance(0, 0)
+            camera = SimulatedCamera(replace(rig.bodies[0], serial=serial), lambda frame: view)
+            timeline = stack.enter_context(closing(LiveTimeline()))
+            bus = VirtualBus(timeline)
+            device: U3vDevice | PtpDevice = (
+                U3vDevice(camera, timeline) if body is None else PtpDevice(Responder(camera, body, timeline))
+            )
+            bus.plug(device)
+            server = stack.enter_context(UsbIpServer(bus, listening))
+            (bus_id,) = server.bus_ids()
+        with suppress(KeyboardInterrupt, Stopped):  # as above
+            with running("simulate") as status:
+                at_port = "" if port == PORT else f"--tcp-port {port} "
+                status.say(
+                    f"{serial} is at {host}:{port}, try as root: modprobe vhci-hcd && "
+                    f"usbip {at_port}attach -r {host} -b {bus_id}"
+                )
+            threading.Event().wait()
+        shots = len(device.opened) if isinstance(device, U3vDevice) else device.responder.shooting.shots
+    data = {
+        "usbip": bus_id,
+        "profile": profile,
+        "serial": serial,
+        "host": host,
+        "port": port,
+        "shots": shots,
+    }
+    return CommandResult(data, [f"{serial} took {counted(shots, 'shot')}"])

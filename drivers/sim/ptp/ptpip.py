@@ -9,7 +9,6 @@ import struct
 import threading
 from contextlib import suppress
 from dataclasses import replace
-from typing import Self
 
 from drivers.ptp.codec import Event
 from drivers.ptp.codes import ResponseCode
@@ -17,6 +16,7 @@ from drivers.ptp.ip.packets import PORT, VERSION, PacketType
 from drivers.sim.faults import Kind
 from drivers.sim.ptp.operations import Reply, Request
 from drivers.sim.ptp.responder import Responder
+from drivers.sim.serving import Refused, TcpServer, exactly
 
 _MOST = 1 << 20
 """Bytes of the largest packet that is taken, and of the data packets that are sent."""
@@ -37,10 +37,6 @@ _CARRIER = frozenset({Kind.TIMEOUT, Kind.TRUNCATED, Kind.WRONG_TRANSACTION, Kind
 """Faults of the connection; unplugged is a connection that breaks."""
 
 
-class _Refused(Exception):
-    """Invalid PTP/IP data; the connection is closed."""
-
-
 class _Connection:
     """Packets on a socket."""
 
@@ -53,20 +49,11 @@ class _Connection:
             self._link.sendall(struct.pack("<II", 8 + len(payload), kind) + payload)
 
     def receive(self, most: int = _MOST) -> tuple[int, bytes]:
-        """Type and payload of a packet of at most that many bytes. _Refused, also at its end."""
-        length, kind = struct.unpack("<II", self._exactly(8))
+        """Type and payload of a packet of at most that many bytes. Refused, also at its end."""
+        length, kind = struct.unpack("<II", exactly(self._link, 8))
         if not 8 <= length <= most:
-            raise _Refused
-        return kind, self._exactly(length - 8)
-
-    def _exactly(self, size: int) -> bytes:
-        data = bytearray()
-        while len(data) < size:
-            part = self._link.recv(size - len(data))
-            if not part:
-                raise _Refused
-            data += part
-        return bytes(data)
+            raise Refused
+        return kind, exactly(self._link, length - 8)
 
 
 def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
@@ -74,7 +61,7 @@ def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
     return socket.create_server((host, port))
 
 
-class PtpIpServer:
+class PtpIpServer(TcpServer):
     """Serves one camera until it is closed, to one client at a time.
 
     Others are refused while it has both connections; of one that has not, a new client takes the place.
@@ -83,48 +70,13 @@ class PtpIpServer:
     def __init__(self, responder: Responder, listening: socket.socket) -> None:
         """listening: of `listen`; it is closed with the server."""
         self._responder = responder
-        self._listening = listening
-        self.host, self.port = listening.getsockname()[:2]
-        self._links: set[socket.socket] = set()
         self._served: set[socket.socket] = set()
         """Connections of the client whose session it is."""
-        self._threads: list[threading.Thread] = []
         self._lock = threading.Condition()
         self._session = 0
         self._cancelled = threading.Event()
         """Set when the client gives up the operation that gets no answer."""
-        self._accepting = threading.Thread(target=self._accept, name="ptpip", daemon=True)
-        self._accepting.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Hang up on everybody."""
-        with self._lock:
-            links, self._links = self._links, set()
-        # shutdown, not close alone: it wakes the threads that wait on the sockets.
-        for link in (self._listening, *links):
-            _hang_up(link)
-        for thread in (self._accepting, *self._threads):
-            thread.join()
-
-    def _accept(self) -> None:
-        while True:
-            try:
-                link, _ = self._listening.accept()
-            except OSError:
-                return
-            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            with self._lock:
-                self._links.add(link)
-                self._threads = [thread for thread in self._threads if thread.is_alive()]
-                thread = threading.Thread(target=self._serve, args=(link,), name="ptpip client", daemon=True)
-                self._threads.append(thread)
-            thread.start()
+        super().__init__(listening, "ptpip")
 
     def _serve(self, link: socket.socket) -> None:
         connection = _Connection(link)
@@ -136,14 +88,10 @@ class PtpIpServer:
                 self._commands(connection, link)
             elif kind == PacketType.INIT_EVENT_REQUEST:
                 self._events(connection, link, payload)
-        except (_Refused, OSError):
-            pass  # The client went away or speaks something else: there is no recipient.
         finally:
             with self._lock:
-                self._links.discard(link)
                 self._served.discard(link)
                 self._lock.notify_all()
-            _hang_up(link)
 
     def _commands(self, connection: _Connection, link: socket.socket) -> None:
         with self._lock:
@@ -180,7 +128,7 @@ class PtpIpServer:
             if kind == PacketType.END_DATA and len(payload) <= _HEAD:
                 continue  # of data that had no bytes, and was complete without it
             if kind != PacketType.OPERATION_REQUEST or len(payload) < 10:
-                raise _Refused
+                raise Refused
             phase, operation, transaction = struct.unpack_from("<IHI", payload)
             count = min(5, (len(payload) - 10) // 4)
             parameters = struct.unpack_from(f"<{count}I", payload, 10)
@@ -191,7 +139,7 @@ class PtpIpServer:
         """Run an operation and answer, as far as its faults allow."""
         with self._responder.timeline.lock:
             if session != self._session:
-                raise _Refused
+                raise Refused
             fault_of = {fault.kind: fault for fault in self._responder.faults(request, _CARRIER)}
             if Kind.TIMEOUT in fault_of:
                 self._cancelled.clear()
@@ -199,7 +147,7 @@ class PtpIpServer:
             else:
                 reply = self._responder.handle(replace(request, faults=tuple(fault_of.values())))
         if Kind.UNPLUG in fault_of:
-            raise _Refused
+            raise Refused
         if Kind.TIMEOUT in fault_of:
             self._cancelled.wait(_PATIENCE)
         transaction = request.transaction + (Kind.WRONG_TRANSACTION in fault_of)
@@ -212,7 +160,7 @@ class PtpIpServer:
     def _data_from(self, connection: _Connection) -> bytes:
         kind, payload = connection.receive()
         if kind != PacketType.START_DATA or len(payload) < _HEAD + 8:
-            raise _Refused
+            raise Refused
         if not any(payload[_HEAD : _HEAD + 8]):
             return b""  # libgphoto2 ends data of length 0 here, others with an EndData
         data = bytearray()
@@ -223,7 +171,7 @@ class PtpIpServer:
                 or len(payload) < _HEAD
                 or len(data) > _MOST
             ):
-                raise _Refused
+                raise Refused
             data += payload[_HEAD:]
             if kind == PacketType.END_DATA:
                 return bytes(data)
@@ -246,7 +194,7 @@ class PtpIpServer:
 
         with self._responder.timeline.lock:
             if len(payload) < 4 or struct.unpack_from("<I", payload)[0] != self._session:
-                raise _Refused
+                raise Refused
             self._responder.listener = tell
             with self._lock:
                 self._served.add(link)
@@ -257,10 +205,3 @@ class PtpIpServer:
                 connection.send(PacketType.PONG, b"")
             elif kind == PacketType.CANCEL:
                 self._cancelled.set()
-
-
-def _hang_up(link: socket.socket) -> None:
-    with suppress(OSError):  # It was not connected, or is no longer.
-        link.shutdown(socket.SHUT_RDWR)
-    with suppress(OSError):  # Another thread closes it too.
-        link.close()

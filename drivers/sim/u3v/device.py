@@ -103,6 +103,7 @@ class U3vDevice:
             ),
             code=(0xEF, 0x02, 0x01),
             speed=SUPER_SPEED,
+            function=control,
         )
 
     def line(self, number: int, rising: bool = True) -> None:

@@ -18,6 +18,7 @@ from drivers.sim.usb import descriptors
 from drivers.sim.usb.descriptors import SUPER_SPEED
 from drivers.sim.usb.packets import Overflow
 from drivers.sim.usb.port import Device, Port, Setup, Stall
+from drivers.sim.usb.requests import control
 from drivers.sim.usb.timeline import Timeline
 
 BUS_NUMBER = 1
@@ -164,9 +165,11 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
     def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
         """A setting that the interface has."""
         with self.timeline.lock:
-            description = self._there(dev_handle).device.description
-            if altsetting not in (interface.alternate for interface in description.alternates(intf)):
+            port = self._there(dev_handle)
+            alternates = port.device.description.alternates(intf)
+            if altsetting not in (interface.alternate for interface in alternates):
                 raise fail(errno.ENOENT)
+            port.alternates[intf] = altsetting
 
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
         """Claim it: 16 if another handle, the kernel's driver or another program has it."""
@@ -242,9 +245,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
             port = self._there(dev_handle)
             to_host = bool(bmRequestType & 0x80)
             try:
-                answer = self._standard(port, setup)
-                if answer is None:
-                    answer = port.device.on_control(setup, b"" if to_host else data.tobytes())
+                answer = control(port, setup, b"" if to_host else data.tobytes())
             except Stall:
                 raise fail(errno.EPIPE) from None
             self.timeline.changed()
@@ -263,19 +264,6 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         """Empty the queues, clear the halts and reset the device; it keeps its address."""
         with self.timeline.lock:
             self._there(dev_handle).reset()
-
-    def _standard(self, port: Port, setup: Setup) -> bytes | None:
-        """The answer to a standard request; None if it is not one that the bus answers."""
-        description, kind = port.device.description, setup.value >> 8
-        if (setup.request_type, setup.request, kind) == (0x80, 6, 3):
-            text = description.string(setup.value & 0xFF)
-            if text is None:
-                raise Stall
-            return text
-        if (setup.request_type, setup.request, setup.value) == (0x02, 1, 0):
-            port.clear_halt(setup.index)
-            return b""
-        return None
 
     def _fill(self, handle: _Handle, endpoint: int, buffer: memoryview, timeout: int) -> int:
         timeline, port = self.timeline, handle.port

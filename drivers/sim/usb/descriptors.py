@@ -1,4 +1,4 @@
-"""Descriptors of a virtual USB device, as pyusb reads them."""
+"""Descriptors of a virtual USB device, as pyusb reads them and as the device sends them."""
 
 import struct
 from dataclasses import dataclass
@@ -10,6 +10,15 @@ HIGH_SPEED, SUPER_SPEED = 3, 4
 
 _ENGLISH = 0x0409
 _TYPES = {"bulk": 2, "interrupt": 3}
+_LAYOUTS = {1: "<BBHBBBBHHHBBBB", 2: "<BBHBBBBB", 4: "<9B", 5: "<BBBBHB"}
+"""Layouts of descriptors by their type: device, configuration, interface, endpoint."""
+_CAPABILITIES = struct.pack(
+    "<BBHB BBBI BBBBHBBH",
+    *(5, 15, 22, 2),
+    *(7, 16, 2, 2),  # USB 2.0 extension: LPM, as it must be
+    *(10, 16, 3, 0, 1 << 3, 3, 0, 0),  # SuperSpeed, which all of it needs
+)
+"""The capabilities of every SuperSpeed device (BOS)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +44,10 @@ class Interface:
 
 @dataclass(frozen=True)
 class Description:
-    """A device with one configuration. strings: manufacturer, product, serial, then any others, from 1."""
+    """A device with one configuration. strings: manufacturer, product, serial, then any others, from 1.
+
+    function: class, subclass and protocol of all its interfaces together, if they are one function.
+    """
 
     vendor: int
     product: int
@@ -43,6 +55,7 @@ class Description:
     interfaces: tuple[Interface, ...]
     code: tuple[int, int, int] = (0, 0, 0)
     speed: int = HIGH_SPEED
+    function: tuple[int, int, int] | None = None
 
     @property
     def serial(self) -> str:
@@ -57,12 +70,46 @@ class Description:
         """The alternate settings of an interface."""
         return tuple(interface for interface in self.interfaces if interface.number == number)
 
+    def endpoints(self) -> frozenset[int]:
+        """The addresses of all endpoints."""
+        return frozenset(one.address for interface in self.interfaces for one in interface.endpoints)
+
     def string(self, index: int) -> bytes | None:
         """A string descriptor, or None for an unknown index."""
         if index > len(self.strings):
             return None
         body = struct.pack("<H", _ENGLISH) if index == 0 else self.strings[index - 1].encode("utf-16-le")
         return bytes((2 + len(body), 3)) + body
+
+    def sent(self, kind: int, index: int) -> bytes | None:
+        """A descriptor as the device sends it, by its type and index; None for one that it does not have."""
+        if kind == 3:
+            return self.string(index)
+        if (kind, index) == (1, 0):
+            return _encoded(device_descriptor(self, 0, 0))
+        if (kind, index) == (2, 0):
+            return _encoded(configuration_descriptor(self)) + self._inside()
+        if (kind, index) == (15, 0) and self.speed >= SUPER_SPEED:
+            return _CAPABILITIES
+        return None
+
+    def _inside(self) -> bytes:
+        """The descriptors of interfaces and endpoints."""
+        sent = b""
+        for place, number in enumerate(self.numbers()):
+            for alternate, interface in enumerate(self.alternates(number)):
+                sent += _encoded(interface_descriptor(self, place, alternate))
+                for endpoint in range(len(interface.endpoints)):
+                    sent += _encoded(endpoint_descriptor(self, endpoint, place, alternate))
+        return sent
+
+
+def _encoded(descriptor: SimpleNamespace) -> bytes:
+    """The bytes of a descriptor, and of those that come with it."""
+    layout = struct.Struct(_LAYOUTS[descriptor.bDescriptorType])
+    count = len(layout.unpack(bytes(layout.size)))
+    extra = bytes(getattr(descriptor, "extra_descriptors", ()))
+    return layout.pack(*list(vars(descriptor).values())[:count]) + extra
 
 
 def device_descriptor(description: Description, bus: int, address: int) -> SimpleNamespace:
@@ -93,19 +140,20 @@ def device_descriptor(description: Description, bus: int, address: int) -> Simpl
 
 def configuration_descriptor(description: Description) -> SimpleNamespace:
     """The one configuration; its total length counts every descriptor inside."""
-    inside = sum(
-        9 + len(interface.extra) + 7 * len(interface.endpoints) for interface in description.interfaces
-    )
+    numbers = description.numbers()
+    association = b""
+    if description.function is not None:
+        association = bytes((8, 11, numbers[0], len(numbers), *description.function, 0))
     return SimpleNamespace(
         bLength=9,
         bDescriptorType=2,
-        wTotalLength=9 + inside,
-        bNumInterfaces=len(description.numbers()),
+        wTotalLength=9 + len(association) + len(description._inside()),
+        bNumInterfaces=len(numbers),
         bConfigurationValue=1,
         iConfiguration=0,
         bmAttributes=0xC0,
         bMaxPower=1,
-        extra_descriptors=[],
+        extra_descriptors=list(association),
     )
 
 
@@ -131,14 +179,17 @@ def endpoint_descriptor(
 ) -> SimpleNamespace:
     """An endpoint of an alternate setting. IndexError past the last."""
     interface_endpoint = description.alternates(description.numbers()[index])[alternate].endpoints[endpoint]
+    interrupt = interface_endpoint.kind == "interrupt"
+    per_interval = interface_endpoint.packet if interrupt else 0
+    companion = struct.pack("<BBBBH", 6, 48, 0, 0, per_interval)
     return SimpleNamespace(
         bLength=7,
         bDescriptorType=5,
         bEndpointAddress=interface_endpoint.address,
         bmAttributes=_TYPES[interface_endpoint.kind],
         wMaxPacketSize=interface_endpoint.packet,
-        bInterval=4 if interface_endpoint.kind == "interrupt" else 0,
+        bInterval=4 if interrupt else 0,
         bRefresh=0,
         bSynchAddress=0,
-        extra_descriptors=[],
+        extra_descriptors=list(companion if description.speed >= SUPER_SPEED else b""),
     )

@@ -71,6 +71,8 @@ class Port:
         self.claims: dict[int, object] = {}
         """Interfaces by number, and the handle that has each."""
         self.halted_out: set[int] = set()
+        self.alternates: dict[int, int] = {}
+        """Alternate settings by interface, where they are not the first."""
         self._packets = {
             endpoint.address: endpoint.packet
             for interface in device.description.interfaces
@@ -127,6 +129,7 @@ class Port:
     def reset(self) -> None:
         """The host resets the device."""
         self.halted_out.clear()
+        self.alternates.clear()
         for queue in self._queues.values():
             queue.clear()
             queue.halted = False

@@ -10,9 +10,13 @@ import sys
 
 import pytest
 
+from drivers import ptp, u3v
+from drivers.clock import SystemClock
+from imaging.exposure import Exposure
 from rig.terminal.progress import PlainStatusLine
 from tests.drivers.gige.fakes import camera_at, only_at, own_address
 from tests.drivers.gige.test_sim_device import shoot
+from tests.drivers.sim.usb.usbip.attached import AttachedBus
 
 
 def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
@@ -59,19 +63,21 @@ def test_an_address_that_is_none_is_wrong_usage(rig, text: str) -> None:
     assert "write an address as 127.0.0.1:15740" in err
 
 
-def test_an_unknown_profile_lists_those_there_are(rig) -> None:
-    code, _, err = rig("simulate", "--ptpip", "127.0.0.1:0", "--profile", "leica")
+@pytest.mark.parametrize("option", ["--ptpip", "--usbip"])
+def test_an_unknown_profile_lists_those_there_are(rig, option: str) -> None:
+    code, _, err = rig("simulate", option, "127.0.0.1:0", "--profile", "leica")
     assert code == 2
     assert "generic, canon-eos-6d, canon-eos-r7, nikon-z6, sony-a7m4" in err
 
 
+@pytest.mark.parametrize("option", ["--ptpip", "--usbip"])
 def test_an_address_that_is_taken_is_told_before_anything_is_rendered(
-    rig, monkeypatch: pytest.MonkeyPatch
+    rig, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
     monkeypatch.setattr("drivers.sim.rigs.simulate", lambda *asked: pytest.fail("it was rendered"))
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        code, _, err = rig("simulate", "--ptpip", f"127.0.0.1:{port}")
+        code, _, err = rig("simulate", option, f"127.0.0.1:{port}")
     assert code == 2
     assert f"127.0.0.1:{port} cannot be listened on (Address already in use): choose another one." in err
 
@@ -95,11 +101,60 @@ def test_it_is_a_gige_camera_at_an_address_of_this_host() -> None:
     assert (told_at_end["gige"], told_at_end["shots"]) == (address, 1)
 
 
-@pytest.mark.parametrize("words", [(), ("--gige", "127.0.0.1", "--ptpip", "127.0.0.1:0")])
+@pytest.mark.parametrize(
+    ("profile", "kind"), [((), "ef/05/00"), (("--profile", "nikon-z6"), "06/01/01")], ids=["vision", "still"]
+)
+def test_it_is_a_camera_on_the_usb_of_who_attaches_it(profile: tuple[str, ...], kind: str) -> None:
+    command = [sys.executable, "-m", "rig", "simulate", "--usbip", "127.0.0.1:0", *profile, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        line = next(line for line in process.stderr if "usbip" in line)
+        matched = re.search(
+            r"(SIM-7f000001-(\d+)) is at 127\.0\.0\.1:\2, try as root: modprobe vhci-hcd && "
+            r"usbip --tcp-port \2 attach -r 127\.0\.0\.1 -b (\S+)\n",
+            line,
+        )
+        assert matched, line
+        serial, port, bus_id = matched.groups()
+        attached = AttachedBus(("127.0.0.1", int(port)))
+        (device,) = attached.devices
+        interface = device.interfaces[0][0]
+        code = (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol)
+        assert "/".join(f"{one:02x}" for one in code) == kind
+        driver = ptp if profile else u3v
+        (camera,) = driver.find_cameras(attached, SystemClock())
+        assert camera.identify().serial == serial
+        camera.set_exposure(Exposure(time=1 / 60, iso=200))
+        camera.arm()
+        camera.trigger()
+        assert camera.collect().metadata.serial == serial
+        camera.close()
+        attached.detach()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 0
+    data = json.loads(out)
+    assert (data["usbip"], data["serial"], data["shots"]) == (bus_id, serial, 1)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("--gige", "127.0.0.1", "--ptpip", "127.0.0.1:0"),
+        ("--usbip", "127.0.0.1:0", "--ptpip", "127.0.0.1:0"),
+    ],
+)
 def test_it_is_one_camera_of_one_kind(rig, words: tuple[str, ...]) -> None:
     code, _, err = rig("simulate", *words)
     assert code == 2
-    assert "give --ptpip HOST:PORT or --gige IPV4, one of them" in err
+    assert "give --ptpip HOST:PORT, --gige IPV4 or --usbip HOST:PORT, one of them" in err
+
+
+def test_a_profile_is_for_still_cameras(rig) -> None:
+    code, _, err = rig("simulate", "--gige", "127.0.0.1", "--profile", "nikon-z6")
+    assert code == 2
+    assert "--profile is for --ptpip and --usbip" in err
 
 
 def test_an_address_that_is_not_this_hosts_is_told(rig) -> None:
