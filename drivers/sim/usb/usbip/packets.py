@@ -15,8 +15,8 @@ LIST, IMPORT = 0x8005, 0x8003
 DONE, NOT_AVAILABLE, NO_DEVICE = 0, 1, 4
 """Status of their answers, as the tools of Linux have them."""
 REQUEST_SIZE, BUS_ID_SIZE, COMMAND_SIZE = 8, 32, 48
-ZERO_PACKET = 0x40
-"""Flag of a transfer to the device: an empty packet ends it if its last one is full."""
+SHORT_NOT_OK, ZERO_PACKET = 0x01, 0x40
+"""Flags of a transfer: a short read is an error; an empty packet ends a write whose last one is full."""
 _VERSION = 0x0111
 _SUBMIT, _UNLINK, _SUBMITTED, _UNLINKED = 1, 2, 3, 4
 _REQUEST = struct.Struct(">HHI")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from drivers.sim.usb.packets import Overflow
 from drivers.sim.usb.port import Port, Stall
 from drivers.sim.usb.requests import control
-from drivers.sim.usb.usbip.packets import ZERO_PACKET, Submit, Unlink, submitted, unlinked
+from drivers.sim.usb.usbip.packets import SHORT_NOT_OK, ZERO_PACKET, Submit, Unlink, submitted, unlinked
 
 _MOST_READS = 4096
 """Reads that may wait at a time."""
@@ -88,6 +88,8 @@ class Transfers:
                 count, done = queue.take(memoryview(part))
                 read.data += part[:count]
                 self.port.spend(count)
+                if done and submit.flags & SHORT_NOT_OK and len(read.data) < submit.length:
+                    status = -errno.EREMOTEIO
         except Overflow:
             status, done = -errno.EOVERFLOW, True
         if done:

@@ -124,6 +124,17 @@ def test_a_read_ends_with_a_short_packet_or_when_it_is_full(
     host.close()
 
 
+def test_a_short_read_is_an_error_where_the_host_says_so(
+    host: AttachedDevice, served: Served, echo: Echo
+) -> None:
+    """The kernel asks for that when it cuts a read into several, of which a short one ends them all."""
+    reads = [host.begin(IN, room, flags=0x201) for room in (PACKET, 512)]
+    sends(served, echo, GOT)
+    assert host.result(reads[0]) == (0, GOT[:PACKET])
+    assert host.result(reads[1]) == (-errno.EREMOTEIO, GOT[PACKET:])
+    host.close()
+
+
 def test_a_read_is_filled_in_parts(host: AttachedDevice, served: Served, echo: Echo) -> None:
     read = host.begin(IN, 3 * PACKET)
     for number in range(3):
