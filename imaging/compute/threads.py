@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -137,15 +138,22 @@ def one_thread_a_product() -> Iterator[None]:
         yield
 
 
-def in_turn(count: int, work: Callable[[int], T]) -> Iterator[T]:
+def in_turn(count: int, work: Callable[[int], T], most: int | None = None) -> Iterator[T]:
     """`work(number)` of 0..count-1 in their order, each found on one of all threads, some of them ahead.
 
     For work that leaves Python's lock most of the time; each has one thread for products of numpy. Who ends
-    before the last number waits for what has begun.
+    before the last number waits for what has begun. Context variables are the caller's. most: of threads,
+    where each takes memory.
     """
-    with one_thread_a_product(), ThreadPoolExecutor(_threads) as pool:
+    threads = _threads if most is None else min(most, _threads)
+    contexts = [copy_context() for _ in range(count)]
+
+    def within(number: int) -> T:
+        return contexts[number].run(work, number)
+
+    with one_thread_a_product(), ThreadPoolExecutor(threads) as pool:
         try:
-            yield from in_order(pool, count, work, 2 * _threads)
+            yield from in_order(pool, count, within, 2 * threads)
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -59,6 +59,11 @@ def rays(lens: SplatCamera, pixels: npt.ArrayLike) -> Array:
 
 def lift(lens: SplatCamera, pixels: npt.ArrayLike, depth: npt.ArrayLike) -> Array:
     """World points [..., 3] seen at pixels [..., 2] at depths [...] along the axis."""
-    camera = rays(lens, pixels) * np.asarray(depth, np.float64)[..., None]
+    return lift_along(lens, rays(lens, pixels), depth)
+
+
+def lift_along(lens: SplatCamera, directions: Array, depth: npt.ArrayLike) -> Array:
+    """World points [..., 3] at depths [...] along `rays` [..., 3] of a camera."""
+    camera = directions * np.asarray(depth, np.float64)[..., None]
     motion = lens.cam_from_world
     return np.asarray((camera - motion[:3, 3]) @ motion[:3, :3])

@@ -12,6 +12,7 @@ import numpy as np
 from imaging.arrays import Array32, Mask
 from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
+from imaging.compute.threads import in_turn
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files import store
 from imaging.merge.bracket import merge_bracket
@@ -35,6 +36,8 @@ class Light:
 Images = Sequence[tuple[Array32, Mask]]
 """Radiance images of views, in their order; for a large data set each access reads a file."""
 
+MERGERS = 4
+"""Brackets at most that are merged at once: each takes several times the memory of its picture."""
 BRIGHTEST = 0.9999
 """Share of the pixels that are darker than light of 1 in scene units."""
 _STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
@@ -70,6 +73,9 @@ def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images
     """
 
     def each() -> Iterator[tuple[Array32, Mask]]:
+        if all(view.held for view in dataset.train):
+            yield from in_turn(len(dataset.train), lambda turn: radiance_image(dataset.train[turn]), MERGERS)
+            return
         for done, view in enumerate(dataset.train):
             if not view.held:
                 progress("merging brackets", done, len(dataset.train))
@@ -162,7 +168,10 @@ def _brightest(images: Images, pixels: int) -> float:
     above = pixels - math.floor(place)
     largest = np.empty(0, np.float32)
     for light, _ in images:
-        both = np.concatenate([largest, np.nanmax(light, axis=-1).reshape(-1)])
+        values = np.fmax.reduce([light[..., channel] for channel in range(light.shape[-1])]).reshape(-1)
+        if len(largest) == above:  # most are below all that are held
+            values = values[~(values <= largest.min())]
+        both = np.concatenate([largest, values])
         largest = np.partition(both, len(both) - above)[-above:] if len(both) > above else both
     low, high = np.sort(largest)[:2].astype(np.float64) if len(largest) > 1 else (*largest, *largest)
     return float(low + (high - low) * (place - math.floor(place)))

@@ -8,6 +8,7 @@ from pathlib import Path
 from imaging.arrays import Array32
 from imaging.cfa import Cfa
 from imaging.colour import of_channels
+from imaging.compute.threads import in_turn
 from imaging.errors import ReconstructionError
 from imaging.lens import Lens
 from imaging.progress import Progress, unreported
@@ -25,6 +26,9 @@ from recon.data.pixels import read_shot
 from recon.data.resident import too_large
 from recon.data.world import WorldTransform
 from recon.splat import SplatCamera
+
+READERS = 4
+"""Files at most that are read at once: each takes several times the memory of its picture."""
 
 Examine = Callable[[Sequence[View], Mapping[str, tuple[int, int]]], bool]
 """Given the first view of each camera, and how many views each has in all and to train on: whether the shots
@@ -130,9 +134,11 @@ def read_views(
     if folder is not None:
         views = [read(place, folder) for place in first.values()]
         require_room(folder, max_width, ((view, counts[view.camera][0]) for view in views))
-    for done, place in enumerate(rest, len(first)):
+    # To the disk one after another: there, memory is what is short.
+    others = in_turn(len(rest), lambda turn: read(rest[turn], folder), READERS if folder is None else 1)
+    for done, view in enumerate(others, len(first) + 1):
         progress("reading images", done, len(groups))
-        views.append(read(place, folder))
+        views.append(view)
     views.sort(key=lambda view: view.id)
     return Dataset(
         session=session.folder,
@@ -221,7 +227,7 @@ def _view(
         )
     lens = lens_of_pixels(camera.lens, record.kind, width, height)
     if (plane := (record.name, height, width)) not in falloffs:
-        falloffs[plane] = falloff(camera, height, width)
+        falloffs.setdefault(plane, falloff(camera, height, width))
     channels = shots[0].shape[2] if cfa is None else len(cfa.letters)
     return View(
         camera=record.name,

@@ -77,7 +77,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         countdown.require(evidence.look, FEWEST)
 
     # The degree of the harmonics, by scene points seen from all sides.
-    first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress)
+    first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress, evidence.light)
     degree, colour = degree_for(dataset, asked, images, first)
 
     # The most Gaussians, by preset, budget and samples of the views.
@@ -157,7 +157,7 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
     count = int(settings.start_share * settings.max_gaussians)
     rng = np.random.Generator(np.random.PCG64([settings.seed, 0x57A27]))
     over = None if countdown is None else countdown.start_over()
-    points = start_points(dataset, evidence.images, count, rng, run.progress, over, first)
+    points = start_points(dataset, evidence.images, count, rng, run.progress, over, first, evidence.light)
     if countdown is not None and points.left_out:
         few = f"{points.left_out} of {len(dataset.train)} views"
         run.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")

@@ -19,6 +19,7 @@ from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.geometry import project
 from recon.data.light import Images
 from recon.observe.glare import spread
+from recon.splat.torch_threads import torch_on_one_thread
 
 DARK = 0.1
 """Most light of a point, relative to that of its halo: brighter points differ by their gloss."""
@@ -74,6 +75,7 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
     return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
 
 
+@torch_on_one_thread()
 def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSights:
     """Every training view at every dark point that calibration saw in it; cameras: as they are numbered."""
     xyz, tracks = dataset.tracks(MOST_TRACKED)

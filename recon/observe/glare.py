@@ -7,6 +7,7 @@ the point and a wide halo, heavy-tailed. One number a camera says how much of th
 from functools import lru_cache
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, interpolate
 
@@ -33,22 +34,29 @@ def spread(image: Tensor) -> Tensor:
     rows, columns = max(1, round(scale * height)), max(1, round(scale * width))
     spectrum, weight = _halo(rows, columns, image.dtype, image.device)
     small = adaptive_avg_pool2d(image.movedim(2, 0)[None], (rows, columns))
-    size = 2 * rows, 2 * columns
+    size = _padded(rows), _padded(columns)
     halo = torch.fft.irfft2(torch.fft.rfft2(small, s=size) * spectrum, s=size)[..., :rows, :columns] / weight
     return interpolate(halo, size=(height, width), mode="bilinear", align_corners=False)[0].movedim(0, 2)
+
+
+def _padded(side: int) -> int:
+    """Return the cells of a side as it is transformed: room for the halo of its ends, and factors that are
+    fast.
+    """
+    return int(next_fast_len(2 * side, real=True))
 
 
 @lru_cache(maxsize=16)
 def _halo(rows: int, columns: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
     """The transform of the kernel, padded, and what of it is within the picture, [rows, columns]."""
     y, x = (
-        torch.minimum(torch.arange(2 * side), 2 * side - torch.arange(2 * side)).double()
-        for side in (rows, columns)
+        torch.minimum(torch.arange(size), size - torch.arange(size)).double()
+        for size in (_padded(rows), _padded(columns))
     )
     square = (y[:, None] ** 2 + x[None] ** 2) / (rows**2 + columns**2)
     kernel = 1 / (1 + square / RADIUS**2)
     spectrum = torch.fft.rfft2(kernel)
-    ones = torch.zeros(2 * rows, 2 * columns, dtype=torch.float64)
+    ones = torch.zeros(kernel.shape, dtype=torch.float64)
     ones[:rows, :columns] = 1
     weight = torch.fft.irfft2(torch.fft.rfft2(ones) * spectrum, s=ones.shape)[:rows, :columns]
     complex_of = torch.complex64 if dtype == torch.float32 else torch.complex128

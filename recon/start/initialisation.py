@@ -13,7 +13,7 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import lift, project
-from recon.data.light import Images, light_of
+from recon.data.light import Images, Light, light_of
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
 from recon.start.plane_sweep import plane_sweep, sample
@@ -51,13 +51,15 @@ def start_points(
     progress: Progress = unreported,
     over: Callable[[], bool] | None = None,
     first: Array | None = None,
+    light: Light | None = None,
 ) -> Start:
     """Choose at most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
     `images` are the radiance images of the training views. Poses that came without any points get theirs
-    from a first sweep over all depths; first: what `points_of_poses` found by it, if it was made. over: asked
-    before each view is swept; those that are due when it says yes are left out. ReconstructionError when
-    there are fewer than 8 points, or fewer are seen, since then nothing says where the scene is.
+    from a first sweep over all depths; first: what `points_of_poses` found by it, if it was made. light: of
+    the scene, if it is known. over: asked before each view is swept; those that are due when it says yes are
+    left out. ReconstructionError when there are fewer than 8 points, or fewer are seen, since then nothing
+    says where the scene is.
     """
     model = dataset.points()
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
@@ -67,7 +69,7 @@ def start_points(
     if len(model.xyz):
         sparse = model.xyz[good]
     else:
-        sparse = points_of_poses(dataset, images, progress) if first is None else first
+        sparse = points_of_poses(dataset, images, progress, light) if first is None else first
     if len(sparse) < FEWEST_POINTS:
         raise ReconstructionError(
             f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
@@ -76,7 +78,7 @@ def start_points(
     if len(sparse) > count:
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     skipped: list[int] = []
-    dimmest = _dimmest(dataset, images)
+    dimmest = _dimmest(dataset, images, light)
     xyz = sparse
     if len(sparse) < count:
         maps = plane_sweep(
@@ -94,9 +96,9 @@ def start_points(
     return Start(xyz[visible], rgb[visible], int(visible[: len(sparse)].sum()), len(skipped))
 
 
-def _dimmest(dataset: Dataset, images: Images) -> float:
+def _dimmest(dataset: Dataset, images: Images, light: Light | None) -> float:
     """Radiance below which a start has nothing."""
-    light = light_of(dataset, images)
+    light = light or light_of(dataset, images)
     return DARK * light.normaliser * (light.reference or 0.0)
 
 
@@ -117,11 +119,17 @@ def scattered(dataset: Dataset, count: int, seed: int) -> Start:
     return Start(xyz, np.ones((len(xyz), dataset.train[0].channels)), len(xyz))
 
 
-def points_of_poses(dataset: Dataset, images: Images, progress: Progress = unreported) -> Array:
-    """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
+def points_of_poses(
+    dataset: Dataset, images: Images, progress: Progress = unreported, light: Light | None = None
+) -> Array:
+    """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm.
+
+    light: of the scene, if it is known.
+    """
     points = [np.zeros((0, 3))]
+    dimmest = _dimmest(dataset, images, light)
     for depth_map in plane_sweep(
-        dataset.train, images, None, dimmest=_dimmest(dataset, images), most=MOST_FIRST, progress=progress
+        dataset.train, images, None, dimmest=dimmest, most=MOST_FIRST, progress=progress
     ):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
         near = depth_map.trusted & depth_map.lit & (depth_map.depth < 20 * np.median(depth_map.depth))

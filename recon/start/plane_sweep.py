@@ -17,14 +17,12 @@ from imaging.arrays import Array, Array32, Mask
 from imaging.compute.threads import thread_count
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
-from recon.data.geometry import inside, lift, project, rays
+from recon.data.geometry import inside, lift, lift_along, project, rays
 from recon.data.light import Images, grey
-from recon.start.warped_plane import warp
+from recon.start.warped_plane import compare_planes
 
 PLANES = 56
 NEIGHBOURS = 4
-PATCH = 7
-"""Pixels of the coarse image."""
 MOST_SWEPT = 48
 """Most views of a larger session whose depths are swept; the others serve as their neighbours."""
 GOLDEN = 0.6180339887498949
@@ -108,10 +106,11 @@ def plane_sweep(
                 swept[index] = depth_map
     depths = {index: swept[index][0] for index in sorted(swept)}
     centres = {index: _coarse_centres(views[index], *depth.shape[::-1]) for index, depth in depths.items()}
+    directions = {index: rays(views[index].lens, at) for index, at in centres.items()}
     trusted, filled = {}, {}
     for index, depth in depths.items():
         score = swept[index][1]
-        sure = _confirmed(index, depths, centres[index], views, chosen) | (score == MEASURED)
+        sure = _confirmed(index, depths, directions[index], views, chosen) | (score == MEASURED)
         sure &= score > TRUSTED_SCORE
         trusted[index] = sure & (_at_size(views[index].seen.astype(np.float32), depth) > 0.5)
         filled[index] = _fill(depth, trusted[index])
@@ -120,7 +119,7 @@ def plane_sweep(
             view=views[index],
             depth=depth,
             trusted=trusted[index],
-            believed=trusted[index] | _confirmed(index, filled, centres[index], views, chosen),
+            believed=trusted[index] | _confirmed(index, filled, directions[index], views, chosen),
             lit=lit[index],
             centres=centres[index],
         )
@@ -213,25 +212,15 @@ def _sweep_one(
     reference, image = views[index].lens, logs[index]
     height, width = image.shape
     direction = rays(reference, _coarse_centres(views[index], width, height))
-    mean, deviation = _moments(image)
     planes = np.linspace(*bounds, PLANES)
     # The better half of the neighbours, two of four at most, so that one that is covered there has no vote.
     first = np.full((PLANES, height, width), -1.0, np.float32)
     second = first.copy() if len(near) > 2 else first
-    warped, shown = np.empty_like(image), np.empty(image.shape, bool)
     for other in near:
         lens = views[other].lens
         relative = lens.cam_from_world @ np.linalg.inv(reference.cam_from_world)
-        turned = direction @ relative[:3, :3].T
-        for plane, inverse in enumerate(planes):
-            warp(lens, logs[other], turned, inverse * relative[:3, 3], warped, shown)
-            other_mean, other_deviation = _moments(warped)
-            cross = cv2.blur(image * warped, (PATCH, PATCH)) - mean * other_mean
-            score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
-            score[~shown] = -1.0
-            if second is not first:
-                np.maximum(second[plane], np.minimum(first[plane], score), out=second[plane])
-            np.maximum(first[plane], score, out=first[plane])
+        turned, shift = direction @ relative[:3, :3].T, relative[:3, 3].copy()
+        compare_planes(lens, logs[other], turned, shift, planes, image, first, second)
     volume = np.float32(0.5) * (first + second)
     best = volume.argmax(0)
     return _subplane(volume, best, planes), np.take_along_axis(volume, best[None], 0)[0]
@@ -248,12 +237,6 @@ def _subplane(volume: Array32, best: npt.NDArray[np.intp], planes: Array) -> Arr
     return np.asarray(1 / np.maximum(inverse, 1e-9), np.float32)
 
 
-def _moments(image: Array32) -> tuple[Array32, Array32]:
-    mean = cv2.blur(image, (PATCH, PATCH))
-    square = cv2.blur(image * image, (PATCH, PATCH))
-    return mean, np.sqrt(np.maximum(square - mean * mean, 0))
-
-
 def _at_size(picture: Array32, depth: Array32) -> Array32:
     """A picture [H, W] averaged to the size of a depth map."""
     return np.asarray(cv2.resize(picture, depth.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
@@ -262,12 +245,12 @@ def _at_size(picture: Array32, depth: Array32) -> Array32:
 def _confirmed(
     index: int,
     depths: Mapping[int, Array32],
-    centres: Array,
+    directions: Array,
     views: tuple[View, ...],
     swept: Collection[int],
 ) -> Mask:
     """Return where at least one other view puts a surface at the same place."""
-    place = lift(views[index].lens, centres, depths[index])
+    place = lift_along(views[index].lens, directions, depths[index])
     confirmed = np.zeros(depths[index].shape, bool)
     for other in _neighbours(index, views, swept):
         depth = depths.get(other)

@@ -1,6 +1,8 @@
 """Work on all threads, whose results come in their order."""
 
 import threading
+from contextlib import suppress
+from contextvars import ContextVar
 
 import numpy as np
 import pytest
@@ -65,3 +67,25 @@ def test_products_are_made_on_the_thread_that_asks() -> None:
     assert within() == {1}
     assert {one for threads in in_turn(3, lambda number: blas_threads()) for one in threads} == {1}
     assert blas_threads() == before
+
+
+def test_work_in_turn_has_the_context_of_the_caller_and_no_more_threads_than_it_may() -> None:
+    level: ContextVar[int] = ContextVar("level", default=0)
+    level.set(3)
+    at_once, most, lock = 0, 0, threading.Lock()
+    gate = threading.Barrier(2, timeout=0.05)
+
+    def work(number: int) -> int:
+        nonlocal at_once, most
+        with lock:
+            at_once += 1
+            most = max(most, at_once)
+        with suppress(threading.BrokenBarrierError):
+            gate.wait()  # until another comes, or for a moment
+        with lock:
+            at_once -= 1
+        return number * level.get()
+
+    threads.set_threads(8)  # the fixture puts it back
+    assert list(in_turn(6, work, most=2)) == [0, 3, 6, 9, 12, 15]
+    assert most <= 2

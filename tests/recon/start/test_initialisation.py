@@ -10,7 +10,7 @@ from bench.support import oracle
 from drivers.sim.scene.tabletop import demo_scene
 from imaging.errors import ReconstructionError
 from recon.data.geometry import lift, project, rays
-from recon.data.light import light_of, radiance_image
+from recon.data.light import BRIGHTEST, light_of, radiance_image
 from recon.measure.truth import true_radiance
 from recon.scene.appearance import LuminanceChromaticity
 from recon.splat import SplatCamera
@@ -92,6 +92,18 @@ def test_light_of_the_scene(toy_dataset, images):
     longest = max(shot.k for shot in toy_dataset.train[0].shots)
     # A code value of the longest exposure, or 2^-20 where that is less.
     assert light.reference == pytest.approx(max(1 / 4095 / longest / light.normaliser, 2.0**-20))
+
+
+def test_the_brightest_light_is_the_quantile_of_all_pixels_together(toy_dataset) -> None:
+    """Of images that grow brighter, and of some that show nothing in a channel, or in all of them."""
+    rng = np.random.default_rng(4)
+    made = [
+        (rng.lognormal(turn % 5, 2, (view.lens.height, view.lens.width, 3)).astype(np.float32), None)
+        for turn, view in enumerate(toy_dataset.train)
+    ]
+    made[1][0][..., 1] = np.nan
+    together = np.concatenate([np.nanmax(light, -1).ravel() for light, _ in made])
+    assert light_of(toy_dataset, made).normaliser == np.quantile(together.astype(np.float64), BRIGHTEST)
 
 
 def test_swept_depth_is_the_true_one_at_most_pixels(toy_dataset, images):
