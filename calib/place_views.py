@@ -19,6 +19,7 @@ from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
 from calib.light.parts import ASKED
+from calib.light.photograph_sights import sights_of
 from calib.light.stated import stated_by
 from calib.luminance.measure import scaled
 from calib.poses import moving, sfm
@@ -96,7 +97,7 @@ def with_poses(
     development, stated = each_photograph.Development({}, {}), stated_by(session, evidence.views)
     without = evidence.without
     if photographs:
-        sights = each_photograph.sights_of(model, colours, photographs, None)
+        sights = sights_of(model, colours, photographs, None)
         development = each_photograph.estimate(*sights, stated, without)
         brightness = development.brightness(brightness)
     through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
@@ -113,9 +114,9 @@ def with_poses(
         },
         without=without,
     )
-    if development.exposure:
+    if development.found:
         # The first estimate took the falloff for part of what photographs differ by.
-        sights = each_photograph.sights_of(model, colours, photographs, falloff)
+        sights = sights_of(model, colours, photographs, falloff)
         development = each_photograph.estimate(*sights, stated, without)
     white = Balance({}, {}, (Rung(name="white_balance", taken=False, reason=ASKED),))
     if "white_balance" not in without:

@@ -89,6 +89,8 @@ def with_development(
             update={
                 "exposure": development.exposure.get(view.id, 1.0),
                 "white_balance": development.white_balance.get(view.id, (1.0, 1.0, 1.0)),
+                "exposure_asked": development.exposure_asked.get(view.id),
+                "white_balance_asked": development.white_balance_asked.get(view.id),
             }
         )
         for view in record.views

@@ -168,6 +168,10 @@ class CameraCalibration(Record):
     """
 
 
+StatedPart = Literal["exposure", "white_balance"]
+"""Settings of photographs that files may state as constant."""
+
+
 class ViewCalibration(Record):
     """One registered image: a camera at a frame."""
 
@@ -183,6 +187,10 @@ class ViewCalibration(Record):
     """Factors on red, green and blue light with which a photograph was developed, relative to green and to
     the mean of all photographs.
     """
+    exposure_asked: float | None = Field(default=None, gt=0)
+    """Factor on the exposure that scene points ask for although the files state one for all; not applied."""
+    white_balance_asked: tuple[float, float, float] | None = None
+    """Factors on red, green and blue light likewise, of a geometric mean of 1."""
     by_rig: bool = False
     """True if the pose comes from the rig's other cameras alone: nothing was recognised in this picture, or
     what was is contradicted.
@@ -192,6 +200,21 @@ class ViewCalibration(Record):
     def id(self) -> ViewId:
         """Identity of the view."""
         return ViewId(self.frame, self.camera)
+
+    def overruled(self, parts: Collection[StatedPart]) -> "ViewCalibration":
+        """The same with the factors of these parts that scene points ask for applied."""
+        exposure = self.exposure_asked if "exposure" in parts else None
+        factors = self.white_balance_asked if "white_balance" in parts else None
+        red, green, blue = factors or (1.0, 1.0, 1.0)
+        own = self.white_balance
+        return self.model_copy(
+            update={
+                "exposure": self.exposure * (exposure or 1.0) * green,
+                "white_balance": (own[0] * red / green, own[1], own[2] * blue / green),
+                "exposure_asked": None if "exposure" in parts else self.exposure_asked,
+                "white_balance_asked": None if "white_balance" in parts else self.white_balance_asked,
+            }
+        )
 
 
 COLOUR = "camera_colour"

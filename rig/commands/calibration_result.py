@@ -88,9 +88,15 @@ def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str
 
 
 def _light_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
-    """A line for each part of light that was taken, with its size and how to do without it."""
+    """A line for each part of light that was taken, or that scene points ask for against the files, with its
+    size and how to do without it.
+    """
+    asked = set()
+    for view in record.views:
+        asked |= {"exposure_each_photograph"} if view.exposure_asked else set()
+        asked |= {"white_balance_each_photograph"} if view.white_balance_asked else set()
     for rung in record.rungs:
-        if rung.taken and rung.name in LIGHT:
+        if (rung.taken or rung.name in asked) and rung.name in LIGHT:
             part, name = LIGHT[rung.name]
             yield f"{session}: {name}: {rung.reason} (--without {part} leaves it out)"
 

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from calib.light.each_photograph import Development, PhotographSights, estimate
+from calib.light.each_photograph import Development, estimate
+from calib.light.photograph_sights import PhotographSights
 from calib.light.stated import Stated
 from imaging.session.view_id import ViewId
 
@@ -143,15 +144,41 @@ def test_cameras_that_expose_and_balance_by_themselves_are_told_beside_a_lamp_on
 SAID = {"cam": "the files say so"}
 
 
-def test_what_files_say_is_the_same_stays_the_same() -> None:
-    sighted = sights(drawn(0.5, 0.15))
-    both = estimate(sighted, VIEWS, Stated(SAID, SAID))
+def asked_of(development: Development) -> np.ndarray:
+    """Factors [V, 3] that are kept beside what the files state."""
+    white = [development.white_balance_asked.get(view, (1, 1, 1)) for view in VIEWS]
+    exposure = [development.exposure_asked.get(view, 1.0) for view in VIEWS]
+    return np.array(exposure)[:, None] * np.array(white)
+
+
+def test_what_files_say_is_the_same_stays_the_same_with_what_points_say_beside_it() -> None:
+    factors = drawn(0.5, 0.15)
+    both = estimate(sights(factors), VIEWS, Stated(SAID, SAID))
     assert taken(both) == [False, False]
-    assert [rung.reason for rung in both.rungs] == ["the files say so"] * 2
     assert both.exposure == both.white_balance == {}
-    colours = estimate(sighted, VIEWS, Stated(exposure=SAID))
-    assert taken(colours) == [False, True]
-    assert taken(estimate(sighted, VIEWS, Stated(white_balance=SAID))) == [True, False]
+    assert np.abs(np.log(asked_of(both) / factors)).max() < 0.015
+    size = np.log(factors).mean(axis=1).std()
+    (percent,) = re.findall(r"so; scene points differ in brightness by (\d+) %", both.rungs[0].reason)
+    assert int(percent) == pytest.approx(100 * size, abs=1)
+
+
+@pytest.mark.parametrize("part", ["exposure", "white_balance"])
+def test_one_part_that_files_state_is_kept_beside_the_other_that_is_taken(part: str) -> None:
+    factors = drawn(0.5, 0.15)
+    estimated = estimate(sights(factors), VIEWS, Stated(**{part: SAID}))
+    assert taken(estimated) == [part != "exposure", part != "white_balance"]
+    assert np.abs(np.log(asked_of(estimated) * factors_of(estimated) / factors)).max() < 0.015
+
+
+@pytest.mark.parametrize("factors", [np.ones((12, 3)), drawn(0.01, 0.01)])
+def test_nothing_is_kept_where_points_agree_with_the_files(factors: np.ndarray) -> None:
+    estimated = estimate(sights(factors, noise=0.01), VIEWS, Stated(SAID, SAID))
+    assert [rung.reason for rung in estimated.rungs] == ["the files say so"] * 2
+    assert not estimated.found
+
+
+def test_sheen_is_not_kept_beside_what_files_say() -> None:
+    assert not estimate(shining(np.ones((12, 3)), 0.6), VIEWS, Stated(SAID, SAID)).found
 
 
 def test_a_camera_whose_files_say_nothing_is_told_beside_one_whose_files_do() -> None:
@@ -173,3 +200,5 @@ def test_parts_can_be_refused(part: str, expected: list[bool]) -> None:
     estimated = estimate(sights(drawn(0.5, 0.15)), VIEWS, without=[part])
     assert taken(estimated) == expected
     assert sum(rung.reason == "left out, as was asked" for rung in estimated.rungs) == 1
+    refused = estimate(sights(drawn(0.5, 0.15)), VIEWS, Stated(SAID, SAID), without=[part])
+    assert (bool(refused.exposure_asked), bool(refused.white_balance_asked)) == tuple(expected)

@@ -11,7 +11,13 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.lens import Lens
 from imaging.pose import Pose
-from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, read_calibration
+from imaging.session.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Response,
+    ViewCalibration,
+    read_calibration,
+)
 
 RECORD = CalibrationRecord(
     created=datetime(2024, 5, 6),
@@ -55,3 +61,25 @@ def test_a_record_comes_back_and_knows_its_cameras(tmp_path: Path) -> None:
 def test_no_calibration_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not calibrated: run `rig calibrate"):
         read_calibration(tmp_path)
+
+
+@pytest.mark.parametrize("parts", [(), ("exposure",), ("white_balance",), ("exposure", "white_balance")])
+def test_what_points_ask_for_against_the_files_multiplies_light_as_it_says(parts: tuple[str, ...]) -> None:
+    colour = np.exp([0.1, -0.04, -0.06])
+    view = ViewCalibration(
+        camera="a",
+        frame=0,
+        cam_from_world=Pose(quaternion=(1.0, 0.0, 0.0, 0.0), translation=(0.0, 0.0, 0.0)),
+        points=9,
+        exposure=1.5,
+        white_balance=(0.9, 1.0, 1.2),
+        exposure_asked=1.3,
+        white_balance_asked=tuple(colour),
+    )
+    overruled = view.overruled(parts)
+    factor = (1.3 if "exposure" in parts else 1.0) * (colour if "white_balance" in parts else np.ones(3))
+    light = overruled.exposure * np.array(overruled.white_balance)
+    assert np.allclose(light, 1.5 * np.array([0.9, 1.0, 1.2]) * factor)
+    assert overruled.white_balance[1] == 1.0
+    assert (overruled.exposure_asked is None) == ("exposure" in parts)
+    assert (overruled.white_balance_asked is None) == ("white_balance" in parts)

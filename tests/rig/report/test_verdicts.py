@@ -152,6 +152,19 @@ def test_each_part_of_light_that_was_taken_is_named_with_how_to_leave_it_out(
         assert all(line.endswith(f"(--without {part} leaves it out)") for line in lines)
 
 
+def test_what_points_ask_for_against_the_files_is_named_with_how_to_leave_it_out(toy: Path) -> None:
+    record = read_calibration(toy)
+    rungs = tuple(
+        Rung(name=f"{part}_each_photograph", taken=False, reason="the files say so; points differ by 7 %")
+        for part in ("exposure", "white_balance")
+    )
+    asked = record.views[0].model_copy(update={"exposure_asked": 1.07})
+    for first, told in ((record.views[0], []), (asked, ["exposure"])):
+        lines = poses_result(toy, changed(record, rungs=rungs, views=(first, *record.views[1:]))).lines
+        named = [line.split(": ")[1].split(" of")[0] for line in lines if "points differ by 7 %" in line]
+        assert named == told
+
+
 def test_parts_to_leave_out_that_are_none_or_need_poses_are_refused(toy: Path) -> None:
     with pytest.raises(InputError, match="there is no part 'colour' to leave out: choose from exposure, "):
         calibrate(toy, CalibrationRequest(without=["colour"]))  # type: ignore[list-item]
