@@ -17,10 +17,11 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
+from recon.data.overruled import overruled
 from recon.decide.countdown import Countdown, TooShort
-from recon.decide.decisions import TrainingPlan, decide, iterations_at_most
+from recon.decide.decisions import TrainingPlan, iterations_at_most, planned
 from recon.decide.duration import how_long
-from recon.decide.evidence import Evidence, Run
+from recon.decide.evidence import Run
 from recon.decide.forecast import fitting
 from recon.decide.memory_need import free
 from recon.decide.method_choice import method_for, rungs, uncoloured
@@ -184,7 +185,8 @@ def _reconstruct(
     asked: the key of this training in the checkpoint, whatever size the time had room for.
     """
     training, plan = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
-    run = dataclasses.replace(run, dataset=run.dataset.with_depths(plan.settings.depth_scale))
+    dataset = overruled(run.dataset, plan.settings.overruled).with_depths(plan.settings.depth_scale)
+    run = dataclasses.replace(run, dataset=dataset)
     schedule = training.schedule
     if schedule and training.iteration >= schedule.total and (folder / MODEL).is_file():
         return
@@ -246,12 +248,12 @@ def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
     deep = any(view.depth is not None for view in views)
     warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
     started = run.clock()
-    plan = run.ranks.decided(lambda: decide(run, Evidence.of(run)))
+    plan = run.ranks.decided(lambda: planned(run))
     if run.ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):
             store.discard(folder / name)
-    training = plan.training(run.dataset, run.device)
+    training = plan.training(overruled(run.dataset, plan.settings.overruled), run.device)
     training.seconds = run.clock() - started
     return training, plan
 
@@ -260,16 +262,16 @@ def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, TrainingPlan]:
     """The training that was stopped, with what was decided of it."""
     facts = checkpoint.facts
     settings = Settings.model_validate(facts["settings"])
-    light = light_in(checkpoint)
+    light, dataset = light_in(checkpoint), overruled(run.dataset, settings.overruled)
     plan = TrainingPlan(
         settings,
         light,
         rungs=tuple(Rung.model_validate(rung) for rung in facts["size"]),
         prediction=Prediction.model_validate(facts["predicted"]) if facts["predicted"] else None,
     )
-    refinement = Refinement.stored(run.dataset, checkpoint)
-    method = settings.composed(run.dataset, light)
-    training = restored(method, checkpoint, run.dataset.extent, run.device, refinement)
+    refinement = Refinement.stored(dataset, checkpoint)
+    method = settings.composed(dataset, light)
+    training = restored(method, checkpoint, dataset.extent, run.device, refinement)
     if not run.ranks.first:  # the first one holds what all had counted
         training.count_anew()
     return training, plan

@@ -114,17 +114,19 @@ def estimate(
     parts = (common, logs - common)
     asked: list[dict[ViewId, Array]] = [{}, {}]
     for index, (part, what) in enumerate(zip(parts, ("brightness", "colour"), strict=True)):
-        kept = np.array([view.camera in (stated.exposure, stated.white_balance)[index] for view in views])
-        free, rung = part[kept & known].copy(), rungs[index]
-        part[kept] = 0.0
+        constant = np.array([view.camera in (stated.exposure, stated.white_balance)[index] for view in views])
+        free, rung = part[constant & known].copy(), rungs[index]
+        part[constant] = 0.0
         size = _size(part[known])
         reason = f"{rung.reason}; the photographs differ in {what} by {100 * size:.2g} %"
         taken = rung.taken and size > NOTICED_IN_SHEEN
         if said[rung.name]:
             taken, reason = False, said[rung.name]
         if rung.taken and _size(free) > NOTICED_IN_SHEEN and said[rung.name] != ASKED:
-            asked[index] = {views[i]: row for i, row in zip(np.flatnonzero(kept & known), free, strict=True)}
-            against = f"scene points differ in {what} by {100 * _size(free):.2g} % all the same"
+            asked[index] = {
+                views[i]: row for i, row in zip(np.flatnonzero(constant & known), free, strict=True)
+            }
+            against = f"by scene points they differ in {what} by {100 * _size(free):.2g} % all the same"
             reason = f"{reason}; {against}, which rig reconstruct tries"
         rungs[index] = rung.model_copy(update={"taken": taken, "reason": reason})
     exposure, white = rungs[0].taken, rungs[1].taken

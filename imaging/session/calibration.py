@@ -206,11 +206,11 @@ class ViewCalibration(Record):
         exposure = self.exposure_asked if "exposure" in parts else None
         factors = self.white_balance_asked if "white_balance" in parts else None
         red, green, blue = factors or (1.0, 1.0, 1.0)
-        own = self.white_balance
+        before = self.white_balance
         return self.model_copy(
             update={
                 "exposure": self.exposure * (exposure or 1.0) * green,
-                "white_balance": (own[0] * red / green, own[1], own[2] * blue / green),
+                "white_balance": (before[0] * red / green, before[1], before[2] * blue / green),
                 "exposure_asked": None if "exposure" in parts else self.exposure_asked,
                 "white_balance_asked": None if "white_balance" in parts else self.white_balance_asked,
             }

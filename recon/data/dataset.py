@@ -11,7 +11,7 @@ import numpy as np
 from imaging.arrays import Array, Array32, Integers, Mask
 from imaging.cfa import Cfa
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
-from imaging.session.calibration import CalibrationRecord, Response
+from imaging.session.calibration import CalibrationRecord, Response, StatedPart
 from imaging.session.records import Band, ImageKind
 from imaging.session.view_id import ViewId
 from recon.data.measured_depth import DepthMapFile, scaled
@@ -133,6 +133,8 @@ class Dataset:
     """Channels of the scene's light, by wavelength; empty: those of Rec.709."""
     depth_scale: float | None = 1.0
     """Factor of its depth maps, as they were loaded; None: they are left out."""
+    overruled: tuple[StatedPart, ...] = ()
+    """Parts of the photographs' light in which scene points overrule what the files state as constant."""
 
     @property
     def validation(self) -> tuple[View, ...]:

@@ -22,6 +22,7 @@ from recon.data.dataset import COLMAP, Dataset, Sensor, View
 from recon.data.decoded import FOLDER, Source, read_stored, require_room
 from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.measured_depth import DepthMapFile, scaled
+from recon.data.overruled import overruled
 from recon.data.pixels import read_shot
 from recon.data.resident import too_large
 from recon.data.world import WorldTransform
@@ -87,7 +88,7 @@ def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
     loaded = load(
         dataset.session, max_width=max_width, progress=progress, examine=lambda firsts, counts: stored
     )
-    return loaded.with_depths(dataset.depth_scale)
+    return overruled(loaded, dataset.overruled).with_depths(dataset.depth_scale)
 
 
 def calibration_sha256(session: Path) -> str:

@@ -22,4 +22,7 @@ The order, which `decide` has as code (`decisions.py`):
    points (`stray_light`).
 12. number of Gaussians: by trials that halve it (`size`).
 13. iterations, and the predicted quality: by a training in miniature (`probe`, `prediction`).
+
+Before the second, where scene points contradict what the files of photographs state as constant, trials
+decide which exposure and white balance all that follows looks at (`stated_settings`).
 """

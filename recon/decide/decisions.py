@@ -14,6 +14,7 @@ from imaging.arrays import Array
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Light
+from recon.data.overruled import asked_parts, overruled
 from recon.decide.corrections import UNCORRECTED, Corrections, corrections_for
 from recon.decide.countdown import MOST_OF_START
 from recon.decide.evidence import Evidence, Run
@@ -23,6 +24,7 @@ from recon.decide.prediction import Prediction, enough, predicted
 from recon.decide.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
+from recon.decide.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials
 from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
@@ -57,6 +59,34 @@ class TrainingPlan:
         refinement = self.corrections.begun(dataset)
         far = None if self.far is None else self.far.copied()
         return Training.begin(method, self.light, gaussians, dataset.extent, device, refinement, far)
+
+
+def planned(run: Run) -> TrainingPlan:
+    """Decide which light of the photographs holds, then everything else by it; TooShort as `decide`."""
+    run, evidence, rungs = with_light_of_photographs(run, Evidence.of(run))
+    plan = decide(run, evidence)
+    return replace(plan, rungs=(*rungs, *plan.rungs))
+
+
+def with_light_of_photographs(run: Run, evidence: Evidence) -> tuple[Run, Evidence, tuple[Rung, ...]]:
+    """The run and its evidence with the exposures and white balances in which scene points overrule the
+    files, where held-out renders get better by it; and why.
+    """
+    asked, dataset = run.asked, evidence.dataset
+    if not asked_parts(dataset) and asked.overrides.overrule is None:
+        return run, evidence, ()
+    points = scattered(dataset, int(asked.start_share * asked.max_gaussians), asked.seed)
+    plan = TrainingPlan(asked, evidence.light, points=points)
+    # Trials of what the scene needs are decided on, and spoken of, by what is known then.
+    against_trials = _reason_against_trials(replace(run, say=lambda line: None), evidence, plan)
+    parts, rungs = overruled_parts(dataset, asked, against_trials, run.progress)
+    if not parts:
+        return run, evidence, rungs
+    for part, rung in zip(parts, (rung for rung in rungs if rung.taken), strict=True):
+        run.say(in_words(dataset, part, rung))
+    decided = asked.model_copy(update={"overruled": parts})
+    run = replace(run, dataset=overruled(run.dataset, parts), asked=decided)
+    return run, Evidence.of(run), rungs
 
 
 def decide(run: Run, evidence: Evidence) -> TrainingPlan:

@@ -1,4 +1,4 @@
-"""Held-out quality of a training on a view whose own pose and exposures are uncertain too.
+"""Held-out quality of a training on a view whose own pose, exposures or colours are uncertain too.
 
 They are fitted on one half of the picture, with the Gaussians as they are, and the other half is judged. The
 halves are squares that alternate as on a chessboard.
@@ -6,6 +6,7 @@ halves are squares that alternate as on a chessboard.
 
 from collections.abc import Collection
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -21,6 +22,8 @@ from recon.train.training import Training
 SQUARE = 8
 """Pixels."""
 STEPS = 40
+Unsure = Refined | Literal["gains"]
+"""gains: of each channel, by which all of the view's light is multiplied."""
 POSE_RATES = (2e-3, 1e-4)
 EXPOSURE_RATES = (5e-2, 5e-4)
 """Learning rates of the exposures at the first and the last step. Adam's steps are about as long: exposures
@@ -30,19 +33,19 @@ ROUGHLY = 2 / 255
 """Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
 
 
-def robust_score_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
+def robust_score_db(training: Training, view: View, unsure: Collection[Unsure], extent: float) -> float:
     """Return how small the residuals of the half that is judged are, dB; more is better.
 
-    unsure: which of the view's own pose and exposures are fitted first. Residuals are in standard deviations
-    of the noise, r: of RAW in those of the sensor where they are known, others, code values or light through
-    the mu-law as training compares them, in so much as `ROUGHLY` says. Each counts by -10 log10(1 + r^2), as
-    if errors were of a Cauchy distribution: a short training is wrong by a hundred deviations at the edges of
-    lamps, whose squares would drown all others.
+    unsure: which of the view's own pose, exposures and gains are fitted first. Residuals are in standard
+    deviations of the noise, r: of RAW in those of the sensor where they are known, others, code values or
+    light through the mu-law as training compares them, in so much as `ROUGHLY` says. Each counts by
+    -10 log10(1 + r^2), as if errors were of a Cauchy distribution: a short training is wrong by a hundred
+    deviations at the edges of lamps, whose squares would drown all others.
     """
     with torch_on_one_thread():
-        pose, logs = _fitted(training, view, unsure, extent)
+        pose, logs, gains = _fitted(training, view, unsure, extent)
     with torch_on_one_thread(), torch.no_grad():
-        image = _image(training, view, pose, extent)
+        image = _image(training, view, pose, extent) * gains.exp()
         judged = _half(view, 1)
         if view.sensor.kind == "raw" and all(shot.noise is not None for shot in view.shots):
             return _whitened(training, image, view, logs, judged)
@@ -56,7 +59,7 @@ def fitted_view(training: Training, view: View, unsure: Collection[Refined], ext
     if not unsure:
         return view
     with torch_on_one_thread():
-        pose, logs = _fitted(training, view, unsure, extent)
+        pose, logs, _ = _fitted(training, view, unsure, extent)
     shots = tuple(
         replace(shot, k=shot.k * float(np.exp(log)))
         for shot, log in zip(view.shots, logs.tolist(), strict=True)
@@ -65,31 +68,36 @@ def fitted_view(training: Training, view: View, unsure: Collection[Refined], ext
 
 
 def _fitted(
-    training: Training, view: View, unsure: Collection[Refined], extent: float
-) -> tuple[Tensor, Tensor]:
-    """The view's correction of its pose [6], as `Refinement` has it, and of ln k of its shots [shots]."""
+    training: Training, view: View, unsure: Collection[Unsure], extent: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The view's correction of its pose [6], as `Refinement` has it, of ln k of its shots [shots], and the
+    natural log of its gains [channels].
+    """
     device = training.gaussians.parameters["means"].device
     pose, logs = torch.zeros(6, device=device), torch.zeros(len(view.shots), device=device)
-    rates = {"poses": (pose, POSE_RATES), "exposures": (logs, EXPOSURE_RATES)}
+    gains = torch.zeros(view.channels, device=device)
+    rates = {
+        "poses": (pose, POSE_RATES), "exposures": (logs, EXPOSURE_RATES), "gains": (gains, EXPOSURE_RATES)
+    }  # fmt: skip
     groups = [
         {"params": [value.requires_grad_(True)], "lr": first, "rates": (first, last)}
         for name, (value, (first, last)) in rates.items()
         if name in unsure
     ]
     if not groups:
-        return pose, logs
+        return pose, logs, gains
     optimizer = Adam(groups)
     for step in range(STEPS):
         for group in optimizer.param_groups:
             first, last = group["rates"]
             group["lr"] = first * (last / first) ** (step / STEPS)
         optimizer.zero_grad()
-        image = _image(training, view, pose, extent)
+        image = _image(training, view, pose, extent) * gains.exp()
         prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
         half = _on_planes(_half(view, 0), target)
         (prediction - target)[..., half].abs().mean().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-    return pose.detach(), logs.detach()
+    return pose.detach(), logs.detach(), gains.detach()
 
 
 def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tensor:

@@ -18,6 +18,8 @@ T = TypeVar("T")
 
 _WHAT = "(poses|exposures|vignetting|glare)"
 _REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
+_STATED = "(exposure|white_balance)"
+_OVERRULE = rf"^(none|{_STATED}(\+{_STATED})*)$"
 
 
 class Overrides(Record):
@@ -45,6 +47,8 @@ class Overrides(Record):
     """Light from far away behind the Gaussians, a radiance by direction: 1 or 0."""
     depth: float | None = Field(default=None, ge=0, le=100)
     """Weight of measured depth in the loss; 0: depth maps are left out, at the start, too."""
+    overrule: str | None = Field(default=None, pattern=_OVERRULE)
+    """Parts of the photographs' light in which scene points overrule the files, joined by +, or none."""
 
     @classmethod
     def of(cls, words: Sequence[str]) -> Self:

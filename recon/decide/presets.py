@@ -12,8 +12,7 @@ QualityName = Literal["draft", "standard", "best"]
 """The smallest first."""
 OVERRIDES = (
     "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures", "refine",
-    "environment",
-    "depth",
+    "environment", "depth", "overrule",
 )  # fmt: skip
 """The keys of `--set`: the fields of `recon.decide.overrides.Overrides`."""
 

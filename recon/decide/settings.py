@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from imaging.record import Record
+from imaging.session.calibration import StatedPart
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.budget import Budget, Unit
@@ -48,6 +49,8 @@ class Settings(Record):
     """Factor of the units of depth maps; None: without maps, or they are left out."""
     degree: int | None = None
     """Degree of the harmonics, as chosen for the scene; None: that of `overrides` or the method."""
+    overruled: tuple[StatedPart, ...] = ()
+    """Parts of the photographs' light in which scene points overrule the files, as decided."""
 
     @property
     def watches(self) -> bool:

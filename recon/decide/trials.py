@@ -37,7 +37,7 @@ _CPU = torch.device("cpu")
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
     """Return the reason against trials, whatever the time, or None."""
-    decided_apart = dict.fromkeys(("refine", "environment", "depth"))
+    decided_apart = dict.fromkeys(("refine", "environment", "depth", "overrule"))
     if settings.overrides.model_copy(update=decided_apart) != Overrides():
         return "not tried, since settings were fixed by hand"
     if settings.quality == "draft":

@@ -158,7 +158,7 @@ def test_what_files_say_is_the_same_stays_the_same_with_what_points_say_beside_i
     assert both.exposure == both.white_balance == {}
     assert np.abs(np.log(asked_of(both) / factors)).max() < 0.015
     size = np.log(factors).mean(axis=1).std()
-    (percent,) = re.findall(r"so; scene points differ in brightness by (\d+) %", both.rungs[0].reason)
+    (percent,) = re.findall(r"so; by scene points they differ in brightness by (\d+) %", both.rungs[0].reason)
     assert int(percent) == pytest.approx(100 * size, abs=1)
 
 

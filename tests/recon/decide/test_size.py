@@ -202,7 +202,7 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
 
     with pytest.raises(KeyboardInterrupt):
         reconstruct(long, TrainingRequest(overrides=overrides, name="twice"), on_progress=interrupt)
-    monkeypatch.setattr("recon.reconstruct.decide", lambda *_: pytest.fail("tried again"))
+    monkeypatch.setattr("recon.reconstruct.planned", lambda *_: pytest.fail("tried again"))
     again = reconstruct(long, TrainingRequest(overrides=overrides, name="twice"))
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
     assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]

@@ -209,6 +209,25 @@ def test_exposures_half_a_stop_off_are_fitted_as_well(wrong, trained, off):
     assert fitted[0] == pytest.approx(fitted[1], abs=0.1)
 
 
+def test_the_colour_of_a_held_out_photograph_is_fitted_first(toy_ldr):
+    dataset = load(toy_ldr)
+    images = [radiance_image(view) for view in dataset.train]
+    light = light_of(dataset, images)
+    points = start_points(dataset, images, 300, np.random.Generator(np.random.PCG64(0)))
+    method = METHODS["hdr-gs"](dataset, light)
+    gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    training = Training.begin(method, light, gaussians, dataset.extent)
+    run(training, dataset, 60)
+    (view, *_) = dataset.held_out
+    cold = replace(view, frame=100, sensor=replace(view.sensor, white_balance=(0.7, 1.0, 1.4)))
+    plain, fitted = (
+        [robust_score_db(training, one, unsure, dataset.extent) for one in (view, cold)]
+        for unsure in ((), ("gains",))
+    )
+    assert plain[1] < plain[0] - 0.3
+    assert fitted[0] == pytest.approx(fitted[1], abs=0.1)
+
+
 def test_a_motion_of_the_whole_world_is_no_correction(true):
     """Neither a turn, a shift nor a scale of it; and settling twice is settling once."""
     refinement = Refinement.of(true, ["poses", "exposures"])

@@ -159,10 +159,10 @@ def test_what_points_ask_for_against_the_files_is_named_with_how_to_leave_it_out
         for part in ("exposure", "white_balance")
     )
     asked = record.views[0].model_copy(update={"exposure_asked": 1.07})
-    for first, told in ((record.views[0], []), (asked, ["exposure"])):
+    for first, expected in ((record.views[0], []), (asked, ["exposure"])):
         lines = poses_result(toy, changed(record, rungs=rungs, views=(first, *record.views[1:]))).lines
         named = [line.split(": ")[1].split(" of")[0] for line in lines if "points differ by 7 %" in line]
-        assert named == told
+        assert named == expected
 
 
 def test_parts_to_leave_out_that_are_none_or_need_poses_are_refused(toy: Path) -> None:
