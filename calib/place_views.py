@@ -196,23 +196,31 @@ def _placed(
     further: list[tuple[FeatureKind, float]] = [("more", 1.0)] if number >= ENOUGH_FEATURES else []
     further += [("learned", FEW)] if learned.available() else []
     for kind, least in further:
-        placed = 0 if model is None else len(model.poses)
-        if placed >= least * len(showing) or (model is not None and _taken(model, CHECK)):
+        held, placed = _held(model)
+        if held >= least * len(showing) or (model is not None and _taken(model, CHECK)):
             continue
         others = all_views.summaries(evidence, unfinished, progress, kind)
         try:
             another = _solved(evidence, others, 1, unfinished, keep_doubtful, progress)
         except CalibrationError:
             continue
-        if len(another.poses) > placed and not _taken(another, CHECK, *DOUBTS):
-            reason = f"{placed} of {len(showing)} images are placed without, {len(another.poses)} "
-            reason += f"with {WORDS[kind]}"
+        if _held(another) > (held, placed) and not _taken(another, CHECK, *DOUBTS):
+            without, now = (
+                f"{total}{f' ({total - sure} by one pair only)' if total > sure else ''}"
+                for sure, total in ((held, placed), _held(another))
+            )
+            reason = f"{without} of {len(showing)} images are placed without, {now} with {WORDS[kind]}"
             rung = Rung(name=FURTHER[kind], taken=True, reason=reason)
             model, summaries = replace(another, rungs=(*another.rungs, rung)), others
     if model is None:
         assert refusal is not None
         raise refusal
     return model, summaries
+
+
+def _held(model: sfm.SceneModel | None) -> tuple[int, int]:
+    """Numbers of the views that more than one pair holds, and of all that are placed."""
+    return (0, 0) if model is None else (len(model.poses) - len(model.hanging), len(model.poses))
 
 
 def _taken(model: sfm.SceneModel, *names: str) -> bool:
@@ -267,6 +275,7 @@ def _solved(
         steady=steady_cameras(evidence.views),
         unfinished=unfinished,
         keep_doubtful=keep_doubtful,
+        names=evidence.session.photograph_names(),
     )
 
 

@@ -70,6 +70,7 @@ WARNINGS = {
     "pose_lit_differently": "lit differently",
     "pose_unconfirmed": "nothing confirms them",
     "pose_undecided": "undecided",
+    "pose_hanging": "one pair holds some",
     "pose_loose": "few points hold some",
 }
 

@@ -12,7 +12,7 @@ from calib.poses import first_model, resolution
 from calib.poses.contradictions import placed_views
 from calib.poses.sfm import SceneModel
 from imaging.errors import CalibrationError, PartialError
-from imaging.session.calibration import POSE_LOOSE
+from imaging.session.calibration import POSE_HANGING, POSE_LOOSE
 from imaging.session.view_id import ViewId
 
 FURTHER = tuple(place_views.FURTHER.values())
@@ -48,7 +48,7 @@ class PlacedViews:
     @property
     def doubts(self) -> list[str]:
         """Rungs that make the poses doubtful."""
-        return self.taken(*resolution.DOUBTS, POSE_LOOSE)
+        return self.taken(*resolution.DOUBTS, POSE_HANGING, POSE_LOOSE)
 
 
 class _Placed(Exception):

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from calib.poses.brightness_steps import Pairs
-from imaging.session.calibration import POSE_LOOSE
+from imaging.session.calibration import POSE_HANGING, POSE_LOOSE
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
@@ -60,19 +60,39 @@ def seen_by_three(reconstruction: Any) -> float:
     return threefold / max(len(tracks), 1)
 
 
-def loose(turn_errors: Mapping[ViewId, float]) -> Rung | None:
+def hanging(views: Collection[ViewId], names: Mapping[ViewId, str]) -> Rung | None:
+    """Return a rung that names the views which one pair holds on the others, or None without any.
+
+    Args:
+        views: Those that it holds.
+        names: Names that the user gave their photographs, of views that have one.
+    """
+    if not views:
+        return None
+    named = ", ".join(names.get(view, str(view)) for view in sorted(views))
+    reason = (
+        f"one pair of views holds {named} on the others, and too few points that a third view sees confirm "
+        f"it: {'its pose' if len(views) == 1 else 'their poses'} may be wrong; take more views beside "
+        f"{'it' if len(views) == 1 else 'them'}, or leave {'it' if len(views) == 1 else 'them'} out"
+    )
+    return Rung(name=POSE_HANGING, taken=True, reason=reason)
+
+
+def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> Rung | None:
     """Return a rung that names the views whose turns are hardly determined, or None.
 
     Args:
         turn_errors: Standard error of each registered view's turn, degrees.
+        names: Names that the user gave their photographs, of views that have one.
     """
     views = sorted(view for view, error in turn_errors.items() if error > LOOSE)
     if not views:
         return None
     worst = max(views, key=lambda view: turn_errors[view])
+    named = ", ".join(names.get(view, str(view)) for view in views[:NAMED])
     more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
     reason = (
-        f"few points hold {', '.join(map(str, views[:NAMED]))}{more}: standard errors of their turns are up "
+        f"few points hold {named}{more}: standard errors of their turns are up "
         f"to {turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that; take more views "
         "beside them, or put texture into the scene"
     )

@@ -21,7 +21,7 @@ from calib.poses.resolution import (
     resolve_contradictions,
 )
 from calib.poses.rig_twins import twins
-from calib.poses.rival import agreement, joined_groups
+from calib.poses.rival import agreement, hanging_on, joined_groups
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
@@ -167,18 +167,20 @@ class _Placing:
                 reconstruction = another
             else:
                 held = frozenset()
-        rival = None
+        rival, hanging = None, set[ViewId]()
         if placed(reconstruction) < MOST * len(matched):
             images = [view.image_name for view in views] if len(views) < len(scene.features) else []
             scene.progress("placing views at once", 0, 1)
             rival = map_at_once(database, camera_numbers(models, {*scene.known.lenses, *held}), images)
             share = agreement(reconstruction, rival)
             if share is not None and share >= AGREED:
-                rival = self._joined(rival, reconstruction)
+                rival, hanging = self._joined(rival, reconstruction)
             if share is not None and share >= AGREED and placed(rival) > placed(reconstruction):
                 reason = _AT_ONCE.format(placed(reconstruction), len(matched), placed(rival))
                 rungs = (*rungs, Rung(name="at_once", taken=True, reason=reason))
                 reconstruction = rival
+            else:
+                hanging = set()
         if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
             raise CalibrationError(NO_START.format(len(pairs)))
         settled = resolve_contradictions(
@@ -189,10 +191,12 @@ class _Placing:
         if not scene.keep_doubtful:
             settled = self._without_twins(settled, pairs)
             self._require_confirmed(settled, rival)
-        return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
+        hanging &= views_of(settled.reconstruction)
+        return replace(settled, rungs=(*rungs, *settled.rungs), hanging=frozenset(hanging)), held, apart
 
-    def _joined(self, rival: Any, first: Any) -> Any:
-        """The rival without views that only one pair, and few points, join to those of the first model."""
+    def _joined(self, rival: Any, first: Any) -> tuple[Any, set[ViewId]]:
+        """The rival without many views that only one pair, and few points, join to those of the first model,
+        and the few that it keeps though they hang on one."""
         views, confirmed = views_of(rival), views_of(first)
         names = {index: ViewId.of_image(rival.image(index).name) for index in rival.reg_image_ids()}
         tracks = [
@@ -200,10 +204,13 @@ class _Placing:
         ]
         groups = joined_groups(self.pairs, views, tracks)
         group = max(groups, key=lambda group: len(group & confirmed))
+        hanging = views - group
+        if not self.scene.keep_doubtful:
+            hanging = hanging_on(self.pairs, hanging, tracks)
         rival = type(rival)(rival)
-        for view in views - group:
+        for view in views - group - hanging:
             rival.deregister_frame(rival.find_image_with_name(view.image_name).frame_id)
-        return rival
+        return rival, hanging
 
     def _require_confirmed(self, settled: ResolvedModel, rival: Any | None) -> None:
         """Refuse poses that nothing confirms and another mapper contradicts.

@@ -84,12 +84,14 @@ class Matches:
 @dataclass(frozen=True, eq=False)
 class ResolvedModel:
     """The model that was chosen, the views that had to be left out of it, what was done, and what makes the
-    poses doubtful all the same. pairs: how many views match."""
+    poses doubtful all the same. pairs: how many views match. hanging: views that one pair holds on the
+    others."""
 
     reconstruction: Any
     left_out: frozenset[ViewId]
     rungs: tuple[Rung, ...]
     pairs: int
+    hanging: frozenset[ViewId] = frozenset()
 
     @property
     def cameras(self) -> set[str]:

@@ -14,7 +14,7 @@ from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
 from calib.poses.apart import Joined, join, unjoined
-from calib.poses.confirmation import loose
+from calib.poses.confirmation import hanging, loose
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
@@ -47,9 +47,9 @@ class SceneModel:
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
-    ladder of rig and lens. contradicted: views that were left out because others
-    said that their poses were false. free: how it was adjusted; typical: its miss, px. by_motion: cameras
-    that nothing but their motion ties to the others.
+    ladder of rig and lens. contradicted: views that were left out because others said that their poses were
+    false. hanging: views that one pair holds on the others. free: how it was adjusted; typical: its miss, px.
+    by_motion: cameras that nothing but their motion ties to the others.
     """
 
     reconstruction: Any
@@ -62,6 +62,7 @@ class SceneModel:
     errors: StandardErrors | None
     metric: bool
     contradicted: frozenset[ViewId] = frozenset()
+    hanging: frozenset[ViewId] = frozenset()
     free: Free | None = None
     typical: float = 0.0
     by_motion: frozenset[str] = frozenset()
@@ -97,6 +98,7 @@ def solve(
     steady: Collection[str] = (),
     unfinished: Unfinished | None = None,
     keep_doubtful: bool = False,
+    names: Mapping[ViewId, str] | None = None,
 ) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -108,8 +110,8 @@ def solve(
     nothing. pictures: of views with little noise, as grey PNGs, for places more exact than those of features.
     exact: cameras whose brightness differs only where things do. steady: those whose exposure stays the same,
     beside them. unfinished: matches of an earlier run. keep_doubtful: keep views that others contradict, with
-    a warning. stated: where views were taken, as their files say; the model comes to lie there, in metres,
-    where they agree with each other.
+    a warning. names: of the photographs of views, for warnings. stated: where views were taken, as their
+    files say; the model comes to lie there, in metres, where they agree with each other.
     """
     require_features(features, blank or {})
     scene = Scene(
@@ -130,12 +132,20 @@ def solve(
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)
-    doubt = loose({} if errors is None else errors.rotation)
-    rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs, *([doubt] if doubt else []))
+    doubts = [
+        doubt
+        for doubt in (
+            hanging(adjusted.hanging, names or {}),
+            loose({} if errors is None else errors.rotation, names or {}),
+        )
+        if doubt is not None
+    ]
+    rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs, *doubts)
     model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
     return replace(
         model,
         contradicted=adjusted.left_out,
+        hanging=adjusted.hanging,
         free=adjusted.free,
         typical=adjusted.typical,
         by_motion=adjusted.by_motion,
@@ -159,6 +169,7 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
     return replace(
         moved,
         contradicted=model.contradicted,
+        hanging=model.hanging,
         free=model.free,
         typical=model.typical,
         by_motion=model.by_motion,
@@ -169,7 +180,8 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
 class _Adjusted:
     """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
     metric: its unit is the metre; held: cameras whose lenses stayed as the files say; left_out: views that
-    others contradict; by_motion: cameras that are tied by it alone."""
+    others contradict; hanging: those that one pair holds on the others; by_motion: cameras that are tied by
+    it alone."""
 
     reconstruction: Any
     free: Free
@@ -177,6 +189,7 @@ class _Adjusted:
     metric: bool
     held: frozenset[str]
     left_out: frozenset[ViewId]
+    hanging: frozenset[ViewId]
     by_motion: frozenset[str]
     rungs: tuple[Rung, ...]
     rig_rung: Rung
@@ -254,6 +267,7 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         metric,
         first.held,
         frozenset().union(*(one.left_out for one in every)),
+        frozenset().union(*(one.hanging for one in every)),
         joined.cameras,
         (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
         tied.rung,

@@ -225,6 +225,8 @@ FOCAL_UNDETERMINED = "lens_focal_undetermined"
 """Name of the rung that records whether the photographs determine a lens's focal length, and what is used
 where not.
 """
+POSE_HANGING = "pose_hanging"
+"""Name of the rung that names views which one pair holds on the others."""
 POSE_LOOSE = "pose_loose"
 """Name of the rung that names views whose turns few points determine."""
 RAW_CURVE = "raw_curve"
@@ -234,6 +236,7 @@ _DOUBTS = frozenset(
         "pose_lit_differently",
         "pose_moving",
         "pose_unconfirmed",
+        POSE_HANGING,
         POSE_LOOSE,
         "pose_undecided",
         FOCAL_UNDETERMINED,

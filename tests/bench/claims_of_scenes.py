@@ -233,7 +233,7 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"photograph of the fruit, (\d+) for (\d+) \(and another at full size\)\. "
+        r"photograph of the fruit, (\d+) for (\d+), which would be turned .*? are the judge\)\. "
         r"Without placing at once (\d+) views of the fruit stand "
         r"and (\d+) of the walk; without further features (\d+) of",
         lambda: [

@@ -24,7 +24,6 @@ SETTINGS = {
         r"in mu-law over its 99\.9th percentile",
         r"in JPEG brackets of 400 px, 28",
         r"Goals that are missed: 1\.3 times",
-        r"15 of 16 \(the fruit, which had 15",
         r"its views stand at 1,000 px",
         r"centres within 0\.06 % \(the video\); heights of the drone within 0\.4 m",
         r"where its published points have 36\.2",

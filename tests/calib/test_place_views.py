@@ -60,6 +60,7 @@ class Model:
 
     poses: dict
     rungs: tuple = ()
+    hanging: frozenset = frozenset()
 
 
 def given(kind, count=500):
@@ -159,6 +160,33 @@ def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
     assert asked == (["more"] if count == 6000 and by_sift != 10 else [])
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["more"]]
     assert bool(said) == (expected == by_more and asked == ["more"])
+
+
+@pytest.mark.parametrize(
+    ("by_sift", "by_more", "expected"),
+    [
+        ((9, 1), (9, 0), (9, 0)),
+        ((10, 1), (9, 0), (10, 1)),
+        ((10, 1), (10, 1), (10, 1)),
+        ((8, 0), (9, 1), (9, 1)),
+    ],
+)
+def test_views_that_one_pair_holds_count_for_less(monkeypatch, by_sift, by_more, expected):
+    """Of ten images so many are placed, of these so many by one pair."""
+
+    def solved(evidence, summaries, *rest):
+        placed, hanging = by_more if summaries[0].kind == "more" else by_sift
+        return Model(dict.fromkeys(range(placed)), hanging=frozenset(range(hanging)))
+
+    monkeypatch.setattr(learned, "available", lambda: False)
+    monkeypatch.setattr(place_views, "_solved", solved)
+    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1], 6000))
+    model, _ = place_views._placed(None, given("sift", 6000), None, False, unreported)
+    assert (len(model.poses), len(model.hanging)) == expected
+    said = [rung.reason for rung in model.rungs]
+    if by_sift == (9, 1):
+        assert said[0].startswith("9 (1 by one pair only) of 10 images are placed without, 9 with 10,000")
+    assert bool(said) == (expected == by_more != by_sift)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (15, 900), (40_000, 4)])

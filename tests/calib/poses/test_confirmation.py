@@ -36,10 +36,10 @@ def test_third_views_have_to_see_most_points_where_there_are_more_than_three(pla
 
 def test_views_whose_turns_few_points_hold_are_named():
     errors = dict.fromkeys(VIEWS, 0.5 * LOOSE)
-    assert loose({}) is None
-    assert loose(errors) is None
-    rung = loose(errors | {VIEWS[3]: 1.5 * LOOSE, VIEWS[7]: 2.5 * LOOSE})
+    assert loose({}, {}) is None
+    assert loose(errors, {}) is None
+    rung = loose(errors | {VIEWS[3]: 1.5 * LOOSE, VIEWS[7]: 2.5 * LOOSE}, {VIEWS[7]: "DSC_7.JPG"})
     assert rung.taken
-    assert f"few points hold {VIEWS[3]}, {VIEWS[7]}: " in rung.reason
+    assert f"few points hold {VIEWS[3]}, DSC_7.JPG: " in rung.reason
     assert "up to 2.5 degrees" in rung.reason
-    assert f"and {len(VIEWS) - NAMED} more" in loose(dict.fromkeys(VIEWS, 2.0 * LOOSE)).reason
+    assert f"and {len(VIEWS) - NAMED} more" in loose(dict.fromkeys(VIEWS, 2.0 * LOOSE), {}).reason

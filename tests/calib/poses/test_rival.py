@@ -11,11 +11,12 @@ from calib.poses import first_model
 from calib.poses.contradictions import placed_views
 from calib.poses.mapping import map_at_once
 from calib.poses.resolution import Contradicted
-from calib.poses.rival import agreement, joined_groups
-from calib.poses.sfm import solve
+from calib.poses.rival import FEWEST_HANGING, agreement, hanging_on, joined_groups
+from calib.poses.sfm import SceneModel, solve, transformed
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.progress import unreported
+from imaging.session.calibration import POSE_HANGING
 from imaging.session.view_id import ViewId
 
 SIZE, FOCAL, VIEWS, FEW = 500, 550.0, 12, 4
@@ -150,6 +151,60 @@ def test_views_behind_one_pair_are_a_group_of_their_own() -> None:
         assert joined_groups(pairs, range(8), tracks) in (two, two[::-1])
     assert [len(group) for group in joined_groups([(0, 1), (1, 2)], range(4), [])] == [1, 1, 1, 1]
     assert joined_groups(pairs, range(4), []) == [{0, 1, 2, 3}]
+
+
+def test_a_view_alone_on_its_pair_may_hang_there() -> None:
+    """Of a ring, one view hangs on a pair, two on another: the first may be placed, where points hold it."""
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (1, 4), (4, 5)]
+    tracks = [(1, 2, 3)] * FEWEST_HANGING + [(0, 1, 4)] * 7 + [(1, 4, 5)] * 7
+    assert joined_groups(pairs, range(6), tracks)[0] == {0, 1, 2}
+    assert hanging_on(pairs, {3, 4, 5}, tracks) == {3}
+    assert hanging_on(pairs, {3, 4, 5}, tracks[1:]) == set()
+    assert hanging_on(pairs, {3, 4, 5}, [(2, 3), (2, 3, 3), *tracks[1:]]) == set()
+    assert hanging_on(pairs, set(), tracks) == set()
+
+
+def hung(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch, count: int, *, keep_doubtful: bool = False
+) -> SceneModel:
+    """The ring placed at once, its last `count` views said to be outside the largest group."""
+    one_by_one = first_model.map_views
+    monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
+    monkeypatch.setattr(
+        first_model,
+        "joined_groups",
+        lambda pairs, views, tracks: [set(sorted(views)[:-count]), set(sorted(views)[-count:])],
+    )
+    names = {view: f"IMG_{view.frame}.JPG" for view in ring}
+    return solve(ring, {"cam": FILE}, [], 1, unreported, keep_doubtful=keep_doubtful, names=names)
+
+
+def test_one_view_that_one_pair_joins_is_placed_and_named(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = hung(ring, monkeypatch, 1)
+    assert len(model.poses) == VIEWS
+    assert model.hanging == {ViewId(VIEWS - 1, "cam")}
+    (rung,) = (rung for rung in model.rungs if rung.name == POSE_HANGING)
+    assert rung.taken
+    assert "holds IMG_11.JPG on the others" in rung.reason
+    assert "its pose may be wrong" in rung.reason
+    assert transformed(model, pycolmap.Sim3d(2 * np.eye(3, 4))).hanging == model.hanging
+
+
+def test_many_views_that_one_pair_joins_are_left_out_unless_they_are_kept(
+    ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A group on one pair turns with it; kept at the user's wish, each of its views is named."""
+    model = hung(ring, monkeypatch, 5)
+    assert sorted(view.frame for view in model.poses) == list(range(VIEWS - 5))
+    assert POSE_HANGING not in {rung.name for rung in model.rungs}
+    model = hung(ring, monkeypatch, 5, keep_doubtful=True)
+    assert len(model.poses) == VIEWS
+    (rung,) = (rung for rung in model.rungs if rung.name == POSE_HANGING)
+    for view in range(VIEWS - 5, VIEWS):
+        assert f"IMG_{view}.JPG" in rung.reason
+    assert "their poses may be wrong" in rung.reason
 
 
 def test_what_only_one_pair_joins_is_not_placed_at_once(

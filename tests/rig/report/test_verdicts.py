@@ -120,7 +120,10 @@ def test_what_the_rig_placed_because_others_contradicted_it_is_not_called_unreco
     assert outcome.missing is None
 
 
-@pytest.mark.parametrize("name", ["pose_lit_differently", "pose_moving", "pose_unconfirmed", "raw_curve"])
+@pytest.mark.parametrize(
+    "name",
+    ["pose_hanging", "pose_lit_differently", "pose_loose", "pose_moving", "pose_unconfirmed", "raw_curve"],
+)
 def test_doubts_are_told_everywhere(toy: Path, name: str) -> None:
     record = read_calibration(toy)
     record = changed(record, rungs=(*record.rungs, Rung(name=name, taken=True, reason="why they are")))
