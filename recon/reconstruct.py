@@ -286,6 +286,6 @@ def _steers(run: Run, training: Training, settings: Settings, *, resumed: bool) 
     if run.countdown is not None:
         # What an earlier run trained before it was stopped is part of the time.
         spent = training.seconds + training.measuring
-        limit = run.countdown.left() + (0.0 if resumed else spent)
+        limit = run.countdown.remaining() + (0.0 if resumed else spent)
         steers.append(Deadline(max(limit, 1e-3), iterations_at_most(asked), settings.max_gaussians))
     return steers

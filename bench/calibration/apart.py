@@ -62,7 +62,7 @@ def walk(rng: np.random.Generator, motion: str) -> list[Array]:
     return poses
 
 
-def seen(scene: tuple[Array, Array], pose: Array, rng: np.random.Generator) -> Features:
+def features_of(scene: tuple[Array, Array], pose: Array, rng: np.random.Generator) -> Features:
     """Points and descriptors in a camera."""
     x, y, z = (scene[0] @ pose[:3, :3].T + pose[:3, 3]).T
     u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
@@ -85,7 +85,7 @@ def trial(seed: int, motion: str) -> dict[str, Any]:
     for frame, pose in enumerate(walk(rng, motion)):
         for name, cam_from_world in (("front", pose), ("back", back_from_front @ pose)):
             truth[ViewId(frame, name)] = cam_from_world
-            features[ViewId(frame, name)] = seen(scene, cam_from_world, rng)
+            features[ViewId(frame, name)] = features_of(scene, cam_from_world, rng)
     model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
     (rung,) = (rung for rung in model.rungs if rung.name == MOTION)
     row = {"motion": motion, "tied": rung.taken, "reason": rung.reason}

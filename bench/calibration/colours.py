@@ -17,7 +17,7 @@ import colour
 import numpy as np
 
 from bench.support.record import arguments, deliver, machine, words
-from calib.colour.chart import Found, Missed, best, locate
+from calib.colour.chart import DetectedChart, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, held_out
 from imaging.arrays import Array
 from imaging.cfa import Cfa, cell_means
@@ -42,7 +42,7 @@ def place() -> Array:
     return np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
 
 
-def seen(camera: str, light: str, stops: float | None, seed: int) -> ChartPatches:
+def exposed(camera: str, light: str, stops: float | None, seed: int) -> ChartPatches:
     """A chart's patches with the noise of an exposure, its brightest at a number of stops below white."""
     rgb = world(camera, light).camera
     if stops is None:
@@ -70,7 +70,9 @@ def matrices(seeds: int) -> list[dict[str, Any]]:
         for light in LIGHTS:
             truth = world(camera, light).truth
             for stops in STOPS:
-                trials = [seen(camera, light, stops, seed) for seed in range(1 if stops is None else seeds)]
+                trials = [
+                    exposed(camera, light, stops, seed) for seed in range(1 if stops is None else seeds)
+                ]
                 mine = np.concatenate(
                     [held_out([patches], truth, ColourModel())[0][patches.usable] for patches in trials]
                 )
@@ -91,12 +93,12 @@ def statistics(errors: Array) -> dict[str, float]:
     return {"mean": errors.mean(), "p95": float(np.percentile(errors, 95)), "max": errors.max()}
 
 
-def search(merged: Merged) -> Found | Missed:
+def search(merged: Merged) -> DetectedChart | Missed:
     assert merged.cfa is not None
     return best(merged, [2 * outlines for outlines in locate(cell_means(merged.radiance, merged.cfa))])
 
 
-def right(chart: Found | Missed, camera: Array) -> bool:
+def right(chart: DetectedChart | Missed, camera: Array) -> bool:
     """Return whether the chart that was found measures what was painted."""
     if isinstance(chart, Missed):
         return False
@@ -120,7 +122,7 @@ def detection(turns: int) -> list[dict[str, Any]]:
                     raw = photograph(light, 0.8 * 2.0**stops / light.max(), seed=total, vignetting=-0.2)
                     chart = search(merge_bracket([from_raw(raw, 1.0)]))
                     good += right(chart, sensor.camera)
-                    wrong += isinstance(chart, Found) and not right(chart, sensor.camera)
+                    wrong += isinstance(chart, DetectedChart) and not right(chart, sensor.camera)
                     total += 1
             rows.append({"share": share, "tilt": tilt, "found": good, "wrong": wrong, "of": total})
     return rows
@@ -138,7 +140,7 @@ def mosaics(count: int) -> int:
             top, left = 10 + row * side, 10 + column * side
             light[top : top + side - side // 6, left : left + side - side // 6] = squares[row, column]
         raw = photograph(light, 0.8, seed=seed, cfa=Cfa.RGGB)
-        false += isinstance(search(merge_bracket([from_raw(raw, 1.0)])), Found)
+        false += isinstance(search(merge_bracket([from_raw(raw, 1.0)])), DetectedChart)
     return false
 
 

@@ -27,7 +27,7 @@ def truth(kind: str, seed: int, radial: tuple[float, ...] = (0.0,), points: int 
     world, poses = _scene(kind, rng, points)
     numbers = [model.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8)) for point in world]
     for place, pose in enumerate(poses):
-        places, which = _seen(model, pose, world)
+        places, which = _projected(model, pose, world)
         image = pycolmap.Image()
         image.name, image.camera_id, image.image_id = ViewId(place, "made").image_name, 1, place + 1
         image.points2D = pycolmap.Point2DList([pycolmap.Point2D(xy) for xy in places])
@@ -53,7 +53,7 @@ def noisy(model: Any, seed: int, noise: float = NOISE) -> Any:
     return copy
 
 
-def _seen(model: Any, pose: Array, world: Array) -> tuple[Array, Integers]:
+def _projected(model: Any, pose: Array, world: Array) -> tuple[Array, Integers]:
     """Places of the points that a pose sees, px, and their rows."""
     local = world @ pose[:3, :3].T + pose[:3, 3]
     front = np.flatnonzero(local[:, 2] > 0.5)

@@ -130,7 +130,7 @@ def examine_exit(code: int, out: str, err: str, trial: Trial) -> None:
         trial.failures.append(f"standard error is not one sentence: {err[-300:]!r}")
     value = json.loads(out) if code == 3 else {}
     if "taken" in value:  # else only the truth is missing
-        if value["taken"] + value["kept"] != trial.recorded:
+        if value["taken"] + value["earlier"] != trial.recorded:
             trial.failures.append(f"{value['taken']} shots reported, {trial.recorded} recorded")
         if len(value["missing_shots"]) != SHOTS - trial.recorded:
             trial.failures.append(f"{len(value['missing_shots'])} shots reported missing")
@@ -146,7 +146,7 @@ def complete(out: Path, trial: Trial, reference: Reference) -> None:
         trial.failures.append(f"cannot be resumed: {error}")
         return
     trial.retaken = result.taken
-    if result.kept != trial.recorded or result.taken != SHOTS - trial.recorded:
+    if result.earlier != trial.recorded or result.taken != SHOTS - trial.recorded:
         trial.failures.append(f"resuming took {result.taken} shots with {trial.recorded} recorded")
     if files_of(out) != reference.files:
         trial.failures.append("the files differ from those of a capture that was never in trouble")

@@ -197,7 +197,7 @@ def _row(called: str, out: Path, seconds: float, result: CaptureResult) -> dict[
         "seconds": seconds,
         "planned": result.planned,
         "taken": result.taken,
-        "kept": result.kept,
+        "earlier": result.earlier,
         "sound": check(out).sound,
         "missing": list(result.missing),
         "retried": sum(shot.retries > 0 for shot in shots),
@@ -264,8 +264,8 @@ def report(result: dict[str, Any]) -> str:
         errors = row["clock_error_median_ms"], row["clock_error_largest_ms"]
         clock = "" if errors[0] is None else f"{errors[0]:.2f} ({errors[1]:.2f})"
         rows.append(
-            f"| {row['called']} | {row['seconds']:.1f} | {row['kept'] + row['taken']} of {row['planned']} | "
-            f"{row['sound']} | {len(row['missing'])} | {row['retried']} | "
+            f"| {row['called']} | {row['seconds']:.1f} | {row['earlier'] + row['taken']} "
+            f"of {row['planned']} | {row['sound']} | {len(row['missing'])} | {row['retried']} | "
             f"{row['skew_median_ms']:.2f} ({row['skew_largest_ms']:.2f}) | {clock} | "
             f"{row['offset_beyond_error']} |"
         )

@@ -44,10 +44,10 @@ PLANTED, PRUNED = 0.625, {"at once": 0.63, "adapted": 0.825}
 
 Rule = Callable[[Evidence], Tensor]
 RULES: dict[str, Rule] = {
-    "needed by 2 views, or opposed by none": lambda found: (found.needed >= 2) | (found.opposed == 0),
-    "needed, or not opposed, by all together": lambda found: found.total > -SIGNIFICANT,
-    "seen by 2 views": lambda found: found.seen >= 2,
-    "seen by 3 views": lambda found: found.seen >= 3,
+    "needed by 2 views, or opposed by none": lambda votes: (votes.needed >= 2) | (votes.opposed == 0),
+    "needed, or not opposed, by all together": lambda votes: votes.total > -SIGNIFICANT,
+    "seen by 2 views": lambda votes: votes.visible >= 2,
+    "seen by 3 views": lambda votes: votes.visible >= 3,
 }
 """Rules of pruning."""
 VERDICT = (

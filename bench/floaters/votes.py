@@ -34,7 +34,7 @@ class Evidence:
     if it goes.
     """
 
-    seen: Tensor
+    visible: Tensor
     needed: Tensor
     opposed: Tensor
     total: Tensor
@@ -68,7 +68,7 @@ def evidence(
             power += (_derivative(prediction, signs, logits) / through).square()
         power /= probes * variance
         gain = power - 2 * _derivative(prediction, missed, logits) / through / variance
-        votes.seen += power > SIGNIFICANT
+        votes.visible += power > SIGNIFICANT
         votes.needed += gain > SIGNIFICANT
         votes.opposed += gain < -SIGNIFICANT
         votes.total += gain

@@ -145,7 +145,7 @@ def _commit() -> str:
     return run.stdout.strip()
 
 
-def kept(rows: list[dict[str, Any]], earlier: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def first_and_newest(rows: list[dict[str, Any]], earlier: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """First measured row of each scene, and the newest."""
     together = []
     for name in CASES:
@@ -239,7 +239,7 @@ def main() -> None:
     result = measure(options)
     if options.write:
         stored = RESULTS / "foreign.json"
-        result["rows"] = kept(result["rows"], store.read_json(stored) if stored.exists() else [])
+        result["rows"] = first_and_newest(result["rows"], store.read_json(stored) if stored.exists() else [])
     deliver(options, "foreign", result, table(result, options), result["rows"])
 
 

@@ -95,7 +95,7 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
     seconds = _used() - before
     opened = open_model(folder)
     views = list(opened.dataset.held_out)
-    figures = measured(views, [picture_of(view) for view in views], lambda view: _own(opened, view))
+    figures = measured(views, [picture_of(view) for view in views], lambda view: _drawn_by_rig(opened, view))
     row: dict[str, Any] = {
         "seconds": seconds,
         "iterations": opened.training.iteration,
@@ -111,7 +111,7 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
 
     def own_before_white(view: View) -> Array:
         covered: Array = opened.scene.covered(view.lens).double().numpy()
-        return _own(opened, view) + 1 - covered[..., None]
+        return _drawn_by_rig(opened, view) + 1 - covered[..., None]
 
     row["viewer"] = measured(views, [picture_of(view) for view in views], viewed).gained
     return row | before_white(views, own_before_white)
@@ -176,7 +176,7 @@ def _write_folder(dataset: Dataset, folder: Path) -> None:
     )
 
 
-def _own(opened: Opened, view: View) -> Array:
+def _drawn_by_rig(opened: Opened, view: View) -> Array:
     (shot,) = view.shots
     image = opened.training.method.observation.predict(opened.render(view.lens), view, shot.k)
     return image.double().numpy()

@@ -231,7 +231,7 @@ def report(result: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:
-        lefts = [_left(rung["reason"]) for rung in row["points"]]
+        lefts = [_remaining_share(rung["reason"]) for rung in row["points"]]
         taken = [rung["name"].removesuffix("_each_photograph") for rung in row["taken"] if rung["taken"]]
         falloff = "taken" if row["falloff"] is not None and row["falloff"]["taken"] else "no"
         cells = [row["set"], f"{row['placed']} of {row['views']}", *lefts]
@@ -244,7 +244,7 @@ def report(result: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _left(reason: str) -> str:
+def _remaining_share(reason: str) -> str:
     """The share that a rung says is left."""
     before, separator, _ = reason.partition(" % as much as without it")
     return f"{before.rsplit(' ', 1)[1]} %" if separator else ""

@@ -124,7 +124,7 @@ def measured(views: list[View], pictures: list[Array], draw: Callable[[View], Ar
     """The figures of a trainer: `draw` is asked for each of `views`, whose photographs are `pictures`."""
     rows = []
     for view, true in zip(views, pictures, strict=True):
-        visible, image = view.seen, draw(view)
+        visible, image = view.valid, draw(view)
         shown = image.clip(0, 1)
         factors = (image * true)[visible].sum(0) / np.maximum((image * image)[visible].sum(0), 1e-12)
         gained = (image * factors).clip(0, 1)

@@ -59,12 +59,12 @@ def measure_budgets(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / "budgets.jsonl")
     rows = []
     for text, scene in zip(options.budgets, cycle(options.scenes), strict=False):
-        row = cache.get(f"{scene.name} {text}", partial(kept, options, scene, text))
+        row = cache.get(f"{scene.name} {text}", partial(trained_within, options, scene, text))
         rows.append({"scene": scene.name} | row)
     return {"machine": machine(), "rows": rows}
 
 
-def kept(options: argparse.Namespace, scene: Scene, text: str) -> dict[str, Any]:
+def trained_within(options: argparse.Namespace, scene: Scene, text: str) -> dict[str, Any]:
     """One command within a time, in a process of its own."""
     folder, name = folder_of(scene, options.work), f"budget-{text}"
     began = time.monotonic()

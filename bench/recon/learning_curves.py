@@ -96,11 +96,11 @@ def fitted(curve: Sequence[tuple[int, float]]) -> tuple[list[float], float]:
     """Log rise, log half and log power of the curve through these points, and what it leaves in dB, RMS."""
     lengths, db = np.array(curve).T
 
-    def left(values: np.ndarray) -> np.ndarray:
+    def residuals(values: np.ndarray) -> np.ndarray:
         end = db + np.concatenate([lacking(values[None], n) for n in lengths])
         return np.asarray(end - end.mean())
 
-    fit = least_squares(left, FIRST, bounds=tuple(BOUNDS))
+    fit = least_squares(residuals, FIRST, bounds=tuple(BOUNDS))
     return [round(float(value), 2) for value in fit.x], float(np.sqrt(np.mean(fit.fun**2)))
 
 

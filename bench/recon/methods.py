@@ -28,7 +28,7 @@ from torch import Tensor
 
 from bench.recon import inputs
 from bench.recon.softplus_radiance import SoftplusRadiance
-from bench.support.differences import kept, paired, units
+from bench.support.differences import paired, stored_rows, units
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, Trial, prepare, run, session
 from recon.data.dataset import Dataset, View
@@ -241,7 +241,7 @@ def main() -> None:
         options.calibration, options.search, options.factors = "truth", 30, (1.0,)
     with mock.patch("recon.observe.linear.SIGNAL_MU", PAPERS_MU):
         result = measure(options)
-    deliver(options, "methods", result, report(result), kept(result["rows"], list(MEASURES)))
+    deliver(options, "methods", result, report(result), stored_rows(result["rows"], list(MEASURES)))
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ class Filter:
     """Filter before `rasterize`: see the head. cameras: those of training."""
 
     blur: float
-    kept: bool = False
+    compensated: bool = False
     smoothed: bool = False
     as_trained: bool = False
     cameras: Sequence[SplatCamera] = ()
@@ -72,7 +72,7 @@ class Filter:
 
     def name(self) -> str:
         """Name in the table."""
-        return f"{self.blur:g}{', kept' if self.kept else ''}{', 3D' if self.smoothed else ''}" + (
+        return f"{self.blur:g}{', kept' if self.compensated else ''}{', 3D' if self.smoothed else ''}" + (
             ", as trained" if self.as_trained else ""
         )
 
@@ -97,7 +97,7 @@ class Filter:
             wide = (scales**2 + SMOOTHING * self.distance[:, None] ** 2).sqrt()
             opacities = opacities * (scales / wide).prod(1)
             scales = wide
-        if self.kept:
+        if self.compensated:
             opacities = opacities * compensation(means, quats, scales, camera, self.blur)
         limits = replace(limits, blur=self.blur)
         if self.as_trained and not torch.is_grad_enabled():
@@ -227,11 +227,11 @@ def filters() -> list[Filter]:
     """Filters in the order of the table; the first is that of 3DGS."""
     return [
         Filter(0.3),
-        Filter(0.1, kept=True),
+        Filter(0.1, compensated=True),
         Filter(0.1),
         Filter(0.1, as_trained=True),
-        Filter(0.3, kept=True),
-        Filter(0.1, kept=True, smoothed=True),
+        Filter(0.3, compensated=True),
+        Filter(0.1, compensated=True, smoothed=True),
     ]
 
 

@@ -70,11 +70,13 @@ def developed(dataset: Dataset) -> Dataset:
     """Treat its cameras as if they gave photographs."""
     response = Response(kind="srgb", evidence="of this script")
 
-    def seen(view: View) -> View:
+    def developed(view: View) -> View:
         return replace(view, sensor=replace(view.sensor, kind="ldr", cfa=None, response=response))
 
     return replace(
-        dataset, train=tuple(map(seen, dataset.train)), held_out=tuple(map(seen, dataset.held_out))
+        dataset,
+        train=tuple(map(developed, dataset.train)),
+        held_out=tuple(map(developed, dataset.held_out)),
     )
 
 

@@ -69,7 +69,7 @@ def units(scenes: int, seeds: int) -> str:
     return f"{scenes} scene{'s' if scenes > 1 else ''} of {rigs}"
 
 
-def kept(rows: Mapping[str, Sequence[Mapping[str, Any]]], measures: Sequence[str]) -> dict[str, Any]:
+def stored_rows(rows: Mapping[str, Sequence[Mapping[str, Any]]], measures: Sequence[str]) -> dict[str, Any]:
     """The rows of a table as they are kept beside it, so that what it says can be computed again."""
     return {
         name: [

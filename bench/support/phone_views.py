@@ -148,7 +148,7 @@ def objects(seed: int) -> tuple[Array32, Array, float]:
     from tests.foreign.subjects import objects as foreign
 
     scene = foreign()
-    light = scene.light() * (scene.seen() > 0)[..., None]
+    light = scene.light() * (scene.shown() > 0)[..., None]
     small = np.stack(
         [cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) for picture in light]
     )

@@ -177,7 +177,7 @@ def misses(reconstruction: Any) -> Misses:
         front = np.flatnonzero(camera[:, 2] > 1e-9)
         if len(front):
             projected = reconstruction.cameras[image.camera_id].img_from_cam(camera[front])
-            miss = np.linalg.norm(projected - table.seen[rows][front], axis=1)
+            miss = np.linalg.norm(projected - table.observed[rows][front], axis=1)
             error[rows.start + front] = np.where(np.isfinite(miss), miss, np.inf)
     return Misses(table.image, table.feature, error)
 

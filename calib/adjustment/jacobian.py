@@ -28,7 +28,7 @@ class Linear:
     """
 
     residual: Array
-    seen: Array
+    observed: Array
     cameras: Any
     points: Array
     owner: Integers
@@ -72,11 +72,11 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
         if image.camera_id in lenses:
             terms.append((lenses[image.camera_id], _tied(by_lens, free)))
         blocks.append(_sparse(terms, width))
-        parts.append((projected - table.seen[rows], by_ray @ cam[:, :3]))
+        parts.append((projected - table.observed[rows], by_ray @ cam[:, :3]))
     residuals, points = zip(*parts, strict=True)
     return Linear(
         np.concatenate(residuals),
-        table.seen,
+        table.observed,
         sparse.vstack(blocks).tocsr(),
         np.concatenate(points),
         table.point,

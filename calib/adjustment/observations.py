@@ -19,7 +19,7 @@ class Observations:
     image: Integers
     feature: Integers
     point: Integers
-    seen: Array
+    observed: Array
     numbers: Integers
     world: Array
 

@@ -102,7 +102,7 @@ def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Sights:
     rows = rows[np.isin(every.image[rows], shown)]
     point = np.unique(every.point[rows], return_inverse=True)[1]
     return _Sights(
-        every.image[rows], every.feature[rows], point, every.seen[rows], every.world[every.point[rows]]
+        every.image[rows], every.feature[rows], point, every.observed[rows], every.world[every.point[rows]]
     )
 
 

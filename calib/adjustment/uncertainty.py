@@ -191,8 +191,8 @@ def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tu
 def _groups(linear: Linear, many: int) -> Integers:
     """Number of the points that share the error of each point."""
     points, first = np.unique(linear.owner, return_index=True)
-    side = float(linear.seen[:, 0].max()) / CELLS
-    places = np.column_stack([linear.image[first], (linear.seen[first] // side).astype(np.int64)])
+    side = float(linear.observed[:, 0].max()) / CELLS
+    places = np.column_stack([linear.image[first], (linear.observed[first] // side).astype(np.int64)])
     group = np.zeros(many, np.int64)
     group[points] = np.unique(places, axis=0, return_inverse=True)[1].ravel()
     return group

@@ -36,7 +36,7 @@ MOST_DELTA_E = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DetectedChart:
     """A chart in a view: its patches, and their outlines float64 [24, 4, 2] in px of the whole image."""
 
     patches: ChartPatches
@@ -169,18 +169,18 @@ def _inside(x: Array, y: Array, corners: Array) -> Mask:
 
 def best(
     merged: Merged, finds: list[Array], vignetting: tuple[float, float, float] = NO_FALLOFF
-) -> Found | Missed:
+) -> DetectedChart | Missed:
     """The find that is the chart; Missed when none is."""
     if not finds:
         return Missed("nothing looks like a chart of 24 patches")
     verdicts = [judge(measure_patches(merged, outlines, vignetting), outlines) for outlines in finds]
-    good = [verdict for verdict in verdicts if isinstance(verdict, Found)]
+    good = [verdict for verdict in verdicts if isinstance(verdict, DetectedChart)]
     if good:
         return min(good, key=lambda one: one.delta_e)
     return next((one for one in verdicts if isinstance(one, Missed) and one.near), verdicts[0])
 
 
-def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
+def judge(patches: ChartPatches, outlines: Array) -> DetectedChart | Missed:
     """Return whether these patches are those of the chart."""
     count = int(patches.usable.sum())
     if count < LEAST_PATCHES:
@@ -200,4 +200,4 @@ def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
         return Missed(
             f"the colours of a chart-like find are not the chart's (delta E {error:.1f} after the best fit)"
         )
-    return Found(patches, outlines, error)
+    return DetectedChart(patches, outlines, error)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.colour.chart import NO_FALLOFF, Found, Missed, best, locate
+from calib.colour.chart import NO_FALLOFF, DetectedChart, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
 from calib.data.views import View, read_view
@@ -100,13 +100,13 @@ def measure_charts(
         else flat.vignetting
         for name in names
     }
-    detected: dict[str, tuple[View, Found]] = {}
+    detected: dict[str, tuple[View, DetectedChart]] = {}
     missed: list[Missed] = []
     for done, name in enumerate(names):
         progress("searching the colour chart", done, len(names))
         for view in _searched([view for view in raw if view.camera.name == name]):
             verdict = _look(session, view, falls[name], light)
-            if isinstance(verdict, Found):
+            if isinstance(verdict, DetectedChart):
                 detected[name] = (view, verdict)
                 break
             missed.append(verdict)
@@ -132,7 +132,7 @@ def _searched(views: Sequence[View]) -> Iterator[View]:
 
 def _look(
     session: Session, view: View, vignetting: tuple[float, float, float], light: Radiometry
-) -> Found | Missed:
+) -> DetectedChart | Missed:
     """Search the middle exposure, and merge the bracket only where it shows something.
 
     Masks hide no chart: it lies beside what is to be reconstructed, where a mask leaves it out on purpose.
@@ -154,7 +154,7 @@ def _look(
 
 
 def colours(
-    detected: Mapping[str, tuple[View, Found]],
+    detected: Mapping[str, tuple[View, DetectedChart]],
     files: Mapping[str, Matrix | None],
     models: Mapping[str, str],
 ) -> Charts:
@@ -263,7 +263,7 @@ def _of_twin(matrix: Matrix, files_twin: Matrix | None, files_own: Matrix | None
 
 
 def _evidence(
-    view: View, chart: Found, measured: Array, reference: Array, errors: Array, files: Array | None
+    view: View, chart: DetectedChart, measured: Array, reference: Array, errors: Array, files: Array | None
 ) -> ChartEvidence:
     used = np.flatnonzero(chart.patches.usable)
     known = errors[used]

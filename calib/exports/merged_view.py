@@ -53,8 +53,8 @@ class MergedView:
     """Result of one bracket; shares are of the pixels, in any channel.
 
     clipped, dark, ghost: of the pixels that are not hidden. hidden: behind a mask in every exposure. shift:
-    largest between two exposures, px; None if it cannot be measured. kept: a file of an earlier run was up to
-    date. warnings: advice for the next capture.
+    largest between two exposures, px; None if it cannot be measured. reused: a file of an earlier run was up
+    to date. warnings: advice for the next capture.
     """
 
     view: ViewId
@@ -65,7 +65,7 @@ class MergedView:
     ghost: float
     hidden: float
     shift: float | None
-    kept: bool
+    reused: bool
     warnings: tuple[str, ...]
 
 
@@ -91,7 +91,7 @@ def merge_view(
     k = exposure_scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     key = _key(session, shots, k, response, camera, [space, factor, absolute, white_balance])
-    reused = _kept(path, key)
+    reused = _finished(path, key)
     if reused is not None:
         clipped, dark, ghost, hidden, shift, said = reused
         return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
@@ -216,7 +216,7 @@ def _key(
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def _kept(path: Path, key: str) -> tuple[float, float, float, float, float | None, list[str]] | None:
+def _finished(path: Path, key: str) -> tuple[float, float, float, float, float | None, list[str]] | None:
     """Shares, shift and warnings of a file with the same inputs, or None."""
     if not path.is_file():
         return None

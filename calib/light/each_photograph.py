@@ -92,7 +92,7 @@ def estimate(
     points = np.unique(sights.point)
     if len(points) < FEWEST_POINTS:
         reason = f"fewer than {FEWEST_POINTS} points are seen well, in every channel, by several photographs"
-        return Development({}, {}, (_left(EXPOSURE, reason), _left(WHITE_BALANCE, reason)))
+        return Development({}, {}, (_not_taken(EXPOSURE, reason), _not_taken(WHITE_BALANCE, reason)))
     count = len(views)
     known = np.bincount(sights.view, minlength=count) >= FEWEST_SIGHTS
     logs = np.where(known[:, None], solved(sights, count), 0.0)
@@ -143,7 +143,7 @@ def estimate(
     )
 
 
-def _left(name: str, reason: str) -> Rung:
+def _not_taken(name: str, reason: str) -> Rung:
     return Rung(name=name, taken=False, reason=reason)
 
 

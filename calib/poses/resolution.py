@@ -161,7 +161,7 @@ class _Choice:
         if out:
             self.reason += f", and {len(out)} views that match others well fitted nowhere"
         if self.keep_doubtful:
-            return self._kept(against)
+            return self._undropped(against)
         if self._folded():
             lit = self._by_light()
             if lit is not None:
@@ -259,7 +259,7 @@ class _Choice:
             self.reason += f"; {len(left_out)} views are left out that most contradicted"
         return _Chosen(model, left_out | out, self._rung(taken=True))
 
-    def _kept(self, against: Mapping[_Pair, int]) -> _Chosen:
+    def _undropped(self, against: Mapping[_Pair, int]) -> _Chosen:
         """The first model as it is, with a warning that names the views which are contradicted."""
         views = sorted({str(view) for pair in against for view in pair})
         undecided = None

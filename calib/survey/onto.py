@@ -140,8 +140,8 @@ def _shared_points(
     model: SceneModel, features: Mapping[ViewId, Features], target: Target, progress: Progress
 ) -> tuple[Array, Array, Integers]:
     """Scene points of both that the same features show, [K, 3] and [K, 3], and by which of our views, [K]."""
-    ours = {view: rows for view, rows in _seen(model.reconstruction).items() if view in features}
-    theirs = _seen(target.reconstruction)
+    ours = {view: rows for view, rows in _shown_points(model.reconstruction).items() if view in features}
+    theirs = _shown_points(target.reconstruction)
     looks: dict[ViewId, Features] = {}
     for done, view in enumerate(sorted(theirs)):
         progress(f"reading {target.folder}", done, len(theirs))
@@ -175,7 +175,7 @@ def _shared_points(
     )
 
 
-class _Seen:
+class _ShownPoints:
     """The scene points that a view of a model shows: where, px [K, 2], their numbers and places [K, 3]."""
 
     def __init__(self, pixels: Array, numbers: Integers, places: Array) -> None:
@@ -190,14 +190,14 @@ class _Seen:
         return np.where(near, self._numbers[index], -1), self._places[index]
 
 
-def _seen(reconstruction: Any) -> dict[ViewId, _Seen]:
+def _shown_points(reconstruction: Any) -> dict[ViewId, _ShownPoints]:
     views = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         shown = [point for point in image.points2D if point.has_point3D()]
         if shown:
             numbers = np.array([point.point3D_id for point in shown], np.int64)
-            views[ViewId.of_image(image.name)] = _Seen(
+            views[ViewId.of_image(image.name)] = _ShownPoints(
                 np.array([np.ravel(point.xy) for point in shown]),
                 numbers,
                 np.array([reconstruction.points3D[int(number)].xyz for number in numbers]),

@@ -31,7 +31,7 @@ class RepairReport(FindingModel):
     session: str
     dropped: tuple[str, ...]
     added: tuple[str, ...]
-    left: tuple[str, ...]
+    unrepaired: tuple[str, ...]
     backup: str | None
 
 
@@ -78,7 +78,7 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
         session=str(session),
         dropped=(*damaged, *dropped),
         added=tuple(shot.file for shot in added),
-        left=tuple(unrepaired),
+        unrepaired=tuple(unrepaired),
         backup=backup,
     )
 

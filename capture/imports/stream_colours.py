@@ -68,14 +68,14 @@ class _Bits:
     """Bits of a parameter set, the highest of a byte first; IndexError behind the last one."""
 
     def __init__(self, data: bytes) -> None:
-        self._value, self._left = int.from_bytes(data), 8 * len(data)
+        self._value, self._remaining = int.from_bytes(data), 8 * len(data)
 
     def take(self, count: int = 1) -> int:
         """The next bits as a number."""
-        if count > self._left:
+        if count > self._remaining:
             raise IndexError
-        self._left -= count
-        return self._value >> self._left & (1 << count) - 1
+        self._remaining -= count
+        return self._value >> self._remaining & (1 << count) - 1
 
     def skip(self, *counts: int) -> None:
         """Leave out numbers of these sizes, in bits."""

@@ -145,7 +145,7 @@ class Node:
                 clock.wait(lambda: not self._finding, math.inf)
                 continue
             try:
-                self._report = self._found()
+                self._report = self._report_now()
             finally:
                 with clock.lock:
                     self._finding = False
@@ -215,7 +215,7 @@ class Node:
         for number in list(self._on_disk):
             self.drop(number)
 
-    def _found(self) -> NodeReport:
+    def _report_now(self) -> NodeReport:
         place, assignment = self._place, self._assignment
         addresses = (*place.addresses, *assignment.addresses)
         network = None

@@ -30,7 +30,7 @@ class CaptureResult:
         session: Session folder.
         planned: Shots of the plan.
         taken: Shots of this run.
-        kept: Shots of earlier runs.
+        earlier: Shots of earlier runs.
         missing: A sentence for each missing shot.
         problems: A sentence for each shot that deviates from its request.
         unknown: Facts that no driver could learn, a sentence each.
@@ -39,7 +39,7 @@ class CaptureResult:
     session: Path
     planned: int
     taken: int
-    kept: int
+    earlier: int
     missing: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ class CaptureRun:
         self._progress, self._tolerance, self._leader = progress, tolerance, leader
         self.planned = planned_shots(plan)
         self.done = finished(session, plan)
-        self.kept = len([shot_id for shot_id in self.planned if shot_id in self.done])
+        self.earlier = len([shot_id for shot_id in self.planned if shot_id in self.done])
         self.state = RunState()
         self._missing: dict[ShotId, str] = {}
         self._problems: list[str] = []
@@ -220,8 +220,8 @@ class CaptureRun:
         return CaptureResult(
             session=self._session.folder,
             planned=len(self.planned),
-            taken=len(self.done) - self.kept,
-            kept=self.kept,
+            taken=len(self.done) - self.earlier,
+            earlier=self.earlier,
             missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
             problems=(*self._problems, *self._skews()),
             unknown=(*self._without_times(), *self._unknown),

@@ -61,7 +61,7 @@ def record(
         store.discard(leftover)
     run = CaptureRun(session, plan, clock, progress, tolerance, leader)
     save, prove = partial(save_frame, session, compression), partial(must_decode, session)
-    progress("shooting", run.kept, len(run.planned))
+    progress("shooting", run.earlier, len(run.planned))
     if len(run.done) < len(run.planned):
         budget = MemoryBudget(clock)
         with (

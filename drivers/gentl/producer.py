@@ -18,7 +18,7 @@ _PATIENCE = 1000
 
 
 @dataclass(frozen=True)
-class Found:
+class ListedCamera:
     """A camera: the producer and its interface that it is reached by, and who it is."""
 
     producer: "Producer"
@@ -41,12 +41,12 @@ class Producer:
         self._system = self.library.handle("TLOpen")
         self._interfaces: dict[str, int] = {}
 
-    def cameras(self) -> list[Found]:
+    def cameras(self) -> list[ListedCamera]:
         """Cameras currently listed, in the producer's order."""
         changed, count = ctypes.c_ubyte(), ctypes.c_uint32()
         self.library.call("TLUpdateInterfaceList", self._system, ctypes.byref(changed), _PATIENCE)
         self.library.call("TLGetNumInterfaces", self._system, ctypes.byref(count))
-        entries: list[Found] = []
+        entries: list[ListedCamera] = []
         for at in range(count.value):
             name = self.library.text("TLGetInterfaceID", self._system, at)
             if name not in self._interfaces:
@@ -55,7 +55,7 @@ class Producer:
             entries += self._on(self._interfaces[name])
         return entries
 
-    def _on(self, interface: int) -> Iterator[Found]:
+    def _on(self, interface: int) -> Iterator[ListedCamera]:
         library, changed, count = self.library, ctypes.c_ubyte(), ctypes.c_uint32()
         library.call("IFUpdateDeviceList", interface, ctypes.byref(changed), _PATIENCE)
         library.call("IFGetNumDevices", interface, ctypes.byref(count))
@@ -65,7 +65,7 @@ class Producer:
                 what: library.info_text("IFGetDeviceInfo", interface, name.encode(), what)
                 for what in DeviceInfo
             }
-            yield Found(
+            yield ListedCamera(
                 self,
                 interface,
                 name,

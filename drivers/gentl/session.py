@@ -11,7 +11,7 @@ from drivers.genicam.chunks import ByteOrder
 from drivers.genicam.elsewhere import read_url
 from drivers.genicam.nodemap import NodeMap
 from drivers.gentl.abi import CONTROL, Library
-from drivers.gentl.producer import Found, Producer
+from drivers.gentl.producer import ListedCamera, Producer
 from drivers.gentl.stream import GentlStream
 from imaging.errors import CameraError
 
@@ -69,7 +69,7 @@ class GentlSession:
     stream: GentlStream
     device_clock = NoClock()
 
-    def __init__(self, entry: Found) -> None:
+    def __init__(self, entry: ListedCamera) -> None:
         self._library = library = entry.producer.library
         self.make, self.model = entry.make, entry.model
         self.where = f"GenTL {library.where} {entry.device}"

@@ -25,7 +25,7 @@ _STATM = Path("/proc/self/statm")
 
 def available() -> int:
     """Bytes that this process may still take: of the machine, its control group, its limit and its share."""
-    bounds = [_machine(), _group(), _own(), _given()]
+    bounds = [_machine(), _group(), _address_space(), _given()]
     return max(min(bound for bound in bounds if bound is not None), 0)
 
 
@@ -101,7 +101,7 @@ def _own_groups() -> list[Path]:
     return [base / paths[controllers] for controllers, base in bases.items() if paths.get(controllers)]
 
 
-def _own() -> int | None:
+def _address_space() -> int | None:
     """Bytes that `ulimit -v` leaves of the address space; None without such a limit, as always on Windows."""
     try:
         import resource

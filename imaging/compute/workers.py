@@ -42,7 +42,7 @@ class Share:
     """Resources that a task may use on its machine.
 
     cores: how many; pinned: which ones, if not any; room: bytes, that its own decisions keep to as the
-    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: no limit. own: the process
+    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: no limit. serves: the process
     that the task is called in is there for tasks alone.
     """
 
@@ -50,7 +50,7 @@ class Share:
     pinned: frozenset[int] | None = None
     room: int | None = None
     gpu: str | None = None
-    own: bool = False
+    serves: bool = False
 
     def environment(self) -> dict[str, str]:
         """Environment variables of a process that keeps to the share."""
@@ -96,7 +96,7 @@ def apart(share: Share, function: Callable[..., T], *arguments: Any) -> T:
 
     WorkerLost if each attempt was killed. In a process that serves tasks alone, its parent retries instead.
     """
-    if share.own:
+    if share.serves:
         share.take()
         return function(*arguments)
     context = multiprocessing.get_context("spawn")  # a fork would inherit threads that are not there

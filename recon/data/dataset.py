@@ -83,7 +83,7 @@ class View:
         return any(shot.planes.transparent for shot in self.shots)
 
     @property
-    def seen(self) -> Mask:
+    def valid(self) -> Mask:
         """Mask of the pixels with data in any of the shots, bool [H, W]: not behind a mask."""
         valid = self.shots[0].valid
         if not bytes_of(valid) and valid.flat[0]:  # all of it, as of most photographs

@@ -33,14 +33,14 @@ class DepthMapFile:
     path: Path
     unit: float
 
-    def seen(self, view: "View") -> Array32:
+    def read(self, view: "View") -> Array32:
         """Depth along the view's axis, scene coordinates, float32 [H, W]; 0 where nothing is known.
 
         What a mask hides or alpha leaves out is not known. InputError where the file is missing or damaged.
         """
         values, _ = read_depth(self.path)
         depth = _resized(values, view.lens.height, view.lens.width) * np.float32(self.unit)
-        known = view.seen & np.isfinite(depth)
+        known = view.valid & np.isfinite(depth)
         if (alpha := view.alpha) is not None:
             known &= alpha > 0.5
         return np.asarray(np.where(known, depth, 0), np.float32)
@@ -114,7 +114,7 @@ def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, Integers]) -> 
         pixels, away = project(view.lens, points)
         shown = inside(view.lens, pixels, away)
         x, y = pixels[shown].astype(int).T
-        depth = view.depth.seen(view)[y, x].astype(np.float64)
+        depth = view.depth.read(view)[y, x].astype(np.float64)
         ratios.append(np.log(away[shown][depth > 0]) - np.log(depth[depth > 0]))
     if not maps:
         return None

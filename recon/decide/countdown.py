@@ -39,7 +39,7 @@ class Countdown:
     say: Callable[[str], None] = lambda line: None
     reserve: float = field(default=0.0, init=False)
 
-    def left(self) -> float:
+    def remaining(self) -> float:
         """Seconds until training has to be over."""
         return self.seconds - (self.clock() - self.began) - self.reserve
 
@@ -47,7 +47,7 @@ class Countdown:
         """Set time aside for what follows, by the seconds that the first look at `train` views took."""
         page = PAGE * look * held_out / max(train, 1)
         self.reserve = SAVING * look
-        if self.page and page > MOST_OF_PAGE * self.left():
+        if self.page and page > MOST_OF_PAGE * self.remaining():
             self.page = False
             self.say(f"{self.seconds:g} s leave no room for evaluation and page: `rig evaluate` makes them.")
         if self.page:
@@ -55,12 +55,12 @@ class Countdown:
 
     def start_over(self) -> Callable[[], bool]:
         """Return whether the share of the time that depths of views may take is used up."""
-        end = self.clock() + MOST_OF_START * max(self.left(), 0.0)
+        end = self.clock() + MOST_OF_START * max(self.remaining(), 0.0)
         return lambda: self.clock() >= end
 
     def require(self, training: float, fewest: int) -> None:
         """TooShort, with the time that would do, where the `training` seconds of the fewest do not fit."""
-        available = self.left()
+        available = self.remaining()
         if training <= available:
             return
         needed = math.ceil((self.seconds - available + training) / 5) * 5

@@ -218,7 +218,7 @@ def _within_budget(run: Run, evidence: Evidence, plan: TrainingPlan) -> Training
     )  # fmt: skip
     settings = plan.settings
     if countdown is not None:
-        available = countdown.left()
+        available = countdown.remaining()
         fitting = miniature.iterations_within(available)
         if fitting < min(FEWEST, most):
             countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST)

@@ -37,7 +37,7 @@ class Run:
 
     def seconds_left(self) -> float | None:
         """Seconds until training has to be over; None without a time limit."""
-        return None if self.countdown is None else self.countdown.left()
+        return None if self.countdown is None else self.countdown.remaining()
 
 
 @dataclass(frozen=True)

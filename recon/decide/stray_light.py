@@ -84,7 +84,7 @@ def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSig
         points = tracks.get(view.id.image_name)
         if points is None:
             continue
-        bright, usable = rgb @ _LUMINANCE, trusted & view.seen
+        bright, usable = rgb @ _LUMINANCE, trusted & view.valid
         stack = torch.from_numpy(np.stack([bright, np.where(usable, 0.0, bright)], axis=-1))
         around, unsure = spread(stack).numpy().transpose(2, 0, 1)
         pixels, depth = project(view.lens, xyz[points])

@@ -81,7 +81,7 @@ def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Look
             continue
         pixels, depth = project(view.lens, xyz[rows_seen])
         bright = rgb @ np.array(_LUMINANCE) if view.shots[0].band is None else grey(rgb)
-        usable = trusted & view.seen & np.isfinite(bright) & (bright > 0)
+        usable = trusted & view.valid & np.isfinite(bright) & (bright > 0)
         log = np.log(np.where(usable, bright, np.nan))
         x, y = pixels.T - 0.5
         near = [

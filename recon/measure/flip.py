@@ -22,21 +22,21 @@ ACES_TOP = 2.1188723239873153
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A render and its reference as a display shows them, sRGB [H, W, 3]; seen [H, W]: not masked."""
+    """A render and its reference as a display shows them, sRGB [H, W, 3]; valid [H, W]: not masked."""
 
     name: str
     ours: Bytes
     reference: Bytes
-    seen: Mask
+    valid: Mask
 
 
 @dataclass(frozen=True, eq=False)
 class LightPair:
-    """Rendered and true light of a view, linear Rec.709 [H, W, 3]; seen [H, W]: not masked."""
+    """Rendered and true light of a view, linear Rec.709 [H, W, 3]; valid [H, W]: not masked."""
 
     ours: Array32
     truth: Array32
-    seen: Mask
+    valid: Mask
 
 
 class Flips:
@@ -56,16 +56,16 @@ class Flips:
         if not self._installed:
             return {}
         errors: dict[str, list[Array32]] = {}
-        pixels = sum(pair.seen.size for pair in pairs)
+        pixels = sum(pair.valid.size for pair in pairs)
         if pairs and self.pictures.takes(pixels * self._pixel_seconds):
             began = self._clock()
             errors["flip"] = [error for pair in pairs if (error := _flip(pair)) is not None]
             self._pixel_seconds = (self._clock() - began) / pixels
         exposures = None if light is None else _exposures(light.truth)
         if light is not None and exposures is not None:
-            expected = light.seen.size * exposures["numExposures"] * self._pixel_seconds
+            expected = light.valid.size * exposures["numExposures"] * self._pixel_seconds
             if self.light.takes(expected):
-                error = hdr_flip(light.ours, light.truth, light.seen)
+                error = hdr_flip(light.ours, light.truth, light.valid)
                 errors["hdr_flip"] = [] if error is None else [error]
         return errors
 
@@ -80,7 +80,7 @@ class Flips:
 
 def _flip(pair: Pair) -> Array32 | None:
     ours, reference = (np.asarray(side / np.float32(255), np.float32) for side in (pair.ours, pair.reference))
-    return _compared(ours, reference, pair.seen, "LDR", {})
+    return _compared(ours, reference, pair.valid, "LDR", {})
 
 
 def hdr_flip(light: Array32, truth: Array32, visible: Mask) -> Array32 | None:

@@ -97,14 +97,14 @@ def _compare(
         store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))
         store.write_bytes(folder / REFERENCES / f"{pair.name}.png", encode_png(pair.reference))
     row = _summary("ciede2000", [_colour_difference(pair) for pair in pairs])
-    return _Compared(row, pairs, None if goal is None else LightPair(shown, goal, view.seen))
+    return _Compared(row, pairs, None if goal is None else LightPair(shown, goal, view.valid))
 
 
 def _pairs(opened: Opened, view: View, light: Array32, goal: Array32 | None) -> Iterator[Pair]:
     if view.sensor.kind != "ldr":
         if goal is not None:
             exposure = opened.record.exposure
-            yield Pair(stem(view), displayed(light, exposure), displayed(goal, exposure), view.seen)
+            yield Pair(stem(view), displayed(light, exposure), displayed(goal, exposure), view.valid)
         return
     image = opened.render(view.lens)
     for number, shot in enumerate(view.shots):
@@ -127,5 +127,5 @@ def _summary(name: str, maps: list[Array32]) -> dict[str, float]:
 
 def _colour_difference(pair: Pair) -> Array32:
     """CIEDE2000 of the pixels that are seen."""
-    ours, reference = (srgb_decode(side[pair.seen] / 255.0) for side in (pair.ours, pair.reference))
+    ours, reference = (srgb_decode(side[pair.valid] / 255.0) for side in (pair.ours, pair.reference))
     return np.asarray(delta_e(ours, reference), np.float32)

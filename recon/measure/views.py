@@ -45,7 +45,7 @@ def measured(
             if reference is None and not opened.dataset.bands:
                 recorded.append(recorded_light(opened.training.method.observation, image, view))
             light = opened.training.method.observation.radiance(image)
-            yield light.numpy().astype(np.float32), view.seen
+            yield light.numpy().astype(np.float32), view.valid
 
     light = kept_images(opened.dataset, each())
     pooled: dict[str, Any] = {}

@@ -34,7 +34,7 @@ class _Measured:
     def of(cls, view: View) -> "_Measured":
         """Return what was measured beside the photographs of a view."""
         assert view.depth is not None
-        depth = torch.from_numpy(view.depth.seen(view))
+        depth = torch.from_numpy(view.depth.read(view))
         known = depth > 0
         return cls(torch.where(known, depth, 1.0).log(), known)
 

@@ -14,30 +14,30 @@ from recon.data.dataset import View
 SHARE = 0.5
 """Share of a GPU's memory in use above which no more is kept there; the rest is for Gaussians and renders."""
 
-Kept = TypeVar("Kept")
+TargetsOfView = TypeVar("TargetsOfView")
 """A dataclass; its tensors are what is kept."""
 
 
 @dataclass
-class Targets(Generic[Kept]):
+class Targets(Generic[TargetsOfView]):
     """Targets of each view: on the device of the render while it has room, else on the host.
 
     From there they are sent at each look, through page-locked memory, asynchronously.
     Targets of a view whose shots exceed the memory are made at each access.
     """
 
-    _kept: dict[str, Kept] = field(default_factory=dict)
+    _cached: dict[str, TargetsOfView] = field(default_factory=dict)
     _arrays: dict[int, tuple[AnyArray, Tensor]] = field(default_factory=dict)
 
-    def of(self, view: View, make: Callable[[], Kept], device: torch.device) -> Kept:
+    def of(self, view: View, make: Callable[[], TargetsOfView], device: torch.device) -> TargetsOfView:
         """Return a view's targets on a device; `make` gives them on the host at the first access."""
-        targets = self._kept.get(view.name)
+        targets = self._cached.get(view.name)
         if targets is None:
             targets = make()
             if fits := device.type != "cpu" and _size(targets) <= room(device):
                 targets = _moved(targets, device)
             if fits or view.held:
-                self._kept[view.name] = targets
+                self._cached[view.name] = targets
         return _moved(targets, device)
 
     def array(self, values: Array32, image: Tensor) -> Tensor:
@@ -79,7 +79,7 @@ def _size(targets: Any) -> int:
     return sum(tensor.nbytes for tensor in _tensors(targets).values())
 
 
-def _moved(targets: Kept, device: torch.device) -> Kept:
+def _moved(targets: TargetsOfView, device: torch.device) -> TargetsOfView:
     tensors = _tensors(targets)
     if all(tensor.device == device for tensor in tensors.values()):
         return targets

@@ -39,12 +39,12 @@ class _LookUp(torch.autograd.Function):
         edges = np.linspace(at[0], at[-1], CELLS, endpoint=False)
         first = (np.searchsorted(at, edges) - 1).clip(0, len(at) - 2).astype(np.int32)
         share(_forward, 0.01 * len(flat), flat, curve, at, first, np.float32(leak), out, slope, index, part)
-        ctx.kept, ctx.shape, ctx.nodes = (slope, index, part), x.shape, len(at)
+        ctx.slopes, ctx.shape, ctx.nodes = (slope, index, part), x.shape, len(at)
         return torch.from_numpy(out.reshape(x.shape))
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        slope, index, part = ctx.kept
+        slope, index, part = ctx.slopes
         outer = gradients[0].detach().contiguous().numpy().ravel()
         grad_x = torch.from_numpy((outer * slope).reshape(ctx.shape)) if ctx.needs_input_grad[0] else None
         grad_values = None

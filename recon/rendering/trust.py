@@ -38,12 +38,12 @@ def photographs_that_saw(scene: Scene, progress: Progress = unreported) -> Tenso
         if camera.width > WIDTH:
             camera = camera.resized(WIDTH)
         with torch_on_one_thread():
-            counts += (seen(scene, camera) & measured(scene, view, camera)).float()
+            counts += (visible(scene, camera) & measured(scene, view, camera)).float()
     progress("counting photographs", len(views), len(views))
     return counts
 
 
-def seen(scene: Scene, camera: SplatCamera) -> Tensor:
+def visible(scene: Scene, camera: SplatCamera) -> Tensor:
     """Mask of the Gaussians that a camera in scene coordinates sees, bool [N]: not those outside and those
     hidden.
     """

@@ -70,7 +70,7 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     middle = np.median(means, axis=0)
     reach = float(np.median(np.linalg.norm(means - middle, axis=1)))
     world = WorldTransform(origin=tuple(middle.tolist()), unit=_AWAY * reach if reach > 0 else 1.0)
-    views = tuple(map(_seen, cameras)) or _orbit(middle, world.unit, up)
+    views = tuple(map(_view_of, cameras)) or _orbit(middle, world.unit, up)
     gaussians = _gaussians(file, valid, world)
     degree = min(int(np.sqrt(file.harmonics.shape[1])) - 1, DEGREE)
     brightest = float(PlainHarmonics().luminance(gaussians.parameters).max())
@@ -100,7 +100,7 @@ def _gaussians(file: PlySplats, valid: Mask, world: WorldTransform) -> Gaussians
     return Gaussians({name: torch.from_numpy(value.astype(np.float32)) for name, value in values.items()})
 
 
-def _seen(camera: UsdCamera) -> SceneView:
+def _view_of(camera: UsdCamera) -> SceneView:
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", camera.name) or "camera"
     return SceneView(
         camera=name,
@@ -127,7 +127,7 @@ def _orbit(middle: Array, away: float, up: Array) -> tuple[SceneView, ...]:
         motion = np.eye(4)
         motion[:3, :3] = right, np.cross(-out, right), -out
         motion[:3, 3] = -motion[:3, :3] @ (middle + away * out)
-        views.append(_seen(UsdCamera("orbit", frame, _LENS, motion)))
+        views.append(_view_of(UsdCamera("orbit", frame, _LENS, motion)))
     return tuple(views)
 
 

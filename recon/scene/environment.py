@@ -57,9 +57,9 @@ class Environment:
 
     def behind(self, image: Tensor, alpha: Tensor, camera: SplatCamera) -> Tensor:
         """A render [H, W, 3] of opacity [H, W], this behind it; differentiable in all but the camera."""
-        return image + (1 - alpha)[..., None] * self.seen(camera)
+        return image + (1 - alpha)[..., None] * self.render(camera)
 
-    def seen(self, camera: SplatCamera) -> Tensor:
+    def render(self, camera: SplatCamera) -> Tensor:
         """Return what a camera in scene coordinates would see of it alone, [H, W, 3]."""
         turn = torch.from_numpy(self.axes @ camera.cam_from_world[:3, :3].T)
         turn = turn.to(self.ln_light, non_blocking=True)

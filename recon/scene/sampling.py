@@ -69,7 +69,7 @@ class Sampling:
             theirs = blur * coarser[far] ** 2
             ray = torch.nn.functional.normalize(away[far], dim=1)
             variances = (scales[far] / spacing[far, None]).square()
-            share = _kept(ray, variances, quats[far], theirs, blur)
+            share = _compensation(ray, variances, quats[far], theirs, blur)
             opacities = opacities.index_put((far,), opacities[far] * share)
         return scales, opacities
 
@@ -113,7 +113,7 @@ def footprint(away: Tensor, scales: Tensor, quats: Tensor, camera: SplatCamera, 
     return area
 
 
-def _kept(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: float) -> Tensor:
+def _compensation(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: float) -> Tensor:
     """[M] root of the ratio of determinants of covariances across a ray with `theirs` and with `blur`, px^2.
 
     ray [M, 3] has length 1, variances [M, 3] are along the own axes, px^2. What a lens does to a small
@@ -125,7 +125,7 @@ def _kept(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: f
 
 
 def _determinants(ray: Tensor, variances: Tensor, quats: Tensor) -> tuple[Tensor, Tensor]:
-    """Determinant and trace [M] of covariances across a ray; arguments as of `_kept`."""
+    """Determinant and trace [M] of covariances across a ray; arguments as of `_compensation`."""
     quats = quats / quats.abs().amax(dim=1, keepdim=True)
     w, turn = (quats / quats.norm(dim=1, keepdim=True)).split((1, 3), dim=1)
     twice = 2 * torch.linalg.cross(turn, ray)

@@ -59,13 +59,13 @@ def _drawn(counter, away, scales, quats, opacities, least, most, axis, focal, fi
             coarser = most[i] / spacing
             if coarser < 1.0:
                 ray = x / distance, y / distance, z / distance
-                thick[i] = opacities[i] * _kept(ray, scales, quats, i, spacing, coarser, blur)
+                thick[i] = opacities[i] * _compensation(ray, scales, quats, i, spacing, coarser, blur)
         task = take_number(counter)
 
 
 @kernel
-def _kept(ray, scales, quats, i, spacing, coarser, blur):
-    """Filter as `recon.scene.sampling._kept`."""
+def _compensation(ray, scales, quats, i, spacing, coarser, blur):
+    """Filter as `recon.scene.sampling._compensation`."""
     w, a, b, c = float(quats[i, 0]), float(quats[i, 1]), float(quats[i, 2]), float(quats[i, 3])
     length = math.sqrt(w * w + a * a + b * b + c * c)
     if not length > 0.0:

@@ -104,10 +104,10 @@ def learned(
     with torch.no_grad():
         image = training.renderer()(training.gaussians, held_out.lens, degree=2).image
         result = method.observation.radiance(image).numpy()
-    return result, _seen(tensors, held_out.lens, glow)
+    return result, _rendered(tensors, held_out.lens, glow)
 
 
-def _seen(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Array32:
+def _rendered(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Array32:
     means, quats, scales, opacities, colours = tensors
     back, limits = torch.full((3,), glow), Limits.for_scene(1e-4, 1.0)
     with torch.no_grad():
@@ -124,7 +124,7 @@ def _view(
     glow: float,
 ) -> View:
     lens = camera(turn=0.5 * (index / (VIEWS - 1) - 0.5))
-    light = _seen(tensors, lens, glow)
+    light = _rendered(tensors, lens, glow)
     sensor = Sensor(
         kind=kind,
         cfa=Cfa.RGGB if kind == "raw" else None,

@@ -124,7 +124,7 @@ def looked_through(
         pixels, depth = project(view.lens, start.xyz)
         at = np.flatnonzero(inside(view.lens, pixels, depth))
         column, row = np.floor(pixels[at]).astype(int).T
-        unmasked = view.seen[row, column]
+        unmasked = view.valid[row, column]
         at, column, row = at[unmasked], column[unmasked], row[unmasked]
         directions = torch.from_numpy((start.xyz[at] - view.centre) @ far.axes.T).to(far.ln_light)
         shown = _log_luminance(units(torch.from_numpy(rgb[row, column])))
@@ -165,7 +165,7 @@ def _looks(view: View, rgb: Array32, directions: Array) -> tuple[Integers, Array
     shown = inside(lens, pixels, depth)
     ahead, pixels = ahead[shown], pixels[shown]
     at = np.floor(pixels).astype(int)
-    valid = view.seen[at[:, 1], at[:, 0]]
+    valid = view.valid[at[:, 1], at[:, 0]]
     ahead, pixels = ahead[valid], (pixels[valid] - 0.5).astype(np.float32)
     if not len(ahead):
         return ahead, np.zeros((0, 3), np.float32)

@@ -146,7 +146,7 @@ def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, Mas
     pieces = [slice(first, first + at_once) for first in range(0, max(len(xyz), 1), at_once)]
     views = dataset.train
     if all(view.held for view in views):
-        masks = [view.seen for view in views]
+        masks = [view.valid for view in views]
         parts = [
             _median(
                 [
@@ -168,7 +168,7 @@ def _medians_by_disk(
     with store.scratch(dataset.session) as file:
         try:
             for view, (image, _) in zip(dataset.train, images, strict=True):
-                mask = view.seen
+                mask = view.valid
                 for piece in pieces:
                     looks = _looks(view, mask, image, xyz[piece])
                     file.write(looks.data)

@@ -112,7 +112,7 @@ def plane_sweep(
         score = swept[index][1]
         sure = _confirmed(index, depths, directions[index], views, chosen) | (score == MEASURED)
         sure &= score > TRUSTED_SCORE
-        trusted[index] = sure & (_at_size(views[index].seen.astype(np.float32), depth) > 0.5)
+        trusted[index] = sure & (_at_size(views[index].valid.astype(np.float32), depth) > 0.5)
         filled[index] = _fill(depth, trusted[index])
     return [
         DepthMap(
@@ -198,7 +198,7 @@ def _measured(view: View, image: Array32) -> tuple[Array32, Array32] | None:
     """Depth and score [h, w] of a view by its depth map, or None."""
     if view.depth is None:
         return None
-    whole, (height, width) = view.depth.seen(view), image.shape
+    whole, (height, width) = view.depth.read(view), image.shape
     x, y = _coarse_centres(view, width, height).astype(int).transpose(2, 0, 1)
     depth = whole[y, x]
     if not depth.any():

@@ -119,12 +119,12 @@ MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
 
 def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:
     """The data set that all points of a session are measured on, read once a process."""
-    measured_before = _kept(session, width, store.sha256(session / "calibration" / "calibration.json"))
+    measured_before = _cache(session, width, store.sha256(session / "calibration" / "calibration.json"))
     if not measured_before:
         measured_before.append(load(session, max_width=width, progress=progress))
     return measured_before[0]
 
 
 @lru_cache(maxsize=1)
-def _kept(session: Path, width: int, calibration: str) -> list[Dataset]:
+def _cache(session: Path, width: int, calibration: str) -> list[Dataset]:
     return []

@@ -91,7 +91,7 @@ class Trade(Record):
     points: tuple[Point, ...] = ()
     failed: dict[str, str] = Field(default_factory=dict)
     """Trainings that failed, by their command, and why."""
-    left: int = 0
+    left_out: int = 0
     """Trainings that the budget had no time for."""
 
 

@@ -96,7 +96,7 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
     tried: set[str] = field(default_factory=set)
     made: int = 0
-    left: int = 0
+    left_out: int = 0
 
     def choices(self) -> Iterator[Choice]:
         """Yield the next training, as long as there is time: the plan, then neighbours of the front.
@@ -118,7 +118,7 @@ class _Run:
             spent = now - self.began
             over = self.until is not None and now >= self.until
             if over or (self.made and needed is not None and spent + needed > self.budget):
-                self.left += 1
+                self.left_out += 1
                 continue
             self.tried.add(key)
             self.made += 1
@@ -155,7 +155,7 @@ class _Run:
         try:
             self.keep(train(choice), say)
         except OutOfTime:
-            self.left += 1
+            self.left_out += 1
             say(f"{label(choice)}: given up, since the time is over")
         except RigError as error:
             self.note(choice, error, say)
@@ -173,7 +173,7 @@ class _Run:
 
     def finished(self) -> Trade:
         """The trade-off, which says what the budget had no time for."""
-        self._write(left=self.left)
+        self._write(left_out=self.left_out)
         return self.trade
 
     def beside(self, progress: Progress, choice: Choice) -> Progress:

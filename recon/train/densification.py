@@ -161,17 +161,17 @@ class Change:
                 continue
             old = gaussians.parameters[name]
             rows = self.new.get(name, old.detach()[:0])
-            fresh = _kept(old.detach(), staying, rows).requires_grad_(True)
+            fresh = _joined(old.detach(), staying, rows).requires_grad_(True)
             state = optimizer.state.pop(old, None)
             if state:
                 for key in ("exp_avg", "exp_avg_sq"):
-                    state[key] = _kept(state[key], staying, torch.zeros_like(rows))
+                    state[key] = _joined(state[key], staying, torch.zeros_like(rows))
                 optimizer.state[fresh] = state
             group["params"] = [fresh]
             gaussians.parameters[name] = fresh
 
 
-def _kept(rows: Tensor, staying: Tensor, new: Tensor) -> Tensor:
+def _joined(rows: Tensor, staying: Tensor, new: Tensor) -> Tensor:
     """Some of the rows, and new ones behind them, without a copy on the way."""
     joined = rows.new_empty((len(staying) + len(new), *rows.shape[1:]))
     torch.index_select(rows, 0, staying, out=joined[: len(staying)])

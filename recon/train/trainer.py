@@ -39,7 +39,7 @@ class _Alpha:
     @classmethod
     def of(cls, view: View) -> "_Alpha":
         """Read alpha and its mask from the view's photographs."""
-        return cls(torch.from_numpy(view.alpha), torch.tensor(view.seen))
+        return cls(torch.from_numpy(view.alpha), torch.tensor(view.valid))
 
 
 def train(

@@ -120,7 +120,7 @@ class RayWorkers:
             max_retries=ATTEMPTS - 1,
             retry_exceptions=False,
         )
-        share = Share(cores=self.cores, room=self.room, own=True)
+        share = Share(cores=self.cores, room=self.room, serves=True)
         reference = call.remote(function, share, arguments, named)
         reference.future().add_done_callback(lambda done: self._pass_on(done, future))
         return future

@@ -222,8 +222,8 @@ def run_capture(
 
         with source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source:
             result = shoot(source, out, request, progress=status, say=status.say)
-    there = result.taken + result.kept
-    earlier = f", {result.kept} of them taken before" if result.kept else ""
+    there = result.taken + result.earlier
+    earlier = f", {result.earlier} of them taken before" if result.earlier else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{earlier}"]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
@@ -233,7 +233,7 @@ def run_capture(
         "session": str(out),
         "planned": result.planned,
         "taken": result.taken,
-        "kept": result.kept,
+        "earlier": result.earlier,
         "missing_shots": list(result.missing),
         "problems": list(result.problems),
         "unknown": list(result.unknown),

@@ -42,7 +42,7 @@ def check(
     if repaired is not None:
         lines += [f"  dropped: {file}" for file in repaired.dropped]
         lines += [f"  added: {file}" for file in repaired.added]
-        lines += [f"  left alone: {line}" for line in repaired.left]
+        lines += [f"  left alone: {line}" for line in repaired.unrepaired]
         lines += [f"  the index as it was: {repaired.backup}"] if repaired.backup else []
     for step in report.exposures:
         clipped = "/".join(f"{100 * share:.2g}" for share in step.clipped)

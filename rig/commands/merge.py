@@ -60,7 +60,7 @@ def merge(
             session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status
         )
     calibration, factor = merged.calibration, merged.exposure_factor
-    reused = sum(picture.kept for picture in merged.views)
+    reused = sum(picture.reused for picture in merged.views)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(merged.views), 'merged picture')}, exposures from {source}"]
     lines.append(_scale_line(factor, calibration, middle_grey=exposure is None))
@@ -125,7 +125,7 @@ def _picture_data(picture: "MergedView") -> dict[str, Any]:
         "ghost": picture.ghost,
         "hidden": picture.hidden,
         "shift_px": picture.shift,
-        "kept": picture.kept,
+        "reused": picture.reused,
         "warnings": list(picture.warnings),
     }
 

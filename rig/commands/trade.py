@@ -103,8 +103,8 @@ def _trade_result(session: Path, trade_off: "Trade", report: Path) -> CommandRes
         f"{session}: {trainings}, all measured at {trade_off.width} px or less, Pareto-optimal among them:"
     ]
     lines += [f"  {_row(point)}" for point in best]
-    if trade_off.left:
-        lines.append(f"{trade_off.left} more did not fit the budget: run the same command to go on.")
+    if trade_off.left_out:
+        lines.append(f"{trade_off.left_out} more did not fit the budget: run the same command to go on.")
     lines.append(f"Report: {report}")
     missing = None
     if not trade_off.points:

@@ -16,12 +16,12 @@ FIGURE = re.compile(r"[+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
 class Claim:
     """Figures of a sentence. bound: they are not rounded but hold for all that was measured.
 
-    words: of the page, its lines joined; a group for each figure. found: the same from a table, in order.
+    words: of the page, its lines joined; a group for each figure. measured: the same from a table, in order.
     page: from the root of the repository.
     """
 
     words: str
-    found: Callable[[], Sequence[float]]
+    measured: Callable[[], Sequence[float]]
     bound: bool = False
     page: str = "docs/figures.md"
 

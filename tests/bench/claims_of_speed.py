@@ -71,8 +71,10 @@ CLAIMS = (
         r"standard takes ([\d.]+) of its time",
         lambda: [
             max(
-                own / best
-                for best, own in zip(presets("best", "seconds"), presets("standard", "seconds"), strict=True)
+                usual / best
+                for best, usual in zip(
+                    presets("best", "seconds"), presets("standard", "seconds"), strict=True
+                )
             )
         ],
     ),

@@ -76,7 +76,7 @@ def test_what_is_kept_beside_a_table_gives_its_figures_again():
     change[0]["views"][0]["db"] = float("nan")
     base = rows(level(0.0, seeds=2))
     stored = json.loads(
-        json.dumps(differences.kept({"ours": change, "theirs": base}, ["db"]), allow_nan=False)
+        json.dumps(differences.stored_rows({"ours": change, "theirs": base}, ["db"]), allow_nan=False)
     )
     again = differences.paired(stored["ours"], stored["theirs"], "db")
     assert again == differences.paired(change, base, "db")

@@ -111,7 +111,7 @@ def test_a_figure_is_in_its_table(claim: Claim) -> None:
         f"{claim.page} no longer says {claim.words!r}: change the claim with the sentence"
     )
     shown = matches[0] if isinstance(matches[0], tuple) else (matches[0],)
-    values = claim.found()
+    values = claim.measured()
     assert len(shown) == len(values)
     for figure, value in zip(shown, values, strict=True):
         assert agrees(figure, value, claim.bound), f"{figure} in {claim.page}, {value} in the table"

@@ -86,8 +86,8 @@ def test_what_no_view_shows_has_no_votes(trained):
         nothing = evidence(training, (), 1.0, seed=0)
     finally:
         training.gaussians = visible
-    for votes in (cast.seen, cast.needed, cast.opposed, cast.total):
+    for votes in (cast.visible, cast.needed, cast.opposed, cast.total):
         assert torch.isfinite(votes.double()).all()
         assert not votes[-3:].any()
     assert cast.needed[:-3].any()
-    assert not nothing.seen.any()
+    assert not nothing.visible.any()

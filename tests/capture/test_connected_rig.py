@@ -186,7 +186,7 @@ def test_resume_takes_what_is_missing_and_gives_the_same_bytes(given: Place) -> 
     for line in lines[3:]:
         (given.out / json.loads(line)["file"]).unlink()
     result = given.shoot(resume=True)
-    assert (result.kept, result.taken) == (3, 5)
+    assert (result.earlier, result.taken) == (3, 5)
     assert {path.name: path.read_bytes() for path in sorted(given.out.rglob("*.dng"))} == whole
     assert given.said == []
 

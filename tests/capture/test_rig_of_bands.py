@@ -83,7 +83,7 @@ class Turner:
     """Somebody at the rig who turns the wheels, until they leave."""
 
     def __init__(self, rig: SimulatedRig, leaves_after: int = 1000) -> None:
-        self.rig, self.left, self.turned = rig, leaves_after, list[str]()
+        self.rig, self.leaves_after, self.turned = rig, leaves_after, list[str]()
 
     def show(self, kind: Subject) -> None:
         self.rig.show(kind)
@@ -92,7 +92,7 @@ class Turner:
         self.rig.move_to(frame)
 
     def turn_to(self, band: str) -> None:
-        if len(self.turned) == self.left:
+        if len(self.turned) == self.leaves_after:
             raise InputError("gone home")
         self.turned.append(band)
         self.rig.turn_to(band)
@@ -125,7 +125,7 @@ def test_a_wheel_is_turned_at_every_position_and_resumed_where_it_stood(tmp_path
     result = capture_rig(
         file, tmp_path / "S", clock=bus_rig.clock, operator=staying, resume=True, **arguments
     )
-    assert (result.missing, result.kept, result.taken) == ((), 12, 4)
+    assert (result.missing, result.earlier, result.taken) == ((), 12, 4)
     assert staying.turned == ["450nm"]
     session = Session.open(tmp_path / "S")
     assert {(shot.step, shot.band) for shot in session.shots()} == {

@@ -202,7 +202,7 @@ def test_a_node_that_is_lost_costs_its_frames_and_a_sentence(place: Place, dies_
     for link in place.links.values():
         link.start_again()  # what is left on its disk is removed when it begins
     resumed = place.shoot(resume=True)
-    assert (resumed.kept, resumed.taken, resumed.missing) == (
+    assert (resumed.earlier, resumed.taken, resumed.missing) == (
         8 - len(result.missing),
         len(result.missing),
         (),

@@ -75,7 +75,7 @@ def test_resume_gives_the_bytes_of_a_capture_that_was_never_interrupted(toy, tmp
     broken = copy(toy, tmp_path / "broken")
     cut(broken, keep)
     result = capture_simulated("toy", broken, seed=3, resume=True)
-    assert (result.taken, result.kept) == (18 - keep, keep)
+    assert (result.taken, result.earlier) == (18 - keep, keep)
     assert tree(broken / "raw") == tree(toy / "raw")
     assert tree(broken / "truth") == tree(toy / "truth")
 
@@ -83,7 +83,7 @@ def test_resume_gives_the_bytes_of_a_capture_that_was_never_interrupted(toy, tmp
 def test_resume_of_a_finished_session_changes_nothing(toy, tmp_path):
     again = copy(toy, tmp_path / "again")
     result = capture_simulated("toy", again, seed=3, resume=True)
-    assert (result.taken, result.kept) == (0, 18)
+    assert (result.taken, result.earlier) == (0, 18)
     assert tree(again) == tree(toy)
 
 
@@ -185,7 +185,7 @@ def test_two_captures_into_one_folder_do_not_mix(tmp_path):
     assert errors
     assert all("being written by another rig" in error for error in errors)
     assert len(Session.open(out).shots()) == 6
-    assert capture_simulated("toy", out, seed=3, frames=1, resume=True).kept == 6
+    assert capture_simulated("toy", out, seed=3, frames=1, resume=True).earlier == 6
 
 
 @pytest.mark.parametrize("code", [errno.EROFS, errno.ENOSPC])
@@ -228,7 +228,7 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     with pytest.raises(InputError, match=r"planned with the bracket auto, snr 20, slowest 0\.25 \(.*snr 30"):
         capture_simulated("toy", out, seed=3, auto=BracketGoals(snr=30.0), resume=True)
     again = capture_simulated("toy", out, seed=3, auto=wanted, resume=True)
-    assert (again.kept, again.missing) == (4, ())
+    assert (again.earlier, again.missing) == (4, ())
     assert Session.open(out).plans() == [plan]
     assert tree(out / "raw") == {n[4:]: data for n, data in before.items() if n.startswith("raw/")}
 

@@ -36,13 +36,13 @@ class Fetched(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.places: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         attributes = dict(attrs)
         loads = tag == "link" and attributes.get("rel") in {"stylesheet", "icon", "preload", "preconnect"}
-        self.found += [attributes[name] or "" for name in ("src", "data") if attributes.get(name)]
-        self.found += [attributes["href"] or ""] if loads else []
+        self.places += [attributes[name] or "" for name in ("src", "data") if attributes.get(name)]
+        self.places += [attributes["href"] or ""] if loads else []
 
 
 def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
@@ -51,8 +51,8 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
     for page in pages:
         reader = Fetched()
         reader.feed(page.read_text(encoding="utf-8"))
-        assert reader.found
-        for place in reader.found:
+        assert reader.places
+        for place in reader.places:
             assert not re.match(r"(\w+:)?//", place), f"{page.name} loads {place}"
             assert (site / place.partition("?")[0]).is_file(), f"{page.name} lacks {place}"
     for sheet in site.rglob("*.css"):

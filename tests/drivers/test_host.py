@@ -35,7 +35,7 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     return places
 
 
-def found(name: str) -> host.Finding:
+def finding(name: str) -> host.Finding:
     return next(one for one in host.examine() if one.name == name)
 
 
@@ -47,22 +47,22 @@ def test_a_machine_without_libusb_says_only_that(monkeypatch: pytest.MonkeyPatch
 
 
 def test_rules_are_found_or_the_command_that_installs_them_is_told(machine: SimpleNamespace) -> None:
-    assert str(host.rules_file()) in found("udev rules").fix
+    assert str(host.rules_file()) in finding("udev rules").fix
     assert host.rules_file().is_file()
     (machine.rules / RULES).write_bytes(host.rules_file().read_bytes())
-    assert found("udev rules").fix == ""
+    assert finding("udev rules").fix == ""
 
 
 @pytest.mark.parametrize(("text", "enough"), [("16", False), ("256", True), ("1000", True), ("0", True)])
 def test_little_memory_for_transfers_is_told(machine: SimpleNamespace, text: str, enough: bool) -> None:
     machine.memory.write_text(f"{text}\n")
-    assert (found("USB memory").fix == "") == enough
+    assert (finding("USB memory").fix == "") == enough
 
 
 def test_memory_that_nobody_knows_is_no_fault(machine: SimpleNamespace) -> None:
-    assert found("USB memory").fix == ""
+    assert finding("USB memory").fix == ""
     machine.memory.write_text("much\n")
-    assert found("USB memory").fix == ""
+    assert finding("USB memory").fix == ""
 
 
 def test_a_bus_that_cannot_be_read_is_told(machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,11 +70,11 @@ def test_a_bus_that_cannot_be_read_is_told(machine: SimpleNamespace, monkeypatch
         raise CameraError("no bus here.")
 
     monkeypatch.setattr(host, "find", refuse)
-    assert found("USB").says == "no bus here."
+    assert finding("USB").says == "no bus here."
 
 
 def test_no_camera_is_no_fault(machine: SimpleNamespace) -> None:
-    assert found("cameras") == host.Finding("cameras", "none on the USB")
+    assert finding("cameras") == host.Finding("cameras", "none on the USB")
 
 
 def test_who_holds_a_camera_is_named(machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,7 +82,7 @@ def test_who_holds_a_camera_is_named(machine: SimpleNamespace, monkeypatch: pyte
     node = machine.nodes / "001" / "007"
     node.parent.mkdir(parents=True)
     node.touch()
-    assert found("USB 001:007").says == "may be opened"
+    assert finding("USB 001:007").says == "may be opened"
     for number, name, link in (
         (41, "gvfsd-gphoto2", node),
         (42, "bash", "/dev/null"),
@@ -92,10 +92,10 @@ def test_who_holds_a_camera_is_named(machine: SimpleNamespace, monkeypatch: pyte
         folder.mkdir(parents=True)
         (folder.parent / "comm").write_text(f"{name}\n")
         (folder / "3").symlink_to(link)
-    assert found("USB 001:007").says == "held by gvfsd-gphoto2"
+    assert finding("USB 001:007").says == "held by gvfsd-gphoto2"
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    assert found("USB 001:007").says == "this user may not open it"
-    assert str(host.rules_file()) in found("USB 001:007").fix
+    assert finding("USB 001:007").says == "this user may not open it"
+    assert str(host.rules_file()) in finding("USB 001:007").fix
 
 
 def test_the_error_names_the_program_that_holds_a_camera(machine: SimpleNamespace) -> None:

@@ -67,20 +67,20 @@ class LitScene:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Parts that `seen` counts; 0 is the background."""
+        """Parts that `shown` counts; 0 is the background."""
         return ("background", *self.panels, *self.shapes)
 
     def light(self) -> Array32:
         """Radiance [V, H, W, 3] of every view."""
-        return np.asarray(self._kept["light"], np.float32)
+        return np.asarray(self._traced["light"], np.float32)
 
-    def seen(self) -> Bytes:
+    def shown(self) -> Bytes:
         """Part in the middle of each pixel, [V, H, W]."""
-        return np.asarray(self._kept["seen"])
+        return np.asarray(self._traced["seen"])
 
     def where(self, *names: str) -> Mask:
         """Pixels [V, H, W] that show a part whose name begins with one of these."""
-        return np.isin(self.seen(), [n for n, part in enumerate(self.parts) if part.startswith(names)])
+        return np.isin(self.shown(), [n for n, part in enumerate(self.parts) if part.startswith(names)])
 
     def surface_points(self, count: int = 1500) -> Array:
         """Points [count, 3] on the panels, a few thousandths off, as structure from motion leaves them."""
@@ -93,7 +93,7 @@ class LitScene:
         return np.asarray(world + 0.005 * rng.standard_normal(world.shape))
 
     @cached_property
-    def _kept(self) -> dict[str, AnyArray]:
+    def _traced(self) -> dict[str, AnyArray]:
         file = CACHE / f"{self.name}-{self._hash()}.npz"
         if not file.exists():
             self._trace(file)

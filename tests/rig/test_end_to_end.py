@@ -16,7 +16,7 @@ from tests.rig.report.pages import Page, assert_self_contained
 from .conftest import Silence, calibrated_from_truth
 
 
-def told(rig, *arguments: str) -> dict:
+def json_of(rig, *arguments: str) -> dict:
     """The JSON of a command that has to succeed."""
     code, out, err = rig(*arguments, "--json")
     assert code == 0
@@ -28,23 +28,23 @@ def told(rig, *arguments: str) -> dict:
 
 def test_capture_plan_check_and_resume(rig, tmp_path: Path) -> None:
     folder = tmp_path / "S"
-    planned = told(rig, "capture", "--sim", "toy", str(folder), "--dry-run", "--frames", "2")
+    planned = json_of(rig, "capture", "--sim", "toy", str(folder), "--dry-run", "--frames", "2")
     assert not folder.exists()
-    taken = told(rig, "capture", "--sim", "toy", str(folder), "--frames", "2", "--seed", "5")
+    taken = json_of(rig, "capture", "--sim", "toy", str(folder), "--frames", "2", "--seed", "5")
     assert planned["shots"] == taken["taken"] == 2 * 2 * len(planned["bracket"])
-    assert told(rig, "check", str(folder))["problems"] == []
+    assert json_of(rig, "check", str(folder))["problems"] == []
 
     (folder / "raw" / "0001" / "cam1_0.dng").unlink()
     lines = (folder / "shots.jsonl").read_text().splitlines(keepends=True)
     (folder / "shots.jsonl").write_text("".join(line for line in lines if "0001/cam1_0.dng" not in line))
-    resumed = told(rig, "capture", "--sim", "toy", str(folder), "--seed", "5", "--resume")
-    assert (resumed["taken"], resumed["kept"]) == (1, taken["taken"] - 1)
+    resumed = json_of(rig, "capture", "--sim", "toy", str(folder), "--seed", "5", "--resume")
+    assert (resumed["taken"], resumed["earlier"]) == (1, taken["taken"] - 1)
 
 
 def test_the_bracket_can_be_chosen(rig, tmp_path: Path) -> None:
     folder = str(tmp_path / "S")
-    told(rig, "capture", "--sim", "toy", folder, "--frames", "1", "--bracket", "3,-3")
-    exposures = told(rig, "check", folder)["exposures"]
+    json_of(rig, "capture", "--sim", "toy", folder, "--frames", "1", "--bracket", "3,-3")
+    exposures = json_of(rig, "check", folder)["exposures"]
     times = sorted({one["exposure"]["time"] for one in exposures})
     assert len(times) == 2
     assert times[1] / times[0] == pytest.approx(64, rel=0.05)
@@ -53,19 +53,19 @@ def test_the_bracket_can_be_chosen(rig, tmp_path: Path) -> None:
 def test_repair_brings_back_a_lost_index(rig, toy: Path) -> None:
     (toy / "shots.jsonl").write_text("")
     assert rig("check", str(toy))[0] == 2
-    repaired = told(rig, "check", str(toy), "--repair")
+    repaired = json_of(rig, "check", str(toy), "--repair")
     assert len(repaired["repaired"]["added"]) == repaired["sound"] == 18
 
 
 def test_import_of_captured_files(rig, toy: Path, tmp_path: Path) -> None:
-    value = told(rig, "import", str(toy / "raw"), str(tmp_path / "I"))
+    value = json_of(rig, "import", str(toy / "raw"), str(tmp_path / "I"))
     assert (value["cameras"], value["shots"]) == (2, 18)
     assert value["guesses"]
 
 
 def test_the_response_alone(rig, toy: Path) -> None:
     shutil.rmtree(toy / "calibration")
-    value = told(rig, "calibrate", str(toy), "--only", "response")
+    value = json_of(rig, "calibrate", str(toy), "--only", "response")
     assert value["responses"] == {"cam0": "linear", "cam1": "linear"}
     page = Page.read(Path(value["report"]))
     assert_self_contained(page)
@@ -78,12 +78,12 @@ def test_the_response_alone(rig, toy: Path) -> None:
 def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> None:
     recon = scene / "reconstructions" / "nh-3dgs-draft"
     before = store.read_json(recon / "metrics.json")
-    (value,) = told(rig, "evaluate", str(scene))["scenes"]
+    (value,) = json_of(rig, "evaluate", str(scene))["scenes"]
     assert value["reconstruction"] == str(recon)
     assert value["metrics"]["hdr_psnr_mu_aligned"] == pytest.approx(before["hdr_psnr_mu_aligned"])
     assert value["metrics"]["views"]
 
-    (rendered,) = told(rig, "render", str(recon), "--out", str(tmp_path / "out"))["scenes"]
+    (rendered,) = json_of(rig, "render", str(recon), "--out", str(tmp_path / "out"))["scenes"]
     files = rendered["files"]
     assert all(Path(file).is_file() for file in files)
     assert {Path(file).stem for file in files if file.endswith(".exr")} == {
@@ -114,7 +114,7 @@ def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> No
 
 def test_without_truth_the_photograph_is_shown_beside_the_render(rig, scene: Path) -> None:
     shutil.rmtree(scene / "truth")
-    (value,) = told(rig, "evaluate", str(scene))["scenes"]
+    (value,) = json_of(rig, "evaluate", str(scene))["scenes"]
     assert "hdr_psnr_mu" not in value["metrics"]
     assert "raw_psnr" in value["metrics"]
     page = Page.read(Path(value["report"]))
@@ -125,9 +125,9 @@ def test_without_truth_the_photograph_is_shown_beside_the_render(rig, scene: Pat
 
 def test_developed_photographs_end_to_end(rig, tmp_path: Path) -> None:
     folder = tmp_path / "ldr"
-    told(rig, "capture", "--sim", "toy-ldr", str(folder))
+    json_of(rig, "capture", "--sim", "toy-ldr", str(folder))
     calibrated_from_truth(folder)
-    value = told(rig, "reconstruct", str(folder), "--quality", "draft")
+    value = json_of(rig, "reconstruct", str(folder), "--quality", "draft")
     assert value["metrics"]["method"] == "hdr-gs"
     assert value["metrics"]["ldr_psnr_oe"] > 5
     assert_self_contained(Page.read(Path(value["report"])))
@@ -135,7 +135,7 @@ def test_developed_photographs_end_to_end(rig, tmp_path: Path) -> None:
 
 def test_a_scene_of_too_few_views_says_that_nothing_was_measured(rig, tmp_path: Path) -> None:
     folder = tmp_path / "S"
-    told(rig, "capture", "--sim", "toy", str(folder), "--frames", "1")
+    json_of(rig, "capture", "--sim", "toy", str(folder), "--frames", "1")
     calibrated_from_truth(folder)
     code, out, err = rig("reconstruct", str(folder), "--quality", "draft")
     assert code == 0

@@ -127,12 +127,12 @@ class PosedFrame:
     def _ends(self) -> tuple[Array, Array | None]:
         """The camera's place [4, 4] in the world, OpenCV's axes, at the time 0, and at 1 where it moved."""
         moving = self.values.get("transform_matrix_start") is not None
-        start = self._seen("transform_matrix_start" if moving else "transform_matrix")
+        start = self._pose("transform_matrix_start" if moving else "transform_matrix")
         if self.values.get("transform_matrix_end") is None:
             return start, None
-        return start, self._seen("transform_matrix_end")
+        return start, self._pose("transform_matrix_end")
 
-    def _seen(self, key: str) -> Array:
+    def _pose(self, key: str) -> Array:
         try:
             matrix = np.array(self.values.get(key), np.float64)
         except (ValueError, TypeError, OverflowError):

@@ -4,7 +4,7 @@ import struct
 
 from drivers.gige.gvcp import Answer, Code, Command
 
-_OWN = 0x9000
+_FIRST_OF_MAKER = 0x9000
 """First identifier of events that are a maker's own."""
 
 
@@ -23,7 +23,7 @@ class Events:
     def next(self, request_id: int, block: int, stamp: int) -> bytes:
         """Datagram of an event, of which every second one has data; stamp: ns."""
         code = (Code.EVENT, Code.EVENT_DATA)[self.sent % 2]
-        payload = struct.pack(">HHHHQ", 0, _OWN + self.sent % 2, 0, block, stamp)
+        payload = struct.pack(">HHHHQ", 0, _FIRST_OF_MAKER + self.sent % 2, 0, block, stamp)
         self.sent += 1
         self._unheard.add(request_id)
         return Command(code, request_id, payload + bytes(8 * (code == Code.EVENT_DATA))).pack()

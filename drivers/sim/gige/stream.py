@@ -30,7 +30,7 @@ class Sender:
     loss: float = 0.0
     lost: int = 0
     sent: int = 0
-    _kept: OrderedDict[int, list[bytes]] = field(default_factory=OrderedDict)
+    _resendable: OrderedDict[int, list[bytes]] = field(default_factory=OrderedDict)
 
     def frame(
         self, image: SentImage, block: int, stamp: int, packet_size: int, destination: tuple[str, int]
@@ -59,16 +59,16 @@ class Sender:
             PacketHeader(0, block, which, number, self.extended).pack() + data
             for number, (which, data) in enumerate(carried)
         ]
-        self._kept[block] = packets
-        while len(self._kept) > _BUFFERED:
-            self._kept.popitem(last=False)
+        self._resendable[block] = packets
+        while len(self._resendable) > _BUFFERED:
+            self._resendable.popitem(last=False)
         for packet in self._sent_at_first(packets):
             for _ in range(2 if Quirk.DOUBLED in self.quirks else 1):
                 self._send(packet, destination)
 
     def again(self, wanted: Resend, destination: tuple[str, int]) -> None:
         """Send packets once more, or say that they are gone."""
-        packets = self._kept.get(wanted.block)
+        packets = self._resendable.get(wanted.block)
         if packets is None:
             head = PacketHeader(Status.UNAVAILABLE, wanted.block, Kind.PAYLOAD, wanted.first, self.extended)
             self._send(head.pack(), destination)
@@ -107,7 +107,7 @@ class Sender:
 
     def forget(self) -> None:
         """Clear the buffer: nothing can be sent again."""
-        self._kept.clear()
+        self._resendable.clear()
 
     def _send(self, packet: bytes, destination: tuple[str, int]) -> None:
         self.sent += 1

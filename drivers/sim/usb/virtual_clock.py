@@ -25,7 +25,7 @@ class _Stage(Enum):
     ABSENT = "has not begun"
     WAITING = "waits"
     RUNNING = "runs"
-    LEFT = "has left"
+    GONE = "has left"
 
 
 class ClockStopped(RuntimeError):
@@ -135,7 +135,7 @@ class VirtualClock:
     def leave(self, worker: Worker) -> None:
         """The worker's thread is done."""
         with self.lock:
-            worker.stage = _Stage.LEFT
+            worker.stage = _Stage.GONE
             del self._by_thread[threading.get_ident()]
             self._workers.remove(worker)
             self._move_on()

@@ -57,7 +57,7 @@ def _levels(reader: TiffReader, offset: int, note: bytes, make: str) -> tuple[fl
     if note.startswith((b"OLYMPUS\0", b"OM SYSTEM\0")):
         return _of_olympus(note, 12 if note.startswith(b"OLYMPUS") else 16)
     if note.startswith(b"PENTAX \0"):
-        return _of_pentax(_own(note, 10, note[8:10]).directory(10)[0])
+        return _of_pentax(_note_reader(note, 10, note[8:10]).directory(10)[0])
     if note.startswith(b"AOC\0"):
         return _of_pentax(reader.directory(place + 6)[0])
     if note.startswith(b"Panasonic\0"):
@@ -69,7 +69,7 @@ def _levels(reader: TiffReader, offset: int, note: bytes, make: str) -> tuple[fl
     return None
 
 
-def _own(note: bytes, first: int, order: bytes) -> TiffReader:
+def _note_reader(note: bytes, first: int, order: bytes) -> TiffReader:
     """A reader of a note that counts offsets from its first byte; order: II or MM."""
     little = order == b"II"
     head = b"II*\0" if little else b"MM\0*"
@@ -77,7 +77,7 @@ def _own(note: bytes, first: int, order: bytes) -> TiffReader:
 
 
 def _of_olympus(note: bytes, first: int) -> tuple[float, float, float] | None:
-    reader = _own(note, first, note[first - 4 : first - 2])
+    reader = _note_reader(note, first, note[first - 4 : first - 2])
     tags = reader.directory(first)[0]
     below: Directory = {}
     if _OLYMPUS_PROCESSING in tags:

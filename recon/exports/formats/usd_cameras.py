@@ -54,7 +54,7 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
     place = camera.AddTransformOp()
     prim = camera.GetPrim()
 
-    def own(name: str, kind: Any) -> Any:
+    def custom_attribute(name: str, kind: Any) -> Any:
         return prim.CreateAttribute(name, kind, custom=True)
 
     values: dict[Any, list[Any]] = {
@@ -64,9 +64,9 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
         camera.CreateHorizontalApertureOffsetAttr(): [],
         camera.CreateVerticalApertureOffsetAttr(): [],
         place.GetAttr(): [],
-        own("rig:lens:model", Sdf.ValueTypeNames.Token): [],
-        own("rig:lens:terms", Sdf.ValueTypeNames.DoubleArray): [],
-        own(SIZE, Sdf.ValueTypeNames.Int2): [],
+        custom_attribute("rig:lens:model", Sdf.ValueTypeNames.Token): [],
+        custom_attribute("rig:lens:terms", Sdf.ValueTypeNames.DoubleArray): [],
+        custom_attribute(SIZE, Sdf.ValueTypeNames.Int2): [],
     }
     for view in views:
         lens = view.lens

@@ -104,8 +104,8 @@ def field(name: str, residuals: CameraResiduals) -> Markup:
     """Arrows from the middle of cells of the image, all magnified alike; the factor is stated below."""
     width, height = residuals.size
     rows = max(1, round(COLUMNS * height / width))
-    column = np.clip((residuals.seen[:, 0] / width * COLUMNS).astype(int), 0, COLUMNS - 1)
-    row = np.clip((residuals.seen[:, 1] / height * rows).astype(int), 0, rows - 1)
+    column = np.clip((residuals.observed[:, 0] / width * COLUMNS).astype(int), 0, COLUMNS - 1)
+    row = np.clip((residuals.observed[:, 1] / height * rows).astype(int), 0, rows - 1)
     cell, cells = row * COLUMNS + column, COLUMNS * rows
     count = np.bincount(cell, minlength=cells)
     filled = np.flatnonzero(count >= FEWEST)
@@ -131,7 +131,7 @@ def field(name: str, residuals: CameraResiduals) -> Markup:
         parts.append(_arrow(x, y, float(dx), float(dy), "" if sure else " faint"))
     parts.append(
         f"</svg><figcaption><b>{escape(name)}</b> · rms {number(residuals.rms)} px from "
-        f"{len(residuals.seen):,} observations · arrows × {factor:,.0f}</figcaption></figure>"
+        f"{len(residuals.observed):,} observations · arrows × {factor:,.0f}</figcaption></figure>"
     )
     return Markup("".join(parts))
 

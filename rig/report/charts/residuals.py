@@ -15,11 +15,11 @@ MOST_OBSERVATIONS = 200_000
 
 @dataclass(frozen=True, eq=False)
 class CameraResiduals:
-    """One camera's. size: width and height of its pictures, px; seen, miss: float64 [N, 2], px, where points
-    were seen, and seen less projected."""
+    """One camera's. size: width and height of its pictures, px; observed, miss: float64 [N, 2], px, where
+    points were observed, and observed less projected."""
 
     size: tuple[int, int]
-    seen: Array
+    observed: Array
     miss: Array
 
     @property

@@ -39,8 +39,8 @@ class Follower:
         self.viewer, self.session, self.clock = viewer, session, clock
         self._training: Path | None = None
         self._finished_before: object = None
-        self._seen: object = None
-        self._seen_at = 0.0
+        self._shown_stamp: object = None
+        self._shown_at = 0.0
         self._opened: Path | None = None
         self._painter: Painter | None = None
         self._last: Snapshot | None = None
@@ -69,20 +69,20 @@ class Follower:
             self._say(str(error))
 
     def _begin(self, training: Path) -> None:
-        self._training, self._opened, self._seen, self._last = training, None, None, None
+        self._training, self._opened, self._shown_stamp, self._last = training, None, None, None
         self._finished_before = _stamp(_final(training) / MODEL) if training != _final(training) else None
-        self._seen_at = self.clock()
+        self._shown_at = self.clock()
         self._say(f"**{_name(training)}** is being trained: waiting for its first picture.")
 
     def _follow(self, training: Path) -> None:
         """Show a new snapshot, if there is one, and ask for the next."""
         stamp = _stamp(training / SNAPSHOT)
-        if stamp is not None and stamp != self._seen:
+        if stamp is not None and stamp != self._shown_stamp:
             self._last = read_snapshot(training)
-            self._seen, self._seen_at = stamp, self.clock()
+            self._shown_stamp, self._shown_at = stamp, self.clock()
             self._show(self._last.scene)
             self._say(_progress(training, self._last))
-        elif self.clock() - self._seen_at > LONG:
+        elif self.clock() - self._shown_at > LONG:
             said = "" if self._last is None else _progress(training, self._last) + "\n\n"
             self._say(said + f"No news for {LONG:.0f} s: the training is busy, or paused.")
         ask(training)

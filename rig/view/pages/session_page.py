@@ -40,7 +40,7 @@ class SessionPage:
     ) -> None:
         self.client, self.photographs, self.rig = client, photographs, rig
         self.frame: Frame | None = None
-        self.seen: dict[ViewId, Photograph] = {}
+        self.read: dict[ViewId, Photograph] = {}
         self._scale = 1.0
         self._wake, self._closed = threading.Event(), threading.Event()
         gui = client.gui
@@ -99,7 +99,7 @@ class SessionPage:
         for done, view in enumerate(self.photographs.groups):
             if self._closed.is_set():
                 return
-            self.seen[view] = self.photographs.read(view)
+            self.read[view] = self.photographs.read(view)
             notice.body = f"{done + 1} of {count}"
             if done in (0, 3) or done % 8 == 7:
                 self._send()
@@ -113,7 +113,7 @@ class SessionPage:
             self._send()
 
     def _send(self) -> None:
-        lights = [one.light for one in self.seen.values() if one.light is not None]
+        lights = [one.light for one in self.read.values() if one.light is not None]
         self._tell()
         if not lights or self._closed.is_set():
             return
@@ -124,7 +124,7 @@ class SessionPage:
             self._show_rig()
         else:
             self._hide_rig()
-            self._show_sheet([one for one in self.seen.values() if one.light is not None])
+            self._show_sheet([one for one in self.read.values() if one.light is not None])
         self._state.content = State(self.look, show=self.show.value).element
         self.client.flush()
 
@@ -149,7 +149,7 @@ class SessionPage:
             scene.add_point_cloud("/rig/points", rig.points, rig.colours, point_size=0.008)
             stand(self.client, rig.start())
         for view, placed in rig.poses.items():
-            photograph = self.seen.get(view)
+            photograph = self.read.get(view)
             lens, light = rig.lenses[view.camera], None if photograph is None else photograph.light
             wxyz, position = pose_of(placed)
             frustum = scene.add_camera_frustum(
@@ -181,7 +181,7 @@ class SessionPage:
     def _list(self) -> str:
         count = len(self.photographs)
         state = "not calibrated" if self.photographs.calibration is None else "calibrated"
-        return "  \n".join([f"{count} views, {state}", *in_words(self.seen.values())])
+        return "  \n".join([f"{count} views, {state}", *in_words(self.read.values())])
 
 
 def show_session(viewer: Viewer, folder: Path) -> None:

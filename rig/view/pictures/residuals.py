@@ -73,7 +73,7 @@ def residuals_of(scene: Scene) -> Residuals | None:
         for view in dataset.views:
             light, trusted = radiance_image(view)
             ours, theirs = scene.render(view.name) @ LUMINANCE, light @ LUMINANCE
-            known = trusted & view.seen & (ours > 0) & (theirs > 0)
+            known = trusted & view.valid & (ours > 0) & (theirs > 0)
             pairs.append((np.log2(ours[known]), np.log2(theirs[known])))
     except (RigError, KeyError):
         return None

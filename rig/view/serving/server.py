@@ -79,7 +79,7 @@ class Viewer:
         self._states: dict[int, State] = {}
         self._make: MakePage | None = None
         self._before = self.look
-        self._told = ""
+        self._training_state = ""
         self._changing = threading.Lock()
         self._waiting: dict[int, viser.NotificationHandle] = {}
         with guarded(self.access), _silent():
@@ -123,7 +123,7 @@ class Viewer:
     def tell(self, text: str) -> None:
         """Show the state of a training in every page, in Markdown."""
         with self._changing:
-            self._told = text
+            self._training_state = text
             for page in self.pages.values():
                 page.tell(text)
 
@@ -170,7 +170,7 @@ class Viewer:
         if start is not None:
             stand(client, start)
         page = self.pages[client.client_id] = self._make(client, look, client.client_id in self._narrow)
-        page.tell(self._told)
+        page.tell(self._training_state)
         if state is not None:
             page.restore(state)
 

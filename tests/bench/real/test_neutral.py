@@ -64,7 +64,7 @@ def test_figures_are_of_what_is_seen_and_forgive_one_gain_a_channel():
     true = rng.uniform(0.1, 0.9, (24, 32, 3))
     visible = np.ones((24, 32), bool)
     visible[:8] = False
-    view = SimpleNamespace(seen=visible)
+    view = SimpleNamespace(valid=visible)
     shown = true * [0.9, 1.0, 1.05]
     shown[:8] = 0.0
     figures = measured([view], [true], lambda _: shown)

@@ -28,7 +28,9 @@ def test_every_observation_of_a_model_with_holes() -> None:
         dict(zip(zip(table.image, table.feature, strict=True), table.numbers[table.point], strict=True))
         == expected
     )
-    for image, feature, point, place in zip(table.image, table.feature, table.point, table.seen, strict=True):
+    for image, feature, point, place in zip(
+        table.image, table.feature, table.point, table.observed, strict=True
+    ):
         assert (place == np.ravel(model.image(int(image)).point2D(int(feature)).xy)).all()
         assert (table.world[point] == model.points3D[int(table.numbers[point])].xyz).all()
     model.update_point_3d_errors()

@@ -16,7 +16,7 @@ from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 NOISE = 0.3
-OWN = Free("RADIAL", principal_point=True)
+RADIAL = Free("RADIAL", principal_point=True)
 
 
 def made(seed: int, points: int = 200, spare: int = 0) -> Any:
@@ -126,8 +126,8 @@ def ratios(seed: int) -> np.ndarray:
     truth = made(seed)
     model = noisy(truth, seed)
     for _ in range(3):
-        adjust(model, OWN, NOISE, 1)
-    stated = uncertainty.standard_errors(model, OWN, NOISE, unreported)
+        adjust(model, RADIAL, NOISE, 1)
+    stated = uncertainty.standard_errors(model, RADIAL, NOISE, unreported)
     assert stated is not None
     true = uncertainty._poses(truth)
     drawn = []
@@ -155,14 +155,14 @@ def test_true_poses_lie_within_what_is_stated() -> None:
 @pytest.fixture(scope="module")
 def model() -> Any:
     adjusted = noisy(made(3), 3)
-    adjust(adjusted, OWN, NOISE, 1)
+    adjust(adjusted, RADIAL, NOISE, 1)
     return adjusted
 
 
 def test_the_same_points_twice_are_no_surer() -> None:
     single = noisy(made(3, spare=200), 3)
-    adjust(single, OWN, NOISE, 1)
-    once = uncertainty.standard_errors(single, OWN, NOISE, unreported)
+    adjust(single, RADIAL, NOISE, 1)
+    once = uncertainty.standard_errors(single, RADIAL, NOISE, unreported)
     double = pycolmap.Reconstruction(single)
     spare = {
         number: [place for place, point in enumerate(image.points2D) if not point.has_point3D()]
@@ -175,7 +175,7 @@ def test_the_same_points_twice_are_no_surer() -> None:
             image.point2D(place).xy = np.ravel(image.point2D(element.point2D_idx).xy)
             track.add_element(element.image_id, place)
         double.add_point3D(single.points3D[number].xyz, track)
-    twice = uncertainty.standard_errors(double, OWN, NOISE, unreported)
+    twice = uncertainty.standard_errors(double, RADIAL, NOISE, unreported)
     assert once is not None
     assert twice is not None
     for key, error in once.rotation.items():

@@ -41,7 +41,7 @@ class Stage:
         inside = (local[:, 2] > 0) & (points > 5).all(1) & (points < (WIDTH - 5, HEIGHT - 5)).all(1)
         return np.where(inside[:, None], points, np.nan)
 
-    def seen(self, frames: int, noise: float = 0.06, wrong: float = 0.0) -> dict[ViewId, Corners]:
+    def detected(self, frames: int, noise: float = 0.06, wrong: float = 0.0) -> dict[ViewId, Corners]:
         """Corners with noise, px a coordinate, a share of them wrong by several pixels."""
         rng = np.random.default_rng(self.rig.seed)
         corners: dict[ViewId, Corners] = {}

@@ -25,7 +25,7 @@ def two(corners_of: dict[ViewId, Corners]) -> dict[ViewId, Corners]:
 def test_a_fisheye_is_taken_and_known_to_a_fraction_of_a_pixel() -> None:
     """120 degrees across the diagonal; corners good to 0.06 px, one in a hundred wrong."""
     stage = stage_of(3, lens="fisheye")
-    detected = two(stage.seen(16, wrong=0.01))
+    detected = two(stage.detected(16, wrong=0.01))
     group = solve_group(stage.board, detected, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)), unreported)
     assert group.solved is not None
     assert group.doubt is not None
@@ -55,7 +55,7 @@ def test_a_wide_lens_with_radial_terms_stays_what_it_is(stage: Stage) -> None:
     )  # fmt: skip
     wide = stage_of(3)
     wide.rig.mounts = mounts
-    detected = two(wide.seen(12))
+    detected = two(wide.detected(12))
     start = first_guess(wide.board, detected, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
     inliers, solved = rig.drop_outliers(wide.board, detected, start, ladder.RICHEST)
     free, rungs = ladder.climb(wide.board, inliers, solved, unreported)

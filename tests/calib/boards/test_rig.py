@@ -32,7 +32,7 @@ def errors_of(stage: Stage, mounted: dict[str, Array]) -> tuple[list[float], lis
 
 def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
     """25 partial views of 4 cameras, corners good to 0.06 px, one in a hundred wrong."""
-    group = solve_group(stage.board, stage.seen(25, wrong=0.01), stage.sizes, unreported)
+    group = solve_group(stage.board, stage.detected(25, wrong=0.01), stage.sizes, unreported)
     assert group.solved is not None
     assert group.doubt is not None
     turns, shifts = errors_of(stage, group.solved.cam_from_rig)
@@ -61,7 +61,7 @@ def test_the_true_rig_lies_within_what_is_stated() -> None:
     inside, stated = [], []
     for seed in range(40, 44):
         stage = stage_of(seed)
-        group = solve_group(stage.board, stage.seen(14, wrong=0.005), stage.sizes, unreported)
+        group = solve_group(stage.board, stage.detected(14, wrong=0.005), stage.sizes, unreported)
         assert group.solved is not None
         assert group.doubt is not None
         turns, shifts = errors_of(stage, group.solved.cam_from_rig)
@@ -76,7 +76,7 @@ def test_the_true_rig_lies_within_what_is_stated() -> None:
 
 
 def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
-    detected = stage.seen(12)
+    detected = stage.detected(12)
     spoiled = {
         key: Corners(corners.ids, corners.points + (3.0 * (corners.ids[:, None] == corners.ids[0])))
         for key, corners in detected.items()
@@ -94,7 +94,7 @@ def test_cameras_that_share_no_view_are_named(stage: Stage, monkeypatch: pytest.
     monkeypatch.setattr(uncertainty, "DRAWS", 2)  # how sure it is is not looked at
     detected = {
         view: corners
-        for view, corners in stage.seen(20).items()
+        for view, corners in stage.detected(20).items()
         if (view.camera in ("cam0", "cam1")) == (view.frame % 2 == 0)
     }
     group = solve_group(stage.board, detected, stage.sizes, unreported)
@@ -107,7 +107,7 @@ def test_cameras_that_share_no_view_are_named(stage: Stage, monkeypatch: pytest.
 
 
 def test_too_few_views_say_what_to_shoot(stage: Stage) -> None:
-    few = stage.seen(2)
+    few = stage.detected(2)
     with pytest.raises(CalibrationError, match=r"in 3 frames or more.*about 25 frames"):
         first_guess(stage.board, few, stage.sizes)
 
@@ -148,7 +148,7 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
             corners.ids,
             middle + (corners.points - middle) * (1.01 if view.camera == "cam2" and view.frame % 2 else 1.0),
         )
-        for view, corners in stage.seen(16).items()
+        for view, corners in stage.detected(16).items()
     }
     group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert group.doubt is not None
@@ -159,7 +159,7 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
 
 def test_the_same_corners_give_the_same_rig(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 6)
-    detected = stage.seen(8)
+    detected = stage.detected(8)
     one, other = (solve_group(stage.board, detected, stage.sizes, unreported) for _ in range(2))
     assert one.solved is not None
     assert other.solved is not None
@@ -193,7 +193,7 @@ def test_corners_with_large_errors_still_give_a_calibration(
     monkeypatch.setattr(uncertainty, "DRAWS", 8)
     middle = np.array((WIDTH / 2, HEIGHT / 2))
     detected = {}
-    for key, corners in stage.seen(7, noise=1.5).items():
+    for key, corners in stage.detected(7, noise=1.5).items():
         near = np.linalg.norm(corners.points - middle, axis=1) < 0.3 * WIDTH
         if near.sum() >= 6:
             detected[key] = Corners(corners.ids[near], corners.points[near])
@@ -207,7 +207,7 @@ def test_corners_with_large_errors_still_give_a_calibration(
 
 def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 6)
-    detected = stage.seen(7)
+    detected = stage.detected(7)
     group = solve_group(stage.board, detected, stage.sizes, unreported)
     assert group.solved is not None
     calls = []

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.colour.chart import Found, Missed, best, judge, locate, measure_patches
+from calib.colour.chart import DetectedChart, Missed, best, judge, locate, measure_patches
 from calib.colour.fit import ChartPatches, ColourModel, held_out, of_camera
 from calib.colour.reference import chart
 from imaging.cfa import Cfa, cell_means
@@ -17,15 +17,15 @@ from imaging.merge.linear_frame import from_raw
 from .charts import painted, photograph, square_on, world
 
 WIDTH, HEIGHT = 720, 480
-OWN = world("nikon", "D65")
+NIKON = world("nikon", "D65")
 
 
 def view(corners: np.ndarray, exposure: float = 0.8, **how) -> Merged:
-    light = painted(OWN.camera, OWN.white, corners, WIDTH, HEIGHT)
+    light = painted(NIKON.camera, NIKON.white, corners, WIDTH, HEIGHT)
     return merge_bracket([from_raw(photograph(light, exposure / light.max(), **how), 1.0)])
 
 
-def found_in(merged: Merged) -> Found | Missed:
+def found_in(merged: Merged) -> DetectedChart | Missed:
     assert merged.cfa is not None
     return best(merged, [2 * outlines for outlines in locate(cell_means(merged.radiance, merged.cfa))])
 
@@ -43,12 +43,12 @@ def test_patches_measure_what_was_painted(
     share: float, turn: float, tilt: float, exposure: float, cfa: Cfa
 ) -> None:
     located = found_in(view(square_on(WIDTH, HEIGHT, share, turn, tilt), exposure, cfa=cfa))
-    assert isinstance(located, Found)
+    assert isinstance(located, DetectedChart)
     patches = located.patches
     assert patches.usable.sum() >= 22
-    ratio = (patches.rgb / OWN.camera)[patches.usable]
+    ratio = (patches.rgb / NIKON.camera)[patches.usable]
     scale = np.median(ratio)
-    sigma = (patches.sigma / OWN.camera)[patches.usable] / scale
+    sigma = (patches.sigma / NIKON.camera)[patches.usable] / scale
     assert np.all(np.abs(ratio / scale - 1) < 0.005 + 5 * sigma)
     assert np.abs(patches.place).max() == pytest.approx(1.0)
 
@@ -59,21 +59,21 @@ def test_vignetting_that_is_known_is_divided_out() -> None:
     (outlines, *_) = (2 * one for one in locate(cell_means(merged.radiance, merged.cfa)))
     bare, flat = measure_patches(merged, outlines), measure_patches(merged, outlines, (-0.4, 0.0, 0.0))
     both = bare.usable & flat.usable
-    spread = [np.ptp(np.log((one.rgb / OWN.camera)[both][:, 1])) for one in (bare, flat)]
+    spread = [np.ptp(np.log((one.rgb / NIKON.camera)[both][:, 1])) for one in (bare, flat)]
     assert spread[0] > 0.1
     assert spread[1] < 0.03
 
 
 def test_clipped_and_shaded_patches_are_left_out() -> None:
     corners = square_on(WIDTH, HEIGHT, 0.5)
-    light = painted(OWN.camera, OWN.white, corners, WIDTH, HEIGHT)
+    light = painted(NIKON.camera, NIKON.white, corners, WIDTH, HEIGHT)
     # The edge of a shadow runs through the middle of the fourth column.
     light[:, 389:] *= 0.5
     located = found_in(merge_bracket([from_raw(photograph(light, 1.25 / light.max()), 1.0)]))
-    assert isinstance(located, Found)
+    assert isinstance(located, DetectedChart)
     assert not located.patches.usable[[3, 9, 15, 21]].any()
     bright = found_in(view(corners, 1.3))
-    assert isinstance(bright, Found)
+    assert isinstance(bright, DetectedChart)
     assert not bright.patches.usable[18]
     assert bright.patches.usable[[0, 21, 22]].all()
 
@@ -88,10 +88,10 @@ def test_a_wall_is_no_chart() -> None:
 def test_a_chart_in_a_mirror_is_measured_and_one_of_other_colours_refused() -> None:
     corners = square_on(WIDTH, HEIGHT, 0.5)
     located = found_in(view(corners[[1, 0, 3, 2]]))
-    assert isinstance(located, Found)
-    ratio = (located.patches.rgb / OWN.camera)[located.patches.usable]
+    assert isinstance(located, DetectedChart)
+    ratio = (located.patches.rgb / NIKON.camera)[located.patches.usable]
     assert np.ptp(np.log(ratio)) < 0.05
-    other = painted(OWN.camera[[*range(17, -1, -1), *range(18, 24)]], OWN.white, corners, WIDTH, HEIGHT)
+    other = painted(NIKON.camera[[*range(17, -1, -1), *range(18, 24)]], NIKON.white, corners, WIDTH, HEIGHT)
     verdict = found_in(merge_bracket([from_raw(photograph(other, 0.8 / other.max()), 1.0)]))
     assert isinstance(verdict, Missed)
 
@@ -101,7 +101,7 @@ def test_a_real_chart_is_found_and_fitted(real: Path) -> None:
     raw = read_raw(real / "raw" / "colorchart.dng")
     assert raw.camera_from_xyz is not None
     located = found_in(merge_bracket([from_raw(raw, 1.0)]))
-    assert isinstance(located, Found)
+    assert isinstance(located, DetectedChart)
     centre = located.outlines.mean(axis=(0, 1))
     assert centre == pytest.approx((983, 777), abs=30)
     assert located.patches.usable.sum() >= 20
@@ -113,7 +113,7 @@ def test_a_real_chart_is_found_and_fitted(real: Path) -> None:
     assert chosen < stated - 1.0
 
 
-def judged(rgb: np.ndarray, usable: np.ndarray | None = None) -> Found | Missed:
+def judged(rgb: np.ndarray, usable: np.ndarray | None = None) -> DetectedChart | Missed:
     everywhere = np.ones(24, bool) if usable is None else usable
     row, column = np.divmod(np.arange(24), 6)
     place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
@@ -121,7 +121,7 @@ def judged(rgb: np.ndarray, usable: np.ndarray | None = None) -> Found | Missed:
 
 
 def test_what_a_find_is_believed_by() -> None:
-    assert isinstance(judged(chart()), Found)
+    assert isinstance(judged(chart()), DetectedChart)
     few = np.zeros(24, bool)
     few[13:] = True
     verdict = judged(chart(), few)

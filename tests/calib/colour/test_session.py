@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from calib.colour.chart import Found
+from calib.colour.chart import DetectedChart
 from calib.colour.fit import ChartPatches
 from calib.colour.measure import Charts, colours
 from calib.colour.recorded import charts_of, rebalanced
@@ -194,13 +194,13 @@ def test_no_chart_and_no_use_of_one_are_refused(charted: Path, tmp_path: Path) -
         calibrate(photos, only="colour", chart=True, on_progress=unreported)
 
 
-def found_of(camera: np.ndarray, seed: int) -> Found:
+def found_of(camera: np.ndarray, seed: int) -> DetectedChart:
     """Patches of a chart, a per cent of noise on each."""
     random = np.random.default_rng(seed)
     rgb = chart() @ camera.T * random.lognormal(0, 0.01, (24, 3))
     row, column = np.divmod(np.arange(24), 6)
     place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
-    return Found(ChartPatches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
+    return DetectedChart(ChartPatches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
 
 
 def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:

@@ -52,7 +52,7 @@ def walk(count: int = FRAMES) -> tuple[np.ndarray, np.ndarray]:
     return turns, places
 
 
-def seen(pose: np.ndarray, seed: int) -> Features:
+def features_of(pose: np.ndarray, seed: int) -> Features:
     rng = np.random.default_rng(seed)
     x, y, z = (WORLD @ pose[:3, :3].T + pose[:3, 3]).T
     u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
@@ -66,8 +66,8 @@ def seen(pose: np.ndarray, seed: int) -> Features:
 def pictures(poses: list[np.ndarray]) -> dict[ViewId, Features]:
     features = {}
     for frame, pose in enumerate(poses):
-        features[ViewId(frame, "front")] = seen(pose, 2 * frame)
-        features[ViewId(frame, "back")] = seen(BACK_FROM_FRONT @ pose, 2 * frame + 1)
+        features[ViewId(frame, "front")] = features_of(pose, 2 * frame)
+        features[ViewId(frame, "back")] = features_of(BACK_FROM_FRONT @ pose, 2 * frame + 1)
     return features
 
 
@@ -86,7 +86,7 @@ def off(model: SceneModel) -> float:
     return float(np.degrees(Rotation.from_matrix(back @ front.T @ BACK_FROM_FRONT[:3, :3].T).magnitude()))
 
 
-def told(model: SceneModel) -> Rung:
+def motion_rung(model: SceneModel) -> Rung:
     (rung,) = (rung for rung in model.rungs if rung.name == MOTION)
     return rung
 
@@ -94,8 +94,8 @@ def told(model: SceneModel) -> Rung:
 def test_motion_ties_cameras_that_see_nothing_in_common(model: SceneModel) -> None:
     assert len(model.poses) == 2 * FRAMES
     assert model.rigged
-    assert told(model).taken
-    assert "sees; how" in told(model).reason
+    assert motion_rung(model).taken
+    assert "sees; how" in motion_rung(model).reason
     assert len(model.by_motion) == 1
     assert model.reprojection_px < 0.3
     assert off(model) < 0.1
@@ -143,8 +143,8 @@ def test_motion_that_tells_nothing_leaves_a_camera_without_poses(
     turns, places = walk(6)
     model = placed(motion(turns * np.array(still), places), [RIG])
     assert len({view.camera for view in model.poses}) == 1
-    assert not told(model).taken
-    assert cause in told(model).reason
+    assert not motion_rung(model).taken
+    assert cause in motion_rung(model).reason
     assert not model.by_motion
     assert len(model.poses) == 6
 
@@ -154,10 +154,10 @@ def test_a_camera_that_moves_on_its_own_is_not_tied() -> None:
     loose = [np.array(pose) @ np.eye(4) for pose in motion(turns[::-1] * 0.8, places[::-1])]
     features = {}
     for frame, (pose, other) in enumerate(zip(motion(turns, places), loose, strict=True)):
-        features[ViewId(frame, "front")] = seen(pose, 2 * frame)
-        features[ViewId(frame, "back")] = seen(BACK_FROM_FRONT @ other, 2 * frame + 1)
+        features[ViewId(frame, "front")] = features_of(pose, 2 * frame)
+        features[ViewId(frame, "back")] = features_of(BACK_FROM_FRONT @ other, 2 * frame + 1)
     model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
-    assert "did not move as one" in told(model).reason
+    assert "did not move as one" in motion_rung(model).reason
     assert len(model.poses) == 6
 
 

@@ -24,7 +24,7 @@ from imaging.session.view_id import ViewId
 from recon.data.load import load
 from recon.measure.truth import calibration_errors
 
-from .test_sfm import GUESS, arc, seen
+from .test_sfm import GUESS, arc, features_of
 
 LOST = ViewId(2, "right")
 RIGS = {"left": "rig", "right": "rig"}
@@ -40,7 +40,9 @@ def shifted(name: str) -> np.ndarray:
 def model() -> SceneModel:
     """Two cameras on an arc, one of which sees nothing at one frame."""
     features = {
-        ViewId(frame, name): seen(rotation, translation + shifted(name), seed=2 * frame + (name == "left"))
+        ViewId(frame, name): features_of(
+            rotation, translation + shifted(name), seed=2 * frame + (name == "left")
+        )
         for frame, (rotation, translation) in enumerate(arc(5))
         for name in RIGS
     }

@@ -26,7 +26,7 @@ def turned(degrees):
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
 
 
-def seen(rotation, translation, noise=0.2, seed=0, k1=0.0, scene=POINTS):
+def features_of(rotation, translation, noise=0.2, seed=0, k1=0.0, scene=POINTS):
     """Features of the points in a camera; descriptors with a little noise, in an order of their own."""
     rng = np.random.default_rng(seed)
     x, y, z = (scene @ rotation.T + translation).T
@@ -44,7 +44,7 @@ def arc(count, offset=(0.0, 0.0, 0.0)):
 
 
 def test_matching_finds_the_same_points():
-    first, second = seen(*arc(2)[0], seed=1), seen(*arc(2)[1], seed=2)
+    first, second = features_of(*arc(2)[0], seed=1), features_of(*arc(2)[1], seed=2)
     pairs = match(first.descriptors, second.descriptors)
     assert len(pairs) > 400
     ours, theirs = first.descriptors[pairs[:, 0]].astype(float), second.descriptors[pairs[:, 1]].astype(float)
@@ -56,7 +56,7 @@ def test_a_rig_on_an_arc_is_placed():
     features, truth = {}, {}
     for frame, (rotation, translation) in enumerate(arc(5)):
         for name, shift in (("left", (0.15, 0, 0)), ("right", (-0.15, 0, 0))):
-            features[ViewId(frame, name)] = seen(rotation, translation + shift, seed=frame)
+            features[ViewId(frame, name)] = features_of(rotation, translation + shift, seed=frame)
             truth[ViewId(frame, name)] = (rotation, translation + shift)
     model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, unreported)
     assert model.rigged
@@ -93,7 +93,7 @@ def test_cameras_that_never_see_the_same_at_once_are_one_rig():
     for frame, place in enumerate(places):
         for name, angle in (("left", 35.0), ("right", -35.0)):
             rotation = turned(angle)
-            features[ViewId(frame, name)] = seen(
+            features[ViewId(frame, name)] = features_of(
                 rotation,
                 -rotation @ np.array([place, 0.02 * frame**2, 0.1 * np.sin(frame)]),
                 seed=frame,
@@ -114,7 +114,7 @@ def test_cameras_that_never_see_the_same_at_once_are_one_rig():
 @pytest.mark.parametrize(("k1", "views"), [(0.0, 5), (-0.12, 5), (0.0, 12), (-0.06, 12)])
 def test_a_lens_is_bent_only_where_it_is(k1, views):
     """Five views tell of -0.06 by 0.6 to 3 standard errors only, as chance has it."""
-    features = {ViewId(i, "cam"): seen(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
+    features = {ViewId(i, "cam"): features_of(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
     model = solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"})
     (rung,) = [rung for rung in model.rungs if rung.name == "lens_radial_1"]
     assert rung.taken == (k1 != 0)
@@ -123,7 +123,7 @@ def test_a_lens_is_bent_only_where_it_is(k1, views):
 
 
 def test_two_views_are_enough():
-    features = {ViewId(i, "cam"): seen(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
+    features = {ViewId(i, "cam"): features_of(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
     assert len(solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"}).poses) == 2
 
 
@@ -148,18 +148,21 @@ def test_a_turn_is_told_from_a_flat_scene():
 @pytest.mark.parametrize(
     ("features", "cause"),
     [
-        ({ViewId(0, "cam"): seen(*arc(1)[0])}, "Only one view"),
+        ({ViewId(0, "cam"): features_of(*arc(1)[0])}, "Only one view"),
         (
             {ViewId(i, "cam"): Features(np.empty((0, 2)), np.empty((0, 128), np.uint8)) for i in range(4)},
             "without texture",
         ),
         (
-            {ViewId(0, "cam"): seen(*arc(1)[0]), ViewId(1, "cam"): Features(
-                seen(*arc(1)[0]).points, np.roll(seen(*arc(1)[0]).descriptors, 64, axis=1))},
+            {ViewId(0, "cam"): features_of(*arc(1)[0]), ViewId(1, "cam"): Features(
+                features_of(*arc(1)[0]).points, np.roll(features_of(*arc(1)[0]).descriptors, 64, axis=1))},
             "share enough",
         ),
         (
-            {ViewId(i, "cam"): seen(turned(4 * i), turned(4 * i) @ (0, 0, 4.0), seed=i) for i in range(5)},
+            {
+                ViewId(i, "cam"): features_of(turned(4 * i), turned(4 * i) @ (0, 0, 4.0), seed=i)
+                for i in range(5)
+            },
             "turned on the spot",
         ),
     ],

@@ -15,7 +15,7 @@ from .conftest import MODEL, Shoot, dark_stack
 TRUE = {"gain": 0.4, "read_noise": 3.0, "prnu": 0.008, "dsnu": 0.5, "dark_current": 0.5}
 
 
-def told(calibration: SensorCalibration, name: str) -> Measured:
+def determined(calibration: SensorCalibration, name: str) -> Measured:
     value = getattr(calibration, name)
     assert isinstance(value, Measured), f"{name} is not determined"
     return value
@@ -27,16 +27,16 @@ def test_every_value_is_close_and_as_close_as_it_says(shoot: Shoot, nominal: Nom
         measured, _ = emva.measure_emva(frames, nominal, 100.0)
         assert measured.iso == 100.0
         for name, allowed in (("gain", 0.01), ("read_noise", 0.02), ("prnu", 0.1), ("dark_current", 0.02)):
-            value = told(measured, name)
+            value = determined(measured, name)
             assert value.value == pytest.approx(TRUE[name], rel=allowed), name
             assert 0 < value.sigma < allowed * TRUE[name], name
             assert abs(value.value - TRUE[name]) < 4 * value.sigma, name
-        assert abs(told(measured, "dsnu").value - 0.5) < 4 * told(measured, "dsnu").sigma
+        assert abs(determined(measured, "dsnu").value - 0.5) < 4 * determined(measured, "dsnu").sigma
         assert measured.black is not None
         for level, true in zip(chain(*measured.black), chain(*MODEL.black), strict=True):
             assert abs(level.value - true) < min(0.1, 4 * level.sigma)
-        assert told(measured, "ceiling").value == 4095
-        assert told(measured, "full_well").value == pytest.approx((4095 - 256.2) / 0.4, rel=0.01)
+        assert determined(measured, "ceiling").value == 4095
+        assert determined(measured, "full_well").value == pytest.approx((4095 - 256.2) / 0.4, rel=0.01)
         assert measured.linear
         assert measured.row_noise is None
         light, variance = np.array(measured.transfer).T
@@ -51,20 +51,20 @@ def test_white_may_end_before_the_nominal_one(shoot: Shoot, nominal: Nominal) ->
     ):
         _, frames = shoot(model)
         measured, _ = emva.measure_emva(frames, nominal, 100.0)
-        ceiling = told(measured, "ceiling")
+        ceiling = determined(measured, "ceiling")
         assert ceiling.value == pytest.approx(end, abs=1.0)
         white = measured.levels().white
         assert white is not None
         # A converter ends sharply; a full well is read with noise, and what scatters below counts as full.
         assert white == end if model.ceiling else end - 12 < white < end
-        assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
+        assert determined(measured, "gain").value == pytest.approx(0.4, rel=0.01)
 
 
 def test_rows_that_shake_are_told_apart_from_photosites(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(replace(MODEL, row_noise=1.0))
     measured, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(measured, "row_noise").value == pytest.approx(1.0, rel=0.08)
-    assert told(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
+    assert determined(measured, "row_noise").value == pytest.approx(1.0, rel=0.08)
+    assert determined(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
     noise = measured.noise()
     assert noise is not None
     assert noise.read_noise == pytest.approx(np.sqrt(10.0), rel=0.02)
@@ -75,8 +75,8 @@ def test_a_sensor_that_counts_coarsely(shoot: Shoot, nominal: Nominal) -> None:
     model = replace(MODEL, gain=0.1, read_noise=2.0, full_well=38_000.0)
     _, frames = shoot(model)
     measured, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(measured, "read_noise").value == pytest.approx(2.0, rel=0.02)
-    assert told(measured, "gain").value == pytest.approx(0.1, rel=0.015)
+    assert determined(measured, "read_noise").value == pytest.approx(2.0, rel=0.02)
+    assert determined(measured, "gain").value == pytest.approx(0.1, rel=0.015)
     assert measured.black is not None
     for level, true in zip(chain(*measured.black), chain(*model.black), strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
@@ -93,7 +93,7 @@ def test_a_black_level_that_noise_reaches_below(shoot: Shoot) -> None:
     assert measured.black is not None
     for level, true in zip(chain(*measured.black), chain(*model.black), strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
-    assert told(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
+    assert determined(measured, "read_noise").value == pytest.approx(3.0, rel=0.02)
 
 
 def test_all_defects_and_no_others(shoot: Shoot, nominal: Nominal) -> None:
@@ -116,9 +116,9 @@ def test_a_bent_response_is_recognised_and_straightened(shoot: Shoot, nominal: N
     _, frames = shoot(replace(MODEL, nonlinearity=0.02))
     measured, _ = emva.measure_emva(frames, nominal, 100.0)
     assert measured.linear is False
-    bend = told(measured, "nonlinearity")
+    bend = determined(measured, "nonlinearity")
     assert abs(bend.value - 0.02) < 4 * bend.sigma < 0.01
-    assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
+    assert determined(measured, "gain").value == pytest.approx(0.4, rel=0.01)
 
 
 def test_the_fall_of_light(shoot: Shoot, nominal: Nominal) -> None:
@@ -141,12 +141,12 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
     assert measured.black is not None
     assert measured.defects
     assert (measured.prnu, measured.ceiling, measured.linear) == (None, None, None)
-    rough = told(measured, "gain")
+    rough = determined(measured, "gain")
     assert abs(rough.value - 0.4) < 4 * rough.sigma, "the dark current has photon noise too"
     assert rough.source == "darks"
     gain = Measured(value=0.4, sigma=0.004, source="brackets")
     known, _ = emva.measure_emva(alone, nominal, None, gain)
-    read = told(known, "read_noise")
+    read = determined(known, "read_noise")
     assert read.value == pytest.approx(3.0, rel=0.02)
     assert read.sigma == pytest.approx(0.03, rel=0.2), "the gain's error is the read noise's"
 
@@ -154,7 +154,7 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
 def test_flats_alone_tell_the_gain(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(darks=False)
     measured, _ = emva.measure_emva(frames, nominal, 100.0)
-    assert told(measured, "gain").value == pytest.approx(0.4, rel=0.01)
+    assert determined(measured, "gain").value == pytest.approx(0.4, rel=0.01)
     assert measured.black is None
     assert measured.dark_current is None
 
@@ -174,8 +174,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None
         assert measured.black is not None
         for value, true in (
             (measured.black[0][0], MODEL.black[0][0]),
-            (told(measured, "read_noise"), 3.0),
-            (told(measured, "dark_current"), 0.5),
+            (determined(measured, "read_noise"), 3.0),
+            (determined(measured, "dark_current"), 0.5),
         ):
             inside.append(abs(value.value - true) <= 1.96 * value.sigma)
     assert 0.90 <= np.mean(inside) <= 0.99

@@ -11,7 +11,7 @@ from imaging.files.photo import read_metadata
 from imaging.mosaic import FrameMetadata
 
 
-def told(width, height, **tags):
+def stated(width, height, **tags):
     focal = focal_length(FrameMetadata(**tags), width, height)
     assert focal is not None
     return focal
@@ -19,7 +19,7 @@ def told(width, height, **tags):
 
 def test_an_equivalent_refers_to_the_diagonal():
     """An iPhone 7 of 28 mm equivalent has 3.99 mm on a pitch of 1.22 um."""
-    focal = told(4032, 3024, focal_length_35mm=28.0)
+    focal = stated(4032, 3024, focal_length_35mm=28.0)
     assert focal.px == pytest.approx(3.99 / 1.22e-3, rel=0.01)
     assert 0.02 < focal.spread < 0.04
 
@@ -27,25 +27,25 @@ def test_an_equivalent_refers_to_the_diagonal():
 @pytest.mark.parametrize(("width", "height"), [(4000, 2250), (2250, 4000)])
 def test_a_wide_picture_may_be_cut_from_a_taller_sensor(width, height):
     """A DJI FC300S of 20 mm equivalent has 3.6 mm on 6.17 mm of 4000 pixels, of which 16:9 is a part."""
-    focal = told(width, height, focal_length_35mm=20.0)
+    focal = stated(width, height, focal_length_35mm=20.0)
     true = 3.6 / 6.17 * 4000
     assert abs(focal.px / true - 1) < 2 * focal.spread
-    assert focal.spread > told(4000, 3000, focal_length_35mm=20.0).spread
+    assert focal.spread > stated(4000, 3000, focal_length_35mm=20.0).spread
 
 
 def test_millimetres_count_where_the_file_or_a_table_tells_the_sensor():
-    assert told(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0).px == pytest.approx(50 / 36 * 6000)
+    assert stated(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0).px == pytest.approx(50 / 36 * 6000)
     assert sensor_width("DJI", "FC300S") == pytest.approx(6.17, rel=0.01)
-    named = told(4000, 3000, focal_length_mm=3.61, make="DJI", model="FC300S")
+    named = stated(4000, 3000, focal_length_mm=3.61, make="DJI", model="FC300S")
     assert named.px == pytest.approx(3.61 / 6.17 * 4000, rel=0.01)
     assert focal_length(FrameMetadata(focal_length_mm=3.6, make="No", model="Body"), 100, 100) is None
     assert sensor_width("", "") is None
 
 
 def test_two_tellings_are_one_between_them_and_no_surer():
-    both = told(4000, 2250, focal_length_35mm=20.0, focal_length_mm=3.6, make="DJI", model="FC300S")
-    one = told(4000, 2250, focal_length_35mm=20.0)
-    other = told(4000, 2250, focal_length_mm=3.6, make="DJI", model="FC300S")
+    both = stated(4000, 2250, focal_length_35mm=20.0, focal_length_mm=3.6, make="DJI", model="FC300S")
+    one = stated(4000, 2250, focal_length_35mm=20.0)
+    other = stated(4000, 2250, focal_length_mm=3.6, make="DJI", model="FC300S")
     assert one.px < both.px < other.px
     assert both.spread == min(one.spread, other.spread)
     assert "20 mm equivalent" in both.words
@@ -55,21 +55,21 @@ def test_two_tellings_are_one_between_them_and_no_surer():
 
 def test_what_contradicts_itself_is_spread_wide():
     """A table that has another sensor of the same name would be off by half."""
-    focal = told(6000, 4000, focal_length_35mm=75.0, focal_length_mm=50.0, sensor_mm=36.0)
-    plain = told(6000, 4000, focal_length_35mm=75.0)
+    focal = stated(6000, 4000, focal_length_35mm=75.0, focal_length_mm=50.0, sensor_mm=36.0)
+    plain = stated(6000, 4000, focal_length_35mm=75.0)
     assert focal.px == plain.px
     assert focal.spread > math.log(1.5) / 2
 
 
 def test_digital_zoom_lengthens_millimetres_and_widens_the_equivalent():
     """Some cameras count it in their equivalent, and some do not."""
-    zoomed = told(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0, digital_zoom=2.0)
+    zoomed = stated(6000, 4000, focal_length_mm=50.0, sensor_mm=36.0, digital_zoom=2.0)
     assert zoomed.px == pytest.approx(100 / 36 * 6000)
-    with_it = told(6000, 4000, focal_length_35mm=50.0, digital_zoom=2.0)
+    with_it = stated(6000, 4000, focal_length_35mm=50.0, digital_zoom=2.0)
     for true in (50.0, 100.0):
         assert abs(math.log(with_it.px / (true / 36 * 6000))) < 1.2 * with_it.spread
-    once = told(6000, 4000, focal_length_35mm=50.0, digital_zoom=1.0)
-    assert once.px == told(6000, 4000, focal_length_35mm=50.0).px
+    once = stated(6000, 4000, focal_length_35mm=50.0, digital_zoom=1.0)
+    assert once.px == stated(6000, 4000, focal_length_35mm=50.0).px
 
 
 def test_nothing_is_told_by_nothing():
@@ -90,7 +90,7 @@ def test_the_sensor_is_what_the_resolution_in_the_focal_plane_says(tmp_path, uni
     metadata = read_metadata(path)
     assert metadata.sensor_mm == pytest.approx(22.2, rel=1e-3)
     assert metadata.digital_zoom == 1.5
-    px = told(96, 64, focal_length_mm=50.0, sensor_mm=metadata.sensor_mm).px
+    px = stated(96, 64, focal_length_mm=50.0, sensor_mm=metadata.sensor_mm).px
     assert px == pytest.approx(50 / 22.2 * 96, rel=1e-3)
     tags[41486] = tags[41487] = IFDRational(0, 1)
     Image.new("RGB", (96, 64)).save(path, exif=exif)

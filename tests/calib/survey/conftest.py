@@ -73,14 +73,14 @@ def stake(session: Path, count: int, seed: int = 0) -> Staked:
         if any(np.linalg.norm(place - other) < 0.15 for other in places.values()):
             continue
         visible = {
-            other: at for other in poses if (at := _seen(scene, lenses, poses, other, place)) is not None
+            other: at for other in poses if (at := _place_in(scene, lenses, poses, other, place)) is not None
         }
         if len(visible) >= 4:
             places[f"P{len(places)}"], pixels[f"P{len(pixels)}"] = place, visible
     return Staked(places, pixels)
 
 
-def _seen(
+def _place_in(
     scene: Any, lenses: dict[str, Lens], poses: dict[ViewId, Array], view: ViewId, place: Array
 ) -> Array | None:
     """Place in a view, px; None if hidden or outside."""

@@ -13,7 +13,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 
-def told(path: Path, text: str | bytes) -> str:
+def message(path: Path, text: str | bytes) -> str:
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError) as error:
         read_survey(path)
@@ -86,7 +86,7 @@ def test_latitudes_become_metres(tmp_path: Path) -> None:
     ],
 )
 def test_a_damaged_table_is_one_sentence(tmp_path: Path, text: str | bytes, words: str) -> None:
-    assert words in told(tmp_path / "points.csv", text)
+    assert words in message(tmp_path / "points.csv", text)
 
 
 def test_no_file_is_one_sentence(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_cameras_that_see_different_light_share_the_exposures():
     assert len(plan_bracket([dim, dim], listed(), BracketGoals()).exposures) == 1
 
 
-def told(plan: BracketPlan) -> dict[str, float]:
+def shortfalls(plan: BracketPlan) -> dict[str, float]:
     return {shortfall.part: shortfall.stops for shortfall in plan.shortfalls}
 
 
@@ -173,8 +173,8 @@ def test_the_slowest_shutter_costs_the_dark_end_and_its_stops_are_said():
         plan = plan_bracket([target], listed(wanted=wanted), wanted)
         assert max(e.time for e in plan.exposures) <= wanted.slowest * 1.001
         # The free plan had up to a third of a stop to spare.
-        assert stops - 0.34 < told(plan)["dark"] <= stops
-        assert set(told(plan)) == {"dark"}
+        assert stops - 0.34 < shortfalls(plan)["dark"] <= stops
+        assert set(shortfalls(plan)) == {"dark"}
 
 
 def test_a_total_time_is_kept_with_the_least_loss():
@@ -185,7 +185,7 @@ def test_a_total_time_is_kept_with_the_least_loss():
     wanted = BracketGoals(total=free.total / 10)
     plan = plan_bracket([target], exposures, wanted)
     assert plan.total <= wanted.total
-    assert told(plan)["dark"] == pytest.approx(math.log2(10), abs=0.7)
+    assert shortfalls(plan)["dark"] == pytest.approx(math.log2(10), abs=0.7)
     with pytest.raises(CaptureError, match="no bracket fits into 1e-05 s"):
         plan_bracket([target], exposures, BracketGoals(total=1e-5))
 
@@ -224,14 +224,14 @@ def test_light_beyond_the_list_is_said():
     plan = plan_bracket([target], listed(), BracketGoals())
     assert plan.exposures == (fastest,)
     over = math.log2(target.bright * 2**SLACK / SENSORS[0].brightest(fastest))
-    assert told(plan) == {"bright": pytest.approx(over)}
+    assert shortfalls(plan) == {"bright": pytest.approx(over)}
     assert "clips by" in str(plan.shortfalls[0])
 
 
 def test_a_hole_in_the_list_is_said():
     plan = plan_bracket([scene(SENSORS[0], 14.0, dark=0.05)], listed(times=(2.0**-8, 2.0**4)), BracketGoals())
     assert len(plan.exposures) == 2
-    assert told(plan)["middle"] == pytest.approx(12.0 - stops_of(SENSORS[0], 20.0))
+    assert shortfalls(plan)["middle"] == pytest.approx(12.0 - stops_of(SENSORS[0], 20.0))
 
 
 def test_many_small_gaps_are_told_in_one_sentence():
@@ -249,7 +249,7 @@ def test_a_camera_with_one_exposure_time_has_one_exposure_and_hears_what_it_miss
     assert plan_bracket([inside], lone, BracketGoals()) == BracketPlan(lone, ())
     wide = plan_bracket([Target("cam0", "G", SENSORS[0], middle / 2**9, middle * 4)], lone, BracketGoals())
     assert wide.exposures == lone
-    assert told(wide) == {
+    assert shortfalls(wide) == {
         "dark": pytest.approx(9 - SLACK - stops_of(SENSORS[0], 20.0), abs=1e-6),
         "bright": pytest.approx(2 + SLACK),
     }

@@ -13,14 +13,14 @@ from .brackets import blurred, photo, scene, seen_raw, shifted
 LONG, SHORT = Exposure(time=1 / 4), Exposure(time=1 / 32)
 
 
-def seen(light, exposure=LONG, seed=0, kind="raw") -> ReducedPicture:
+def picture(light, exposure=LONG, seed=0, kind="raw") -> ReducedPicture:
     if kind == "raw":
         return seen_raw(light, exposure, seed)
     return reduced.of_photo(photo(light, exposure, seed).astype(np.float32) / 255)
 
 
 def sharpness(light, exposure=LONG, kind="raw") -> float | None:
-    return focus.sharpness(focus.detail(seen(light, exposure, kind=kind)))
+    return focus.sharpness(focus.detail(picture(light, exposure, kind=kind)))
 
 
 @pytest.mark.parametrize("kind", ["raw", "ldr"])
@@ -48,7 +48,7 @@ def test_a_wall_and_a_clipped_picture_say_nothing_of_focus():
 def test_one_blurred_exposure_is_told_from_the_rest_of_its_bracket():
     exposures = [Exposure(time=time) for time in (1 / 2, 1 / 4, 1 / 8)]
     details = [
-        focus.detail(seen(blurred(scene(2), 2.0) if index == 1 else scene(2), one, index))
+        focus.detail(picture(blurred(scene(2), 2.0) if index == 1 else scene(2), one, index))
         for index, one in enumerate(exposures)
     ]
     ratios = [focus.against(one, [o for o in details if o is not one]) for one in details]
@@ -60,7 +60,7 @@ def test_one_blurred_exposure_is_told_from_the_rest_of_its_bracket():
 @pytest.mark.parametrize("shift", [(1, 0), (0, -1), (3, 2), (-9, 6)])
 def test_a_shift_is_measured(kind, shift):
     light = scene(3)
-    measured = motion.compare(seen(light, LONG, 0, kind), seen(shifted(light, *shift), SHORT, 1, kind))
+    measured = motion.compare(picture(light, LONG, 0, kind), picture(shifted(light, *shift), SHORT, 1, kind))
     assert measured.shift == pytest.approx(shift, abs=0.1)
     assert measured.length > 5 * measured.error
 
@@ -69,7 +69,7 @@ def test_a_shift_is_measured(kind, shift):
 @pytest.mark.parametrize("seed", range(5))
 def test_what_stands_still_does_not_move(kind, seed):
     light = scene(seed)
-    measured = motion.compare(seen(light, LONG, 0, kind), seen(light, SHORT, 1, kind))
+    measured = motion.compare(picture(light, LONG, 0, kind), picture(light, SHORT, 1, kind))
     assert measured.length < 0.1
     assert measured.moved == 0.0
 
@@ -82,18 +82,18 @@ def test_an_object_of_two_percent_that_moved_is_found(kind):
     first, second = still.copy(), still.copy()
     first[40 : 40 + high, 30 : 30 + wide] = 1.2
     second[40 : 40 + high, 150 : 150 + wide] = 1.2
-    measured = motion.compare(seen(first, LONG, 0, kind), seen(second, SHORT, 1, kind))
+    measured = motion.compare(picture(first, LONG, 0, kind), picture(second, SHORT, 1, kind))
     assert 0.01 < measured.moved < 0.08
     assert measured.length < 0.1
 
 
 def test_pictures_of_two_scenes_have_moved_almost_everywhere():
-    measured = motion.compare(seen(scene(5)), seen(scene(6), SHORT))
+    measured = motion.compare(picture(scene(5)), picture(scene(6), SHORT))
     assert measured is None or measured.moved > 0.3
 
 
 def test_exposures_that_share_nothing_are_not_compared():
-    assert motion.compare(seen(scene(0), Exposure(time=1000.0)), seen(scene(0))) is None
-    assert motion.compare(seen(scene(0)), seen(scene(0), Exposure(time=1e-5))) is None
-    assert motion.compare(seen(scene(0)), seen(scene(0, 80, 120))) is None
-    assert motion.compare(seen(scene(0, 16, 16)), seen(scene(0, 16, 16))) is None
+    assert motion.compare(picture(scene(0), Exposure(time=1000.0)), picture(scene(0))) is None
+    assert motion.compare(picture(scene(0)), picture(scene(0), Exposure(time=1e-5))) is None
+    assert motion.compare(picture(scene(0)), picture(scene(0, 80, 120))) is None
+    assert motion.compare(picture(scene(0, 16, 16)), picture(scene(0, 16, 16))) is None

@@ -76,7 +76,7 @@ def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
     done = repair(folder)
     assert done.dropped == ("raw/0000/a_1.dng",)
     assert done.added == ("raw/0002/a_2.dng", "raw/0002/b_2.jpg")
-    assert done.left == ()
+    assert done.unrepaired == ()
     assert (folder / done.backup).read_bytes() == changed
     by_file = {record["file"]: record for record in lines(rig.session)}
     for file in done.added:
@@ -156,9 +156,9 @@ def test_repair_takes_no_torn_foreign_or_unplanned_file_and_deletes_none(rig):
     before = tree(folder)
     done = repair(folder)
     assert (done.dropped, done.added, done.backup) == ((), (), None)
-    assert len(done.left) == 7
+    assert len(done.unrepaired) == 7
     assert all(
-        any(name in sentence for sentence in done.left)
+        any(name in sentence for sentence in done.unrepaired)
         for name in [*strays, "raw/0000/a_0.dng"]
         if "c_0" not in name
     )

@@ -176,7 +176,7 @@ def test_a_repair_finds_the_mask_of_a_shot_again(session):
     assert (shot.file, shot.mask, shot.mask_sha256) == (masked["file"], masked["mask"], masked["mask_sha256"])
     write(session, [record for record in records if record is not masked])
     (session.folder / masked["mask"]).write_bytes(b"nothing")
-    (reason,) = repair(session.folder).left
+    (reason,) = repair(session.folder).unrepaired
     assert "is not a JPEG, PNG or TIFF file" in reason
 
 

@@ -129,7 +129,7 @@ def test_a_second_run_is_a_plan_of_its_own_and_resume_completes_the_last(full: P
     for line in lines[-3:]:
         (out / json.loads(line)["file"]).unlink()
     again = capture_simulated("toy", out, kind="dark", resume=True)
-    assert (again.kept, again.taken) == (5, 3)
+    assert (again.earlier, again.taken) == (5, 3)
     assert {path: path.read_bytes() for path in out.rglob("*.dng")} == whole
     with pytest.raises(InputError, match="was planned with 2 frames, not 16"):
         capture_simulated("toy", out, kind="dark", frames=16, resume=True)

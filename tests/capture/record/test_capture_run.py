@@ -9,7 +9,7 @@ from imaging.errors import PartialError
 
 
 def said(*missing: str) -> str:
-    result = CaptureResult(Path("S"), planned=100, taken=0, kept=0, missing=missing)
+    result = CaptureResult(Path("S"), planned=100, taken=0, earlier=0, missing=missing)
     with pytest.raises(PartialError) as caught:
         result.require_complete()
     return str(caught.value)
@@ -38,4 +38,4 @@ def test_many_causes_are_counted() -> None:
 
 
 def test_nothing_is_said_of_none() -> None:
-    CaptureResult(Path("S"), planned=1, taken=1, kept=0).require_complete()
+    CaptureResult(Path("S"), planned=1, taken=1, earlier=0).require_complete()

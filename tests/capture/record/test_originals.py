@@ -66,7 +66,7 @@ def test_what_became_of_the_jpegs_is_told_and_repaired(captured: Path, tmp_path:
             del line["developed"], line["developed_sha256"]
     index.write_text("".join(f"{json.dumps(line)}\n" for line in lines[:-1]))
     report = repair(folder)
-    assert report.left == ()
+    assert report.unrepaired == ()
     assert len(report.added) == 1
     shots = Session.open(folder).shots()
     assert len(shots) == 6

@@ -208,11 +208,11 @@ def test_what_a_frame_lacks_is_resumed_one_by_one(tmp_path: Path, asked: list[bo
     index.write_bytes(b"".join(lines[:6]))
     asked.clear()
     capture.shoot()
-    assert (capture.result.taken, capture.result.kept) == (2, 6)
+    assert (capture.result.taken, capture.result.earlier) == (2, 6)
     assert asked == []
     index.write_bytes(b"".join(lines[:4]))
     capture.shoot()
-    assert (capture.result.taken, capture.result.kept) == (4, 4)
+    assert (capture.result.taken, capture.result.earlier) == (4, 4)
     assert asked == [True]
 
 
@@ -234,7 +234,7 @@ def test_a_disk_that_fills_up_within_a_bracket_ends_it_and_another_run_completes
     assert all("the disk is full" in why for why in capture.result.missing)
     monkeypatch.setattr(store, "write_pieces", usual)
     capture.shoot()
-    assert (capture.result.taken, capture.result.kept) == (3, 5)
+    assert (capture.result.taken, capture.result.earlier) == (3, 5)
     assert asked[0]
     assert len(asked) == 2
 

@@ -30,7 +30,8 @@ def test_every_shot_is_there_with_hash_exposures_size_and_skew(fake_rig):
     rig = fake_rig()
     finished = []
     result = run(rig, progress=lambda message, done, total: finished.append((message, done, total)))
-    assert (result.planned, result.taken, result.kept, result.missing, result.problems) == (18, 18, 0, (), ())
+    assert (result.planned, result.taken, result.earlier) == (18, 18, 0)
+    assert (result.missing, result.problems) == ((), ())
     result.require_complete()
     shots = rig.session.shots()
     assert [(s.camera, s.frame, s.step) for s in shots] == [
@@ -79,7 +80,7 @@ def test_a_finished_capture_is_not_touched_again(fake_rig):
     before, index = raw_files(rig.session), (rig.session.folder / "shots.jsonl").read_bytes()
     rig.log.clear()
     result = run(rig)
-    assert (result.taken, result.kept) == (0, 18)
+    assert (result.taken, result.earlier) == (0, 18)
     assert rig.log == []
     assert raw_files(rig.session) == before
     assert (rig.session.folder / "shots.jsonl").read_bytes() == index
@@ -105,7 +106,7 @@ def test_resume_takes_exactly_what_is_missing_and_ends_with_the_same_bytes(fake_
         (rig.session.folder / ".shots.jsonl.part").write_bytes(b"half")
     rig.log.clear()
     result = run(rig)
-    assert (result.taken, result.kept) == (1, 17)
+    assert (result.taken, result.earlier) == (1, 17)
     assert {serial for _, serial in rig.log} == {"serial-b"}
     assert raw_files(rig.session) == raw_files(whole.session)
     assert not list(rig.session.folder.rglob("*.part"))

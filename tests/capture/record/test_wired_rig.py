@@ -135,7 +135,7 @@ def test_resume_completes_a_listener_and_leaves_the_leader_s_files_alone(wired) 
     before = (rig.session.folder / "raw/0000/cam1_1.dng").stat()
     again = wired()
     result = again.shoot()
-    assert (result.kept, result.taken, result.missing) == (8, 1, ())
+    assert (result.earlier, result.taken, result.missing) == (8, 1, ())
     assert again.files() == whole
     assert (rig.session.folder / "raw/0000/cam1_1.dng").stat() == before
     assert index.read_bytes().startswith(earlier)

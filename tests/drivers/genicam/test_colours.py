@@ -29,7 +29,7 @@ def by_entry(name: str, selector: str, kind: str = "Integer", more: str = "") ->
     )
 
 
-def told(inside: str, values: tuple[int, ...], name: str, selector: str) -> Mapping[str, float]:
+def entries(inside: str, values: tuple[int, ...], name: str, selector: str) -> Mapping[str, float]:
     """Read back each entry after the registers were evened out."""
     memory = Bytes()
     for index, value in enumerate(values):
@@ -45,7 +45,7 @@ def told(inside: str, values: tuple[int, ...], name: str, selector: str) -> Mapp
 
 def refused(inside: str, values: tuple[int, ...] = ()) -> str:
     with pytest.raises(CameraRefused, match=r"^cam0 changes every frame by its white balance") as caught:
-        told(inside, values, "", "")
+        entries(inside, values, "", "")
     return str(caught.value)
 
 
@@ -53,14 +53,14 @@ def refused(inside: str, values: tuple[int, ...] = ()) -> str:
 def test_a_factor_becomes_1(name: str) -> None:
     """Red is at 1.6, blue at 1.3."""
     inside = choice("BalanceRatioSelector", 0, *RGB) + by_entry(name, "BalanceRatioSelector", "Float")
-    assert told(inside, (1600, 1000, 1300), name, "BalanceRatioSelector") == dict.fromkeys(RGB, 1.0)
+    assert entries(inside, (1600, 1000, 1300), name, "BalanceRatioSelector") == dict.fromkeys(RGB, 1.0)
 
 
 @pytest.mark.parametrize("name", ["BalanceRatio", "BalanceRatioRaw"])
 @pytest.mark.parametrize("neutral", [64, 1024])
 def test_whole_numbers_become_those_of_green(name: str, neutral: int) -> None:
     inside = choice("BalanceRatioSelector", 0, *RGB) + by_entry(name, "BalanceRatioSelector")
-    values = told(inside, (2 * neutral, neutral, 3 * neutral), name, "BalanceRatioSelector")
+    values = entries(inside, (2 * neutral, neutral, 3 * neutral), name, "BalanceRatioSelector")
     assert values == dict.fromkeys(RGB, neutral)
 
 
@@ -72,7 +72,7 @@ def test_a_factor_is_set_rather_than_a_whole_number_of_the_same_register() -> No
         + '<Converter Name="BalanceRatioAbs"><FormulaTo>FROM * 64</FormulaTo><FormulaFrom>TO / 64.0'
         "</FormulaFrom><pValue>BalanceRatioRaw</pValue></Converter>"
     )
-    values = told(inside, (100, 83), "BalanceRatioRaw", "BalanceRatioSelector")
+    values = entries(inside, (100, 83), "BalanceRatioRaw", "BalanceRatioSelector")
     assert values == {"Red": 64, "Blue": 64}
 
 
@@ -80,7 +80,7 @@ def test_a_percentage_becomes_100() -> None:
     inside = choice("BalanceRatioSelector", 0, "Red", "Blue") + by_entry(
         "BalanceRatio", "BalanceRatioSelector", more="<Unit>%</Unit>"
     )
-    values = told(inside, (160, 130), "BalanceRatio", "BalanceRatioSelector")
+    values = entries(inside, (160, 130), "BalanceRatio", "BalanceRatioSelector")
     assert values == {"Red": 100, "Blue": 100}
 
 
@@ -112,7 +112,7 @@ def test_gains_by_colour_become_alike_and_the_selector_stays() -> None:
     names = ("All", "DigitalRed", "DigitalGreen", "DigitalBlue")
     for unit, goal in (("<Unit>dB</Unit>", 0.0), ("", 2.0)):
         inside = choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float", unit)
-        values = told(inside, (3000, 4500, 2000, 6000), "Gain", "GainSelector")
+        values = entries(inside, (3000, 4500, 2000, 6000), "Gain", "GainSelector")
         assert values == {"All": 3.0, **dict.fromkeys(names[1:], goal)}
     nodes = node_map(choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float"))
     even_out(nodes, "cam0")
@@ -122,7 +122,7 @@ def test_gains_by_colour_become_alike_and_the_selector_stays() -> None:
 def test_two_greens_and_their_neighbours_are_colours_of_their_own() -> None:
     names = ("Red", "GreenRed", "GreenBlue", "Blue")
     inside = choice("GainSelector", 0, *names) + by_entry("Gain", "GainSelector", "Float")
-    values = told(inside, (1600, 1200, 1100, 1900), "Gain", "GainSelector")
+    values = entries(inside, (1600, 1200, 1100, 1900), "Gain", "GainSelector")
     assert values == dict.fromkeys(names, 1.2)
 
 

@@ -63,13 +63,13 @@ def judged(packets: list[Packet], file: Path) -> tuple[list[str], list[str]]:
         pytest.skip("Wireshark (tshark) is not installed")
     capture(packets, file)
 
-    def told(*words: str) -> list[str]:
+    def dissected(*words: str) -> list[str]:
         command = [tshark, "-r", str(file), "-d", f"udp.port=={STREAM},gvsp", *words]
         return subprocess.run(
             command, capture_output=True, text=True, check=True, timeout=60
         ).stdout.splitlines()
 
-    return told("-T", "fields", "-e", "_ws.col.Protocol"), told("-Y", "_ws.malformed")
+    return dissected("-T", "fields", "-e", "_ws.col.Protocol"), dissected("-Y", "_ws.malformed")
 
 
 @pytest.mark.parametrize(

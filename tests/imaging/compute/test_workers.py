@@ -124,7 +124,7 @@ def test_a_process_of_its_own_keeps_to_its_share() -> None:
 
 def test_a_process_that_is_the_tasks_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_MEMORY", "1")
-    assert apart(Share(room=4321, own=True), os.getpid) == os.getpid()
+    assert apart(Share(room=4321, serves=True), os.getpid) == os.getpid()
     assert os.environ["RIG_MEMORY"] == "4321"
 
 

@@ -26,10 +26,10 @@ def mask(path: Path, number: int) -> np.ndarray:
     return counts
 
 
-def seen(dataset: Dataset) -> dict[str, np.ndarray]:
+def masks_of(dataset: Dataset) -> dict[str, np.ndarray]:
     """Mask of each view, by the name of its photograph."""
     source = {shot.file: shot.source for shot in Session.open(dataset.session).shots()}
-    return {Path(str(source[view.shots[0].file])).name: view.seen for view in dataset.views}
+    return {Path(str(source[view.shots[0].file])).name: view.valid for view in dataset.views}
 
 
 @pytest.mark.parametrize("brought", ["transforms", "folder"])
@@ -55,7 +55,7 @@ def test_masks_of_exr_of_nerfstudio(brought: str, tmp_path: Path) -> None:
     top = {"w": WIDTH, "h": HEIGHT, "fl_x": 40.0, "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(top))
     import_photos(folder, tmp_path / "S", masks=None if brought == "transforms" else tmp_path / "masks")
-    masks = seen(load(tmp_path / "S"))
+    masks = masks_of(load(tmp_path / "S"))
     assert masks.keys() == expected.keys()
     for name, counts in expected.items():
         np.testing.assert_array_equal(masks[name], counts)
@@ -82,7 +82,7 @@ def test_masks_beside_a_colmap_project(tmp_path: Path) -> None:
         if number:
             expected[path.name] = mask(folder / "masks" / f"{image.name}.png", number)
     import_photos(folder, tmp_path / "S")
-    masks = seen(load(tmp_path / "S"))
+    masks = masks_of(load(tmp_path / "S"))
     assert len(masks) == len(expected) == 4
     for name, counts in expected.items():
         np.testing.assert_array_equal(masks[name], counts)

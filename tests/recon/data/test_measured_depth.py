@@ -29,7 +29,7 @@ def exact(toy, tmp_path_factory) -> Path:
 def test_views_have_the_depth_that_was_measured_and_its_holes(exact):
     dataset = load(exact)
     for view in dataset.views[:2]:
-        depth, truth = view.depth.seen(view) * unit(dataset), true_depth(dataset, view)
+        depth, truth = view.depth.read(view) * unit(dataset), true_depth(dataset, view)
         known = depth > 0
         assert 0.85 < known.mean() < 0.95
         np.testing.assert_allclose(0.25 * depth[known], truth[known], atol=0.26e-3)
@@ -38,7 +38,7 @@ def test_views_have_the_depth_that_was_measured_and_its_holes(exact):
 def test_maps_are_read_at_any_width(exact):
     small = load(exact, max_width=32)
     view = small.train[0]
-    depth, truth = view.depth.seen(view) * unit(small), true_depth(small, view)
+    depth, truth = view.depth.read(view) * unit(small), true_depth(small, view)
     known = depth > 0
     assert depth.shape == (24, 32)
     assert np.median(np.abs(0.25 * depth[known] / truth[known] - 1)) < 0.01
@@ -53,7 +53,7 @@ def test_scene_points_tell_the_unit_and_a_data_set_keeps_it(exact):
     scaled = dataset.with_depths(fitted.scale)
     for one in (scaled, again(scaled, 32, lambda message, done, total: None)):
         view = one.train[0]
-        depth, truth = view.depth.seen(view), true_depth(one, view) / unit(one)
+        depth, truth = view.depth.read(view), true_depth(one, view) / unit(one)
         assert np.median(np.abs(depth[depth > 0] / truth[depth > 0] - 1)) < 0.01
     assert scaled.with_depths(None).train[0].depth is None
 
@@ -90,17 +90,17 @@ def test_maps_that_say_nothing_tell_no_scale(exact, tmp_path):
 
 def test_masks_and_alpha_hide_depth_and_a_missing_map_is_named(exact, tmp_path):
     view = load(exact).train[0]
-    known = view.depth.seen(view) > 0
+    known = view.depth.read(view) > 0
     valid = np.ones(view.shots[0].shape, bool)
     valid[:10] = False
     masked = replace(view, shots=tuple(shot.showing(valid=valid) for shot in view.shots))
-    np.testing.assert_array_equal(view.depth.seen(masked) > 0, known & (np.arange(48) >= 10)[:, None])
+    np.testing.assert_array_equal(view.depth.read(masked) > 0, known & (np.arange(48) >= 10)[:, None])
     alpha = np.ones((48, 64), np.float32)
     alpha[:, 20:] = 0.2
     cut = replace(view, shots=tuple(shot.showing(alpha=alpha) for shot in view.shots))
-    np.testing.assert_array_equal(view.depth.seen(cut) > 0, known & (np.arange(64) < 20))
+    np.testing.assert_array_equal(view.depth.read(cut) > 0, known & (np.arange(64) < 20))
     with pytest.raises(InputError, match=r"gone\.png cannot be read .* import again without depths"):
-        replace(view.depth, path=tmp_path / "gone.png").seen(view)
+        replace(view.depth, path=tmp_path / "gone.png").read(view)
 
 
 def test_between_a_near_and_a_far_surface_is_nothing(exact, tmp_path):
@@ -110,7 +110,7 @@ def test_between_a_near_and_a_far_surface_is_nothing(exact, tmp_path):
     coarse[:, 4:] = 3.0
     coarse[0, 0] = 0
     np.save(tmp_path / "a.npy", coarse)
-    depth = replace(view.depth, path=tmp_path / "a.npy", unit=2.0).seen(view)
+    depth = replace(view.depth, path=tmp_path / "a.npy", unit=2.0).read(view)
     x = (np.arange(64) + 0.5) / 8 - 0.5
     np.testing.assert_allclose(depth[24, 4:28], 2 * (1 + 0.02 * x[4:28]), rtol=1e-5)
     assert set(np.unique(depth[:, 32:])) == {6.0}

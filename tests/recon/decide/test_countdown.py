@@ -28,16 +28,16 @@ def counting(seconds: float, spent: float = 0.0, page: bool = True) -> tuple[Cou
 
 def test_what_went_by_before_the_work_counts() -> None:
     countdown, clock, _ = counting(60, spent=5)
-    assert countdown.left() == 55
+    assert countdown.remaining() == 55
     clock.now += 10
-    assert countdown.left() == 45
+    assert countdown.remaining() == 45
 
 
 def test_time_is_kept_for_files_and_page() -> None:
     countdown, _, said = counting(60)
     countdown.plan(look=2.0, train=20, held_out=4)
     assert countdown.page
-    assert countdown.left() == pytest.approx(60 - SAVING * 2 - PAGE * 2 * 4 / 20)
+    assert countdown.remaining() == pytest.approx(60 - SAVING * 2 - PAGE * 2 * 4 / 20)
     assert said == []
 
 
@@ -45,7 +45,7 @@ def test_a_page_that_takes_too_much_is_left_out_and_said() -> None:
     countdown, _, said = counting(20, spent=8)
     countdown.plan(look=2.0, train=20, held_out=4)
     assert not countdown.page
-    assert countdown.left() == pytest.approx(12 - SAVING * 2)
+    assert countdown.remaining() == pytest.approx(12 - SAVING * 2)
     assert said == ["20 s leave no room for evaluation and page: `rig evaluate` makes them."]
 
 

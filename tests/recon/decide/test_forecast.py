@@ -18,7 +18,7 @@ from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 
 ROOM = 64 << 30
-OWN = ARENA * thread_count() + KERNELS + LOOKS
+OF_PROCESS = ARENA * thread_count() + KERNELS + LOOKS
 """Bytes that a process has beside what it has already, images and Gaussians."""
 
 
@@ -27,11 +27,11 @@ def needs(monkeypatch: pytest.MonkeyPatch) -> list[Need]:
     """Every need that is worked out."""
     asked: list[Need] = []
 
-    def kept(*views, **how):
+    def recorded(*views, **how):
         asked.append(need(*views, **how))
         return asked[-1]
 
-    monkeypatch.setattr(module, "need", kept)
+    monkeypatch.setattr(module, "need", recorded)
     return asked
 
 
@@ -72,7 +72,7 @@ def test_images_that_leave_no_room_are_counted_as_on_the_disk(toy_dataset: Datas
 
 
 def test_what_fits_no_machine_is_refused_with_what_would(toy: Path) -> None:
-    room = memory.resident() + OWN + (60 << 20)
+    room = memory.resident() + OF_PROCESS + (60 << 20)
     with pytest.raises(InputError, match="give --set gaussians=") as raised:
         of(toy, room, gaussians=100_000)
     assert str(toy) in str(raised.value)

@@ -15,10 +15,10 @@ from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
 @pytest.fixture(scope="module")
 def photographs(toy_ldr):
     """With a curve whose residual calibration told."""
-    return told(load(toy_ldr), 0.03)
+    return with_residual(load(toy_ldr), 0.03)
 
 
-def told(dataset, residual):
+def with_residual(dataset, residual):
     """The same session with another residual of its response; None: a guess."""
 
     def of(view):
@@ -48,7 +48,7 @@ def test_a_measured_curve_gets_the_nodes_that_hold_it(photographs):
 
 
 def test_a_curve_that_was_not_measured_keeps_every_node(photographs):
-    guess = told(photographs, None)
+    guess = with_residual(photographs, None)
     (rung,) = (one for one in rungs(guess, "hdr-gs") if one.name == "tone grid")
     assert rung.taken
     assert len(Curves.of(guess).nodes) == len(Grid().nodes())
@@ -73,7 +73,7 @@ def test_photographs_exposed_one_by_one_get_a_curve_where_they_tell_more_light_t
 
     views = tuple(view.model_copy(update={"exposure": 1.2}) for view in photographs.calibration.views)
     alone = replace(
-        told(photographs, None),
+        with_residual(photographs, None),
         train=tuple(single(view, number) for number, view in enumerate(photographs.train)),
         calibration=photographs.calibration.model_copy(update={"views": views}),
     )

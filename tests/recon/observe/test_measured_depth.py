@@ -32,7 +32,7 @@ def scene(dtype: torch.dtype, count: int = 12) -> Gaussians:
 
 
 def measured(depth: np.ndarray) -> SimpleNamespace:
-    stand_in = SimpleNamespace(seen=lambda view: depth.astype(np.float32))
+    stand_in = SimpleNamespace(read=lambda view: depth.astype(np.float32))
     return SimpleNamespace(name="0000/cam0", held=True, depth=stand_in)
 
 

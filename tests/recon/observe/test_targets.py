@@ -39,8 +39,8 @@ def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch
         assert planes.first.device == META
         assert (planes.second, planes.number) == (None, 2.0)
     assert made == ["a", "b"]
-    assert cache._kept["a"].first.device == META
-    assert torch.equal(cache._kept["b"].first, torch.ones(5, 5))
+    assert cache._cached["a"].first.device == META
+    assert torch.equal(cache._cached["b"].first, torch.ones(5, 5))
 
 
 def test_an_array_of_several_views_is_kept_once() -> None:

@@ -51,7 +51,7 @@ def test_light_comes_from_where_it_was_put_across_the_seam_and_at_the_poles() ->
 def test_a_camera_sees_far_points_and_the_environment_at_the_same_pixels(camera: SplatCamera) -> None:
     rows, columns = np.mgrid[1 : camera.height : 4, 1 : camera.width : 4].reshape(2, -1)
     far = environment()
-    picture = far.seen(camera).numpy()
+    picture = far.render(camera).numpy()
     centre = -POSE[:3, :3].T @ POSE[:3, 3]
     directions = np.random.default_rng(1).normal(size=(4000, 3))
     pixels, depth = project(camera, centre + 1e9 * directions)

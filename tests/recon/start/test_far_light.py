@@ -54,7 +54,7 @@ def test_the_light_of_every_direction_that_is_seen_is_found(toy_dataset: Dataset
     images = pictures(toy_dataset, wall=None)
     far = far_light(toy_dataset.train, images, lambda radiance: radiance / 4)
     for view, (rgb, _) in zip(toy_dataset.train, images, strict=True):
-        off = np.abs(np.log(4 * far.seen(view.lens).numpy() / rgb))
+        off = np.abs(np.log(4 * far.render(view.lens).numpy() / rgb))
         assert np.median(off) < 0.02
         assert np.percentile(off, 95) < 0.1  # corners that no other view sees have the light next to them
     assert np.isfinite(far.ln_light.numpy()).all()
@@ -178,7 +178,7 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     covered = tuple(
         replace(
             view,
-            shots=tuple(shot.showing(alpha=np.ones(view.seen.shape, np.float32)) for shot in view.shots),
+            shots=tuple(shot.showing(alpha=np.ones(view.valid.shape, np.float32)) for shot in view.shots),
         )
         for view in toy_dataset.train
     )

@@ -31,7 +31,7 @@ def test_its_points_lie_on_what_was_measured_and_nothing_is_swept(dataset, image
     assert [one.view for one in maps] == list(dataset.train)
     for one in maps:
         truth = true_depth(dataset, one.view) / dataset.world.unit
-        known = one.view.depth.seen(one.view) > 0
+        known = one.view.depth.read(one.view) > 0
         np.testing.assert_array_equal(one.trusted, known)
         assert np.isfinite(one.depth).all()
         assert np.percentile(np.abs(one.depth[known] / truth[known] - 1), 95) < 0.03

@@ -95,7 +95,7 @@ def test_what_is_masked_starts_nothing_and_moves_nothing(which, name, request):
             image = training.renderer()(training.gaussians, view.lens, degree=2).image
         image.requires_grad_(True)
         method.loss(*method.observation.compare(image, view, 0.5)).backward()
-        assert image.grad[~torch.from_numpy(view.seen)].abs().max() == 0
+        assert image.grad[~torch.from_numpy(view.valid)].abs().max() == 0
         assert image.grad.abs().max() > 0
 
 
@@ -124,7 +124,7 @@ def test_no_colour_comes_from_behind_a_mask(toy_dataset):
     dataset = painted(toy_dataset, masked=True)
     images = [radiance_image(view) for view in dataset.train]
     spoilt = [
-        (np.where(v.seen[..., None], rgb, 1e6), ok)
+        (np.where(v.valid[..., None], rgb, 1e6), ok)
         for v, (rgb, ok) in zip(dataset.train, images, strict=True)
     ]
     points = start_points(toy_dataset, images, 300, np.random.Generator(np.random.PCG64(0))).xyz

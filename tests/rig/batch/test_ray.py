@@ -59,7 +59,7 @@ def given(share: Share) -> tuple[Share, dict[str, float]]:
 def test_the_scheduler_is_given_the_forecast(cluster: RayWorkers) -> None:
     share, resources = cluster.submit(Task(300_000_000), given).result()
     assert (resources["CPU"], resources["memory"]) == (1, 300_000_000)
-    assert share == Share(cores=1, room=cluster.room, own=True)
+    assert share == Share(cores=1, room=cluster.room, serves=True)
 
 
 def killed(share: Share, lives: Path) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def _found(monkeypatch: pytest.MonkeyPatch) -> None:
+def _this_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Processes of the batch import this very code."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parents[3]), *sys.path]))
     monkeypatch.delenv("RAY_ADDRESS", raising=False)

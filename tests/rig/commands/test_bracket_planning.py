@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 
-def told(rig, *arguments: str) -> dict:
+def json_of(rig, *arguments: str) -> dict:
     code, out, err = rig(*arguments, "--json")
     assert (code, err) == (0, "")
     return json.loads(out)
@@ -15,9 +15,9 @@ def told(rig, *arguments: str) -> dict:
 def test_the_dry_run_of_an_automatic_bracket_is_what_is_then_shot(rig, tmp_path: Path) -> None:
     folder = tmp_path / "S"
     auto = ("capture", "--sim", "toy", str(folder), "--frames", "1", "--bracket", "auto", "--slowest", "1/8")
-    planned = told(rig, *auto, "--dry-run")
+    planned = json_of(rig, *auto, "--dry-run")
     assert not folder.exists()
-    taken = told(rig, *auto)
+    taken = json_of(rig, *auto)
     assert taken["taken"] == planned["shots"] == 2 * len(planned["bracket"])
     plan = json.loads((folder / "plans.jsonl").read_text())
     assert plan["bracket"] == [one["exposure"] for one in planned["exposures"]]
@@ -27,7 +27,7 @@ def test_the_dry_run_of_an_automatic_bracket_is_what_is_then_shot(rig, tmp_path:
 
 
 def test_every_exposure_has_its_worth_by_camera_and_for_the_rig(rig, tmp_path: Path) -> None:
-    value = told(rig, "capture", "--sim", "toy", str(tmp_path / "S"), "--dry-run", "--bracket", "auto")
+    value = json_of(rig, "capture", "--sim", "toy", str(tmp_path / "S"), "--dry-run", "--bracket", "auto")
     assert (value["not_reached"], value["metered"]["failed"]) == ([], {})
     assert len(value["metered"]["ranges"]) == 2 * 3
     rows = [one["worth"] for one in value["exposures"]]
@@ -45,7 +45,7 @@ def test_every_exposure_has_its_worth_by_camera_and_for_the_rig(rig, tmp_path: P
 def test_a_given_bracket_has_the_same_table(rig, tmp_path: Path) -> None:
     folder = str(tmp_path / "S")
     arguments = ("capture", "--sim", "toy", folder, "--frames", "1", "--dry-run", "--bracket", "-4,0")
-    value = told(rig, *arguments)
+    value = json_of(rig, *arguments)
     code, out, _ = rig(*arguments)
     assert code == 0
     for one in value["exposures"]:
@@ -64,11 +64,11 @@ def test_cameras_that_develop_their_photographs_are_planned_for_with_the_assumpt
 ) -> None:
     folder = tmp_path / "S"
     auto = ("capture", "--sim", "toy-ldr", str(folder), "--frames", "1", "--bracket", "auto", "--snr", "15")
-    value = told(rig, *auto, "--dry-run")
+    value = json_of(rig, *auto, "--dry-run")
     assert "of cam0, cam1 the codes 10 to 245 are taken as usable" in value["reason"]
     assert value["not_reached"] == []
     assert 2 <= len(value["bracket"]) <= 5
-    taken = told(rig, *auto)
+    taken = json_of(rig, *auto)
     assert taken["taken"] == value["shots"] == 2 * len(value["bracket"])
 
 

@@ -15,7 +15,7 @@ from rig.commands.usb_bus import UsbBus
 from rig.terminal.operator import TerminalOperator
 
 
-def told(rig, *arguments: str) -> dict:
+def json_of(rig, *arguments: str) -> dict:
     code, out, err = rig(*arguments, "--json")
     assert (code, err) == (0, "")
     return json.loads(out)
@@ -80,7 +80,7 @@ def file(rig, tmp_path: Path) -> Path:
 
 def test_a_rig_file_is_written_once(rig, tmp_path: Path) -> None:
     path = tmp_path / "new" / "RIG.toml"
-    assert told(rig, "init", str(path), "--sim", "toy")["cameras"] == ["SIM-RAW-001", "SIM-RAW-002"]
+    assert json_of(rig, "init", str(path), "--sim", "toy")["cameras"] == ["SIM-RAW-001", "SIM-RAW-002"]
     before = path.read_bytes()
     code, out, err = rig("init", str(path), "--sim", "demo")
     assert (code, out) == (2, "")
@@ -109,11 +109,11 @@ def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
 
 def test_a_rig_file_is_shot_with_and_the_command_line_goes_before_it(rig, file: Path, tmp_path: Path) -> None:
     capture = ("capture", str(file), str(tmp_path / "S"), "--sim", "toy", "--slowest", "1/8")
-    planned = told(rig, *capture, "--dry-run")
-    assert told(rig, *capture)["taken"] == planned["shots"]
+    planned = json_of(rig, *capture, "--dry-run")
+    assert json_of(rig, *capture)["taken"] == planned["shots"]
     plan = json.loads((tmp_path / "S" / "plans.jsonl").read_text())
     assert (plan["asked"], plan["frames"]) == ("auto, snr 20, slowest 0.125", [0])
-    assert told(rig, *capture, "--resume")["kept"] == planned["shots"]
+    assert json_of(rig, *capture, "--resume")["earlier"] == planned["shots"]
     code, _, err = rig(*capture[:-2], "--snr", "30", "--resume")
     assert code == 2
     assert "was planned with the bracket auto, snr 20, slowest 0.125 (" in err
@@ -126,7 +126,7 @@ def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Pa
     code, text, _ = rig("capture", "--sim", "toy", out, "--darks", "--frames", "2", "--dry-run")
     assert code == 0
     assert text.startswith("2 cameras, 2 repeats, 3 exposures each (1/1000 s f/4 ISO 100, ")
-    assert told(rig, "capture", "--sim", "toy", out, "--darks", "--frames", "2")["planned"] == 12
+    assert json_of(rig, "capture", "--sim", "toy", out, "--darks", "--frames", "2")["planned"] == 12
 
 
 @pytest.mark.parametrize(

@@ -60,17 +60,17 @@ def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path
     times = [Path(entry["file"]).stat().st_mtime_ns for entry in first]
     file.write_bytes(b"torn")
     second = json.loads(rig(*chosen)[1])["files"]
-    assert [entry["kept"] for entry in first] == [False, False]
-    assert [entry["kept"] for entry in second] == [False, True]
+    assert [entry["reused"] for entry in first] == [False, False]
+    assert [entry["reused"] for entry in second] == [False, True]
     assert Path(first[1]["file"]).stat().st_mtime_ns == times[1]
-    assert [e | {"kept": None} for e in first] == [e | {"kept": None} for e in second]
+    assert [e | {"reused": None} for e in first] == [e | {"reused": None} for e in second]
     assert not list((tmp_path / "M").rglob("cam0.exr.part"))
     record = toy / "calibration" / "calibration.json"
     known = json.loads(record.read_text())
     known["cameras"][1]["gain"] *= 1.01
     record.write_text(json.dumps(known))
     third = json.loads(rig(*chosen)[1])["files"]
-    assert [entry["kept"] for entry in third] == [True, False]
+    assert [entry["reused"] for entry in third] == [True, False]
 
 
 def bracket(
@@ -175,7 +175,7 @@ def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Pa
         del record["mask"]
     (session / "shots.jsonl").write_text("".join(json.dumps(record) + "\n" for record in bare))
     blind = json.loads(rig("merge", str(session), str(tmp_path / "M"), "--json")[1])["files"][0]
-    assert not blind["kept"]
+    assert not blind["reused"]
     assert blind["ghost"] > 0.1
     assert blind["hidden"] == 0.0
     flags = read_exr(tmp_path / "M" / "0000" / "cam0.exr").channels["mask"].astype(int)
@@ -186,11 +186,11 @@ def test_another_mask_makes_another_file(rig: Run, tmp_path: Path) -> None:
     session, _ = masked_bracket(tmp_path)
     asked = ("merge", str(session), str(tmp_path / "M"), "--json")
     first, again = (json.loads(rig(*asked)[1])["files"][0] for _ in range(2))
-    assert again == first | {"kept": True}
+    assert again == first | {"reused": True}
     for step in range(3):
         store.write_bytes(session / f"masks/{step}.png", encode_png(np.zeros((120, 240), np.uint8)))
     other = json.loads(rig(*asked)[1])["files"][0]
-    assert (other["kept"], other["hidden"]) == (False, 1.0)
+    assert (other["reused"], other["hidden"]) == (False, 1.0)
     (session / "masks/1.png").unlink()
     code, _, error = rig(*asked)
     assert code == 2
@@ -288,7 +288,7 @@ def test_another_space_is_the_same_light_and_says_so(rig: Run, toy: Path, tmp_pa
         code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--space", space, *chosen)
         (entry,) = json.loads(out)["files"]
         assert code == 0
-        assert entry["kept"] is False
+        assert entry["reused"] is False
         images.append(read_exr(Path(entry["file"])))
     plain, wide = images
     assert wide.attributes["rig:colour"] == "ACEScg"

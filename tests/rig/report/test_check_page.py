@@ -19,7 +19,7 @@ from rig.report.pages.check import MOST_ROWS, check_report
 from .pages import Page, assert_self_contained
 
 
-def told(rig, *arguments: str) -> dict:
+def json_of(rig, *arguments: str) -> dict:
     return json.loads(rig(*arguments, "--json")[1])
 
 
@@ -29,7 +29,7 @@ def pixels(picture: dict[str, str | None]) -> np.ndarray:
 
 
 def test_check_writes_every_shot_with_its_three_exposures(rig, toy: Path) -> None:
-    value = told(rig, "check", str(toy))
+    value = json_of(rig, "check", str(toy))
     assert value["exit_code"] == 0
     assert value["report"] == str(toy / "check" / "report.html")
     stored = store.read_json(toy / "check" / "check.json")
@@ -66,8 +66,8 @@ def test_the_bound_of_a_skew_that_is_unknown_is_told(rig, toy: Path) -> None:
 
 def test_checking_again_changes_nothing_that_others_read(rig, toy: Path) -> None:
     before = {path: path.read_bytes() for path in toy.rglob("*") if path.is_file()}
-    told(rig, "check", str(toy))
-    told(rig, "check", str(toy))
+    json_of(rig, "check", str(toy))
+    json_of(rig, "check", str(toy))
     after = {path: path.read_bytes() for path in toy.rglob("*") if path.is_file()}
     assert {path for path in after if path not in before} == {
         toy / "check" / name for name in ("check.json", "report.html")
@@ -90,7 +90,7 @@ def test_what_was_found_is_on_the_page_and_on_the_shot(rig, toy: Path) -> None:
     (toy / "raw" / "0000" / "cam0_0.dng").unlink()
     path = toy / "raw" / "0001" / "cam1_2.dng"
     path.write_bytes(path.read_bytes()[:-100])
-    value = told(rig, "check", str(toy))
+    value = json_of(rig, "check", str(toy))
     assert value["exit_code"] == 3
     page = Page.read(toy / "check" / "report.html")
     assert_self_contained(page)

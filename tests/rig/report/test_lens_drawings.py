@@ -26,7 +26,7 @@ def test_residuals_are_seen_less_projected(toy: Path) -> None:
     for of_camera in residuals.cameras.values():
         assert of_camera.size == (64, 48)
         assert of_camera.rms == pytest.approx(math.hypot(*MISS), rel=1e-6)
-        right = of_camera.seen[:, 0] - of_camera.miss[:, 0] > of_camera.size[0] / 2
+        right = of_camera.observed[:, 0] - of_camera.miss[:, 0] > of_camera.size[0] / 2
         np.testing.assert_allclose(
             of_camera.miss[right], np.broadcast_to(MISS, of_camera.miss[right].shape), atol=1e-6
         )

@@ -34,19 +34,19 @@ from .pages import Page, assert_self_contained
 
 
 def test_a_camera_and_a_view_that_miss_are_named(toy: Path) -> None:
-    def own(miss: float) -> CameraResiduals:
+    def residuals_of(miss: float) -> CameraResiduals:
         return CameraResiduals((64, 48), np.ones((5, 2)), np.full((5, 2), miss))
 
     record = read_calibration(toy)
     residuals = Residuals(
-        {"a": own(0.1), "b": own(0.1), "c": own(1.0)},
+        {"a": residuals_of(0.1), "b": residuals_of(0.1), "c": residuals_of(1.0)},
         {ViewId(0, "a"): 0.1, ViewId(1, "a"): 0.1, ViewId(0, "b"): 0.9},
     )
     named = list(outliers(record, residuals))
     assert len(named) == 2
     assert named[0].startswith("Camera c misses scene points by 1.41 px rms, the others by 0.14 px")
     assert named[1].startswith("View 0000/b misses by 0.90 px rms")
-    even = Residuals({"a": own(0.1), "b": own(0.1), "c": own(0.15)}, {})
+    even = Residuals({"a": residuals_of(0.1), "b": residuals_of(0.1), "c": residuals_of(0.15)}, {})
     assert not list(outliers(record, even))
 
 

@@ -114,7 +114,7 @@ def test_ctrl_c_in_a_capture_leaves_what_resume_completes(rig, monkeypatch, tmp_
     assert "--resume" in err
     code, out, err = rig(*capture, "--resume")
     assert (code, err) == (0, "")
-    assert json.loads(out)["kept"] == 5
+    assert json.loads(out)["earlier"] == 5
     assert json.loads(out)["taken"] == json.loads(out)["planned"] - 5
 
 

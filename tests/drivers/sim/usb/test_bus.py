@@ -28,7 +28,7 @@ class Echo:
 
     serial: str = "A1"
     got: list[bytes] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    received_events: list[str] = field(default_factory=list)
     port: Port | None = None
 
     @property
@@ -49,15 +49,15 @@ class Echo:
         if setup.request == 0x67:
             return b"answer"
         if setup.request == 0x66:
-            self.told.append(data.decode())
+            self.received_events.append(data.decode())
             return b""
         raise Stall
 
     def on_clear_halt(self, endpoint: int) -> None:
-        self.told.append(f"clear {endpoint:02x}")
+        self.received_events.append(f"clear {endpoint:02x}")
 
     def on_reset(self) -> None:
-        self.told.append("reset")
+        self.received_events.append("reset")
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_a_halt_stays_until_it_is_cleared(bus: VirtualBus) -> None:
             device.write(OUT, b"x", 100)
     device.clear_halt(IN)
     device.ctrl_transfer(0x02, 1, 0, OUT)  # CLEAR_FEATURE(ENDPOINT_HALT), as drivers also send it
-    assert echo.told == ["clear 81", "clear 02"]
+    assert echo.received_events == ["clear 81", "clear 02"]
     echo.port.send(IN, b"again")
     assert bytes(device.read(IN, 64, 100)) == b"again"
     assert device.write(OUT, b"x", 100) == 1
@@ -175,7 +175,7 @@ def test_control_requests_answer_or_stall(bus: VirtualBus) -> None:
     assert bytes(device.ctrl_transfer(0xA1, 0x67, 0, 0, 64)) == b"answer"
     assert bytes(device.ctrl_transfer(0xA1, 0x67, 0, 0, 3)) == b"ans"
     assert device.ctrl_transfer(0x21, 0x66, 0, 0, b"done") == 4
-    assert echo.told == ["done"]
+    assert echo.received_events == ["done"]
     with refused(errno.EPIPE):
         device.ctrl_transfer(0xA1, 0x99, 0, 0, 64)
     assert bytes(device.ctrl_transfer(0xA1, 0x67, 0, 0, 64)) == b"answer"
@@ -233,7 +233,7 @@ def test_reset_empties_queues_and_keeps_the_address(bus: VirtualBus) -> None:
     assert echo.port is not None
     echo.port.send(IN, b"old")
     device.reset()
-    assert echo.told == ["reset"]
+    assert echo.received_events == ["reset"]
     with refused(errno.ETIMEDOUT):
         device.read(IN, 64, 100)
     assert usb.core.find(backend=bus).address == 1

@@ -71,7 +71,7 @@ def light_of(tab: Any, scene: Scene) -> np.ndarray:
     return light[::-1, :, :3] / scene.exposure
 
 
-def seen(tab: Any) -> np.ndarray:
+def pixels(tab: Any) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(tab.screenshot())).convert("RGB"))
 
 
@@ -126,7 +126,7 @@ def test_the_slider_and_the_keys_expose_by_stops(scene: Scene, opened: Callable[
 
     def shows(stops: float, tones: str = "linear") -> bool:
         expected = Look(stops, tones).shown(np.float32(light), scene.exposure)
-        return bool(np.abs(expected.astype(float) - seen(tab)).max() <= 2)
+        return bool(np.abs(expected.astype(float) - pixels(tab)).max() <= 2)
 
     assert shows(0)
     tab.keyboard.press("v")
@@ -164,9 +164,9 @@ def test_it_begins_as_rig_view_does(file: str, scene: Scene, opened: Callable[..
         f"{look.exposure:g}",
     )
     expected = look.shown(np.float32(light_of(tab, made)), made.exposure)
-    assert np.abs(expected.astype(float) - seen(tab)).max() <= 2
+    assert np.abs(expected.astype(float) - pixels(tab)).max() <= 2
     other = Look(look.exposure, "filmic").shown(np.float32(light_of(tab, made)), made.exposure)
-    assert np.abs(other.astype(float) - seen(tab)).max() > 10
+    assert np.abs(other.astype(float) - pixels(tab)).max() > 10
 
 
 def test_an_exposure_that_was_chosen_is_where_it_begins(

@@ -95,7 +95,7 @@ def session(toy_template: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def told(viewer: Viewer) -> str:
+def note(viewer: Viewer) -> str:
     (page,) = viewer.pages.values()
     assert isinstance(page, SessionPage | ScenePage)
     note = page.controls.note if isinstance(page, ScenePage) else page._note
@@ -111,7 +111,7 @@ def shown(window: Window, viewer: Viewer) -> ScenePage:
     return page
 
 
-def seen(scene: Scene, page: ScenePage) -> np.ndarray:
+def drawn(scene: Scene, page: ScenePage) -> np.ndarray:
     """The scene from where the browser stands now: it may report its camera after its first picture."""
     return scene.render(scene.record.world.camera_in_world(page._wanted(coarse=False).camera))
 
@@ -122,33 +122,35 @@ def test_a_training_is_shown_as_it_goes_and_the_scene_in_the_end(session: Path, 
         show_session(viewer, session)
         follower = Follower(viewer, session)
         window = open_window(viewer)
-        assert "None is under way" in told(viewer)
+        assert "None is under way" in note(viewer)
         with training(session, "live") as process:
             first = process.next()
             assert _followed(session) == _followed(scene) == session
             follower.look()
-            assert "waiting for its first picture" in told(viewer)
+            assert "waiting for its first picture" in note(viewer)
             assert (scene / WANTED).exists()
             process.go_on()
             assert process.next() > first
             follower.look()
             snapshot = read_snapshot(scene).scene
-            assert f"iteration **{first}** of {ITERATIONS}" in told(viewer)
+            assert f"iteration **{first}** of {ITERATIONS}" in note(viewer)
             page = shown(window, viewer)
             window.until(
-                lambda: window.shows(lambda: Look(tones="AgX").shown(seen(snapshot, page), snapshot.exposure))
+                lambda: window.shows(
+                    lambda: Look(tones="AgX").shown(drawn(snapshot, page), snapshot.exposure)
+                )
             )
             follower.look()
             assert (scene / WANTED).exists()  # the next is asked for
             process.finish()
         follower.look()
-        assert f"Finished after {ITERATIONS} iterations, held-out views **" in told(viewer)
+        assert f"Finished after {ITERATIONS} iterations, held-out views **" in note(viewer)
         assert not (scene / SNAPSHOT).exists()
         page = shown(window, viewer)
         finished = open_scene(scene)
 
         def is_drawn() -> bool:
-            truth = seen(finished, page)
+            truth = drawn(finished, page)
             return page.frame.light.shape == truth.shape and np.allclose(page.frame.light, truth, rtol=1e-4)
 
         window.until(is_drawn)
@@ -166,11 +168,11 @@ def test_a_training_that_is_killed_is_told_of(session: Path, open_window) -> Non
             process.go_on()
             process.next()
             follower.look()
-            assert "iteration **" in told(viewer)
+            assert "iteration **" in note(viewer)
         follower.look()
-        assert "**live** failed or was killed" in told(viewer)
+        assert "**live** failed or was killed" in note(viewer)
         Follower(viewer, session)
-        assert "**live** was stopped" in told(viewer)
+        assert "**live** was stopped" in note(viewer)
 
 
 def test_a_scene_that_replaces_another_is_shown_in_its_place(scene: Path, open_window) -> None:
@@ -186,12 +188,12 @@ def test_a_scene_that_replaces_another_is_shown_in_its_place(scene: Path, open_w
         with held(new):
             assert _followed(scene) == scene
             follower.look()
-            assert f"**{finished.name}** is being trained" in told(viewer)
+            assert f"**{finished.name}** is being trained" in note(viewer)
             now[0] = 40.0
             follower.look()
-            assert "No news for 30 s" in told(viewer)
+            assert "No news for 30 s" in note(viewer)
         follower.look()
-        assert "Finished after" in told(viewer)
+        assert "Finished after" in note(viewer)
         replace_folder(new, finished)
         follower.look()
         assert follower._painter.scene.folder == finished

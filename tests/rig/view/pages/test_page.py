@@ -103,21 +103,21 @@ def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
 
 
 def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
-    def told() -> np.ndarray | None:
+    def addressed() -> np.ndarray | None:
         """Place of the camera by the address; None while it differs from the true one."""
         start = State.of(window.tab.evaluate("location.hash.slice(1)"), Look()).start
         stands = np.array(window.page.client.camera.position)
         return None if start is None or np.abs(stands - start.position).max() > 1e-3 else stands
 
-    window.until(lambda: told() is not None)
-    beginning = told()
+    window.until(lambda: addressed() is not None)
+    beginning = addressed()
     mouse = window.tab.mouse
     mouse.move(300, 300)
     mouse.down()
     mouse.move(380, 320, steps=5)
     mouse.up()
-    window.until(lambda: told() is not None and np.abs(told() - beginning).max() > 1e-2)
-    link, stood = window.tab.evaluate("location.hash"), told()
+    window.until(lambda: addressed() is not None and np.abs(addressed() - beginning).max() > 1e-2)
+    link, stood = window.tab.evaluate("location.hash"), addressed()
     page = reloaded(window, viewer)
     window.until(lambda: np.abs(np.array(page.client.camera.position) - stood).max() < 1e-2)
     window.until(lambda: window.tab.evaluate("location.hash") != "")

@@ -91,7 +91,7 @@ def test_the_page_has_a_contact_sheet_and_the_rig(session: Path, open_window) ->
         show_session(viewer, session)
         window = open_window(viewer)
         page = window.page
-        window.until(lambda: len(page.seen) == len(page.photographs))
+        window.until(lambda: len(page.read) == len(page.photographs))
 
         def developed(stops: float) -> bool:
             """Return whether the lower half is the sheet, which is a few pixels that the browser enlarges."""
