@@ -114,7 +114,7 @@ def with_poses(
         },
         without=without,
     )
-    if development.found:
+    if development.differs:
         # The first estimate took the falloff for part of what photographs differ by.
         sights = sights_of(model, colours, photographs, falloff)
         development = each_photograph.estimate(*sights, stated, without)

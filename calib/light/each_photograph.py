@@ -64,7 +64,7 @@ class Development:
     white_balance_asked: Mapping[ViewId, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
-    def found(self) -> bool:
+    def differs(self) -> bool:
         """True if any photograph differs from its label, be it applied or not."""
         return bool(self.exposure or self.exposure_asked or self.white_balance_asked)
 

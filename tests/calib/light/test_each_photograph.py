@@ -174,11 +174,11 @@ def test_one_part_that_files_state_is_kept_beside_the_other_that_is_taken(part: 
 def test_nothing_is_kept_where_points_agree_with_the_files(factors: np.ndarray) -> None:
     estimated = estimate(sights(factors, noise=0.01), VIEWS, Stated(SAID, SAID))
     assert [rung.reason for rung in estimated.rungs] == ["the files say so"] * 2
-    assert not estimated.found
+    assert not estimated.differs
 
 
 def test_sheen_is_not_kept_beside_what_files_say() -> None:
-    assert not estimate(shining(np.ones((12, 3)), 0.6), VIEWS, Stated(SAID, SAID)).found
+    assert not estimate(shining(np.ones((12, 3)), 0.6), VIEWS, Stated(SAID, SAID)).differs
 
 
 def test_a_camera_whose_files_say_nothing_is_told_beside_one_whose_files_do() -> None:
