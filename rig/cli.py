@@ -1,35 +1,16 @@
 """The `rig` command line: its commands, from one thin module each; stages are loaded when a command runs."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import wraps
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from rig.commands import (
-    batch,
-    bench,
-    calibrate,
-    cameras,
-    capture,
-    check,
-    demo,
-    doctor,
-    evaluate,
-    explain,
-    export,
-    importing,
-    init,
-    merge,
-    node,
-    reconstruct,
-    render,
-    simulate,
-    trade,
-    view,
-)
+from rig.first_use import at_first_use
 from rig.options.common import QuietOption
 from rig.options.defaults import config_file, read_defaults
 from rig.options.request import expanded
@@ -43,8 +24,48 @@ EXIT_CODES = (
     "from ~/.config/rig/config.toml, or the file that RIG_CONFIG names."
 )
 
+COMMANDS = (
+    "demo", "init", "capture", "import", "check", "calibrate", "merge", "reconstruct", "evaluate", "explain",
+    "render", "export", "view", "trade", "batch", "bench", "simulate", "node", "cameras", "doctor",
+)  # fmt: skip
+"""Functions of their names, in modules of their names; `import` is a word of Python's."""
+KEYWORDS = {"import": "importing"}
+
+
+class _Commands(Mapping[str, Any]):
+    """Commands by name; the module of one is imported, and its options are read, when it is asked for."""
+
+    def __init__(self) -> None:
+        self._read: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in COMMANDS:
+            raise KeyError(name)
+        if name not in self._read:
+            called = KEYWORDS.get(name, name)
+            with at_first_use():
+                command = getattr(import_module(f"rig.commands.{called}"), called)
+            alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+            alone.command(name)(_with_quiet(command))
+            self._read[name] = typer.main.get_command(alone)
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class _Group(TyperGroup):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands: Any = _Commands()
+
+
 app = typer.Typer(
     name="rig",
+    cls=_Group,
     help="From cameras to a high-dynamic-range 3D scene: capture, calibrate, reconstruct.\n\n"
     "Begin with: rig demo demo/",
     epilog=EXIT_CODES,
@@ -71,30 +92,6 @@ def rig(
     """Options before the command."""
 
 
-COMMANDS: dict[str, Callable[..., CommandResult]] = {
-    "demo": demo.demo,
-    "init": init.init,
-    "capture": capture.capture,
-    "import": importing.import_,
-    "check": check.check,
-    "calibrate": calibrate.calibrate,
-    "merge": merge.merge,
-    "reconstruct": reconstruct.reconstruct,
-    "evaluate": evaluate.evaluate,
-    "explain": explain.explain,
-    "render": render.render,
-    "export": export.export,
-    "view": view.view,
-    "trade": trade.trade,
-    "batch": batch.batch,
-    "bench": bench.bench,
-    "simulate": simulate.simulate,
-    "node": node.node,
-    "cameras": cameras.cameras,
-    "doctor": doctor.doctor,
-}
-
-
 def _with_quiet(command: Callable[..., CommandResult]) -> Callable[..., CommandResult]:
     """A command that takes the options of its request one by one, and that --quiet silences."""
     parameters, expanded_command = expanded(command)
@@ -110,10 +107,6 @@ def _with_quiet(command: Callable[..., CommandResult]) -> Callable[..., CommandR
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
-
-
-for name, command in COMMANDS.items():
-    app.command(name)(_with_quiet(command))
 
 
 def run(words: Sequence[str], name: str) -> CommandResult | int | None:

@@ -1,17 +1,17 @@
 """`rig batch`: many sessions with many settings."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from rig.batch import plan as plans
+from rig.batch import processes, run
 from rig.options.common import CoresOption, JsonOption, RayOption
+from rig.report.pages import batch as batch_page
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import counted, size
-
-if TYPE_CHECKING:
-    from rig.batch.run import BatchResult, BatchRow
 
 
 def batch(
@@ -43,18 +43,13 @@ def batch(
     Example: rig batch PLAN.toml --workers 2
     """
     with running("batch") as status:
-        from rig.batch.plan import read_plan
-        from rig.batch.processes import begun
-        from rig.batch.run import carry_out
-        from rig.report.pages.batch import batch_report
-
-        read = read_plan(plan)
-        with begun(workers, ray, cores) as several:
-            result = carry_out(read, several, on_progress=status, on_message=status.say)
-        return _batch_result(result, batch_report(result))
+        read = plans.read_plan(plan)
+        with processes.begun(workers, ray, cores) as several:
+            result = run.carry_out(read, several, on_progress=status, on_message=status.say)
+        return _batch_result(result, batch_page.batch_report(result))
 
 
-def _batch_result(result: "BatchResult", report: Path) -> CommandResult:
+def _batch_result(result: "run.BatchResult", report: Path) -> CommandResult:
     rows = [_cells(row) for row in result.rows]
     lines = table([("", rows)], ("Session", "Scene", "Held-out", "s", "Forecast", "Outcome"), {})
     lines.append(f"Report: {report}")
@@ -70,7 +65,7 @@ def _batch_result(result: "BatchResult", report: Path) -> CommandResult:
     return CommandResult(data, lines, missing, usable=len(failed) < len(rows))
 
 
-def _cells(row: "BatchRow") -> tuple[str, ...]:
+def _cells(row: "run.BatchRow") -> tuple[str, ...]:
     outcome = f"{row.failed} failed" if row.failed else "already there" if row.already_there else "made"
     return (
         str(row.session),

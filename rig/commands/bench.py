@@ -1,17 +1,17 @@
 """`rig bench`: the table of a paper, of its own data set."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from recon.decide.presets import QualityName
+from rig import benchmarks
+from rig.benchmarks import protocol as papers
 from rig.options.common import JsonOption, SeedOption
 from rig.terminal.result import CommandResult, running
+from rig.terminal.tables import table
 from rig.terminal.text import counted
-
-if TYPE_CHECKING:
-    from rig.benchmarks.protocol import Figures, Outcome, Protocol
 
 ProtocolName = Literal["rawnerf", "hdr-nerf", "hdr-plenoxels"]
 
@@ -39,13 +39,10 @@ def bench(
     Example: rig bench rawnerf scenes/ --quality best
     """
     with running("bench") as status:
-        from rig.benchmarks import protocols
-        from rig.benchmarks.protocol import Choices, run_scenes, scenes_in
-
-        chosen = protocols()[protocol]
+        chosen = benchmarks.protocols()[protocol]
         place = out or Path(f"bench-{protocol}")
-        choices = Choices(quality, seed, views)
-        outcome = run_scenes(chosen, scenes_in(chosen, data), place, choices, status)
+        choices = papers.Choices(quality, seed, views)
+        outcome = papers.run_scenes(chosen, papers.scenes_in(chosen, data), place, choices, status)
     lines = [*_table(chosen, outcome), chosen.note]
     missing = None
     if outcome.failed:
@@ -66,10 +63,9 @@ def bench(
     return CommandResult(result, lines, missing, usable=bool(outcome.figures))
 
 
-def _table(protocol: "Protocol", outcome: "Outcome") -> list[str]:
-    from rig.terminal.tables import table
+def _table(protocol: "papers.Protocol", outcome: "papers.Outcome") -> list[str]:
 
-    def row(name: str, figures: "Figures") -> tuple[str, ...]:
+    def row(name: str, figures: "papers.Figures") -> tuple[str, ...]:
         cells = [
             f"{figures[key]:.{column.digits}f}" if key in figures else ""
             for key, column in protocol.columns.items()

@@ -5,15 +5,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, get_args
 
+from calib import calibrate as calibrating
 from calib.light.parts import LightPart
 from calib.request import CalibrationRequest
+from imaging.compute.cores import available_cores
 from imaging.compute.free_share import free_share, if_so
 from imaging.errors import PartialError
+from imaging.session import calibration as calibrations
+from imaging.session import session as sessions
 from rig.commands.calibration_result import cameras_result, poses_result
 from rig.options.board import EXAMPLE, BoardText, board_text
 from rig.options.common import JsonOption, SessionArgument
 from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
 from rig.options.request import Asked, Shown
+from rig.report.pages import calibration as calibration_page
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import counted, duration
@@ -97,10 +102,8 @@ def in_words(sizes: Sequence[int], cores: int, free: float) -> str:
 
 
 def _say_how_long(session: Path, status: StatusLine) -> None:
-    from imaging.compute.cores import available_cores
-    from imaging.session.session import Session, brackets
 
-    views = brackets(Session.open(session).shots("scene")).values()
+    views = sessions.brackets(sessions.Session.open(session).shots("scene")).values()
     sizes, cores = [shots[0].width * shots[0].height for shots in views], available_cores()
     if expected(sizes, cores)[1] >= WORTH_SAYING:
         status.say(in_words(sizes, cores, free_share(cores)))
@@ -112,18 +115,15 @@ def run_calibrate(
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
     with removed_on_failure(folder, unless=lambda path: (path / "calibration.json").is_file()):
-        from calib.calibrate import calibrate as calibrate_session
-        from rig.report.pages.calibration import calibration_report
-
         if request.only in (None, "poses"):
             _say_how_long(session, status)
         try:
-            record = calibrate_session(session, request, on_progress=status)
+            record = calibrating.calibrate(session, request, on_progress=status)
         except PartialError:
             # What was measured has its page too; the error says what is missing.
-            calibration_report(session, on_progress=status)
+            calibration_page.calibration_report(session, on_progress=status)
             raise
-    calibration_report(session, on_progress=status)
+    calibration_page.calibration_report(session, on_progress=status)
     poseless = not record.views and not record.unregistered
     return (
         cameras_result(session, record)
@@ -134,6 +134,4 @@ def run_calibrate(
 
 def earlier_calibration(session: Path) -> CommandResult:
     """Summary of the calibration of a session."""
-    from imaging.session.calibration import read_calibration
-
-    return replace(poses_result(session, read_calibration(session)), already_there=True)
+    return replace(poses_result(session, calibrations.read_calibration(session)), already_there=True)

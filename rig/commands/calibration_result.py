@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calib import place_views
+from calib.data import learned
 from calib.light.parts import LightPart
+from imaging.session import calibration as calibrations
+from imaging.session import coordinates, view_id
+from imaging.session import session as sessions
 from rig.terminal.result import CommandResult
 from rig.terminal.text import command_line, counted, number
-
-if TYPE_CHECKING:
-    from imaging.session.calibration import CalibrationRecord
-    from imaging.session.view_id import ViewId
-
 
 LIGHT: dict[str, tuple[LightPart, str]] = {
     "exposure_each_photograph": ("exposure", "exposure of each photograph"),
@@ -24,7 +24,7 @@ LIGHT: dict[str, tuple[LightPart, str]] = {
 """Part and display name of each rung of light."""
 
 
-def cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult:
+def cameras_result(session: Path, record: "calibrations.CalibrationRecord") -> CommandResult:
     """Result of a calibration of cameras without poses."""
     report = session / "calibration" / "report.html"
     evidence = {camera.name: camera.response.evidence for camera in record.cameras}
@@ -63,7 +63,7 @@ def cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult:
     return CommandResult(data, [*lines, f"Report: {report}"])
 
 
-def _chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
+def _chart_lines(session: Path, record: "calibrations.CalibrationRecord") -> list[str]:
     """A line for each camera that saw a chart: how well its colours fit."""
     return [
         f"{session}: {name}: colours by the chart at frame {chart['frame']}, delta E 2000 of held-out "
@@ -72,7 +72,7 @@ def _chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
     ]
 
 
-def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+def _luminance_lines(session: Path, record: "calibrations.CalibrationRecord") -> Iterator[str]:
     """The scale of light and its readings; why one of an earlier run is lost."""
     scale = record.luminance
     if scale is None:
@@ -87,7 +87,7 @@ def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str
             yield f"{session}: {one.reading}: {number(one.luminance)} cd/m², {percent} % off that scale"
 
 
-def _light_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+def _light_lines(session: Path, record: "calibrations.CalibrationRecord") -> Iterator[str]:
     """A line for each part of light that was taken, or that scene points ask for against the files, with its
     size and how to do without it.
     """
@@ -101,10 +101,8 @@ def _light_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
             yield f"{session}: {name}: {rung.reason} (--without {part} leaves it out)"
 
 
-def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+def _coordinate_lines(session: Path, record: "calibrations.CalibrationRecord") -> Iterator[str]:
     """Coordinates of the scene, their error, and each surveyed point."""
-    from imaging.session.coordinates import length_text
-
     where = record.coordinates
     for rung in record.rungs:
         if rung.name in ("survey", "gps", "onto"):
@@ -112,7 +110,7 @@ def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[st
     if where is None:
         return
     metric = record.unit == "m"
-    place = length_text(where.position_error) if metric else number(where.position_error, 2)
+    place = coordinates.length_text(where.position_error) if metric else number(where.position_error, 2)
     scale = "" if where.scale_error is None else f"scale to {number(100 * where.scale_error, 2)} %, "
     yield (
         f"{session}: coordinates are {where.described}{where.less_offset}, "
@@ -123,12 +121,12 @@ def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[st
         yield f"{session}: {point}"
 
 
-def _luminance_figures(record: "CalibrationRecord") -> dict[str, Any] | None:
+def _luminance_figures(record: "calibrations.CalibrationRecord") -> dict[str, Any] | None:
     """Scale of light; None if it is relative."""
     return None if record.luminance is None else record.luminance.model_dump(mode="json")
 
 
-def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
+def _chart_figures(record: "calibrations.CalibrationRecord") -> dict[str, dict[str, Any]]:
     """The figures of each camera's chart, by its name."""
     fields = {"frame", "delta_e_mean", "delta_e_p95", "delta_e_max", "delta_e_files"}
     return {
@@ -138,11 +136,9 @@ def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
     }
 
 
-def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+def _left_out(session: Path, record: "calibrations.CalibrationRecord") -> Iterator[str]:
     """The images without a pose, by cause, with what to do about it."""
-    from imaging.session.session import Session
-
-    names = Session.open(session).photograph_names()
+    names = sessions.Session.open(session).photograph_names()
     alone = [names.get(view, str(view)) for view in record.unregistered if view not in record.contradicted]
     given = any(rung.name == "poses" and rung.reason.startswith("given by ") for rung in record.rungs)
     if alone and given:  # nothing was looked for in the pictures
@@ -152,11 +148,12 @@ def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
             f"too little of {', '.join(alone)} was recognised in the others: leave out what is blurred, or "
             "take more pictures between these and their neighbours"
         )
-        from calib.data.learned import INSTALL, available
-        from calib.place_views import FEW
 
-        if len(record.views) < FEW * (len(record.views) + len(record.unregistered)) and not available():
-            yield f"learned features find more, minutes later: {INSTALL}, then calibrate again"
+        if (
+            len(record.views) < place_views.FEW * (len(record.views) + len(record.unregistered))
+            and not learned.available()
+        ):
+            yield f"learned features find more, minutes later: {learned.INSTALL}, then calibrate again"
     contradicted = [names.get(view, str(view)) for view in record.unregistered if view in record.contradicted]
     if contradicted:
         yield (
@@ -166,18 +163,15 @@ def _left_out(session: Path, record: "CalibrationRecord") -> Iterator[str]:
         )
 
 
-def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
+def _why_unplaced(record: "calibrations.CalibrationRecord", view: "view_id.ViewId") -> str:
     """Reason why an image got no pose from its own contents."""
     if view in record.contradicted:
         return "contradicts other images about where it stands"
     return "shows nothing that was recognised"
 
 
-def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
+def poses_result(session: Path, record: "calibrations.CalibrationRecord") -> CommandResult:
     """Result of a calibration with poses."""
-    from calib.place_views import FURTHER
-    from imaging.session.calibration import MOTION
-
     report = session / "calibration" / "report.html"
     images = len(record.views) + len(record.unregistered)
     by_rig = [view.id for view in record.views if view.by_rig]
@@ -185,8 +179,8 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
-        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == MOTION],
-        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name in FURTHER.values()],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == calibrations.MOTION],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name in place_views.FURTHER.values()],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_light_lines(session, record),
         *_coordinate_lines(session, record),

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
+from capture.rigfile import network_address
+from drivers import discovery
 from rig.commands.usb_bus import open_bus, open_network
 from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption
@@ -27,13 +29,10 @@ def cameras(
     Example: rig cameras --sim demo
     """
     with running("cameras") as status:
-        from capture.rigfile.network_address import ptpip_places
-        from drivers.discovery import ask_all
-
         addresses = addresses_of(camera, sim)
         bus, network = open_bus(sim), open_network(sim, addresses)
-        places = ptpip_places(addresses)
-        listed = list(ask_all(bus.backend, bus.clock, status, network=network, places=places))
+        places = network_address.ptpip_places(addresses)
+        listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))
     lines = [line for one in listed for line in _lines(one)] or [
         "No camera: rig doctor shows what is missing."
     ]

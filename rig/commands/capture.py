@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from capture.bracket import planner
+from capture.record import shooting
+from capture.record import source as sources
+from capture.rigfile import rigfile
+from imaging.errors import InputError
+from imaging.session import records
+from imaging.session import session as sessions
 from imaging.session.paths import has_shots
 from rig.commands.rehearsal import rehearse
 from rig.commands.usb_bus import source_of
@@ -15,12 +22,6 @@ from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutte
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
-
-if TYPE_CHECKING:
-    from capture.bracket.planner import BracketGoals
-    from capture.record.source import CaptureRequest
-    from capture.rigfile.rigfile import RigFile
-    from imaging.session.records import Subject
 
 
 def capture(
@@ -160,7 +161,7 @@ def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple
     raise WrongUsage(f"Missing option '--sim', or the rig file before {paths[0]}", context)
 
 
-def _kind(context: typer.Context, wanted: dict[Subject, bool]) -> Subject:
+def _kind(context: typer.Context, wanted: dict[records.Subject, bool]) -> records.Subject:
     """Kind of shots: the scene, or one of the frames for calibration."""
     chosen = [kind for kind, is_wanted in wanted.items() if is_wanted]
     if len(chosen) > 1:
@@ -168,26 +169,22 @@ def _kind(context: typer.Context, wanted: dict[Subject, bool]) -> Subject:
     return chosen[0] if chosen else "scene"
 
 
-def _read(rig_file: Path | None) -> RigFile | None:
-    from capture.rigfile.rigfile import read_rig_file
+def _read(rig_file: Path | None) -> rigfile.RigFile | None:
 
-    return None if rig_file is None else read_rig_file(rig_file)
+    return None if rig_file is None else rigfile.read_rig_file(rig_file)
 
 
 def _wanted(
-    bracket: Stops | None, limits: dict[str, float | None], rig: RigFile | None
-) -> BracketGoals | None:
+    bracket: Stops | None, limits: dict[str, float | None], rig: rigfile.RigFile | None
+) -> planner.BracketGoals | None:
     """Goals of an automatic bracket, if the command line states any.
 
     What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
     """
-    from capture.bracket.planner import BracketGoals
-    from imaging.errors import InputError
-
     usual = rig is not None and rig.tables.bracket.exposures == "auto"
     given = {name: value for name, value in limits.items() if value is not None}
     if bracket == () or (bracket is None and usual and given):
-        return replace(BracketGoals() if rig is None else rig.tables.bracket.wanted, **given)
+        return replace(planner.BracketGoals() if rig is None else rig.tables.bracket.wanted, **given)
     if given and not usual:
         option = "--" + next(iter(given)).replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
@@ -197,37 +194,39 @@ def _wanted(
 
 
 def _request(
-    kind: Subject, frames: int | None, bracket: Stops | None, wanted: BracketGoals | None, resume: bool
-) -> CaptureRequest:
-    from capture.record.source import CaptureRequest
+    kind: records.Subject,
+    frames: int | None,
+    bracket: Stops | None,
+    wanted: planner.BracketGoals | None,
+    resume: bool,
+) -> sources.CaptureRequest:
 
-    return CaptureRequest(kind, frames, wanted or (tuple(bracket) if bracket else None), resume)
+    return sources.CaptureRequest(kind, frames, wanted or (tuple(bracket) if bracket else None), resume)
 
 
 def run_capture(
     sim: str | None,
     out: Path,
     status: StatusLine,
-    request: CaptureRequest,
+    request: sources.CaptureRequest,
     *,
     seed: int,
-    rig: RigFile | None = None,
+    rig: rigfile.RigFile | None = None,
     rough: bool = False,
     ray: str = "auto",
 ) -> CommandResult:
     """Capture and say what came of it."""
-    with removed_on_failure(out, unless=has_shots):
-        from capture.record.shooting import shoot
-        from imaging.session.session import Session
-
-        with source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source:
-            result = shoot(source, out, request, progress=status, say=status.say)
+    with (
+        removed_on_failure(out, unless=has_shots),
+        source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source,
+    ):
+        result = shooting.shoot(source, out, request, progress=status, say=status.say)
     there = result.taken + result.earlier
     earlier = f", {result.earlier} of them taken before" if result.earlier else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{earlier}"]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
-    if missing is None and Session.open(out).shots("scene"):
+    if missing is None and sessions.Session.open(out).shots("scene"):
         lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
     data = {
         "session": str(out),

@@ -1,18 +1,18 @@
 """`rig check`: verify a session."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from capture.check import check as checking
+from capture.check import repair as repairing
 from imaging.errors import StorageError
 from imaging.files import store
 from rig.options.common import JsonOption, SessionArgument
+from rig.report.pages import check as check_page
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
-
-if TYPE_CHECKING:
-    from capture.check.check import CheckReport
 
 
 def check(
@@ -30,12 +30,9 @@ def check(
     """
     repaired = None
     with running("check") as status:
-        from capture.check.check import check as check_session
-        from capture.check.repair import repair as repair_session
-
         if repair:
-            repaired = repair_session(session, on_progress=status)
-        report = check_session(session, on_progress=status)
+            repaired = repairing.repair(session, on_progress=status)
+        report = checking.check(session, on_progress=status)
         data = report.model_dump(mode="json")
         page, refused = _written(session, report, data)
     lines = [f"{session}: {report.sound} of {counted(report.shots, 'shot')} sound, {report.planned} planned"]
@@ -69,16 +66,17 @@ def check(
     return CommandResult(data, lines, missing, usable=report.sound > 0)
 
 
-def _written(session: Path, report: "CheckReport", data: dict[str, Any]) -> tuple[Path | None, str | None]:
+def _written(
+    session: Path, report: "checking.CheckReport", data: dict[str, Any]
+) -> tuple[Path | None, str | None]:
     """Write the page of a session that has shots, or return the reason why not: a session may be
     read-only.
     """
     if not report.looks:
         return None, None
-    from rig.report.pages.check import check_report
 
     try:
-        page = check_report(session, report)
+        page = check_page.check_report(session, report)
         store.write_json(session / "check" / "check.json", data)
     except StorageError as error:
         return None, str(error)

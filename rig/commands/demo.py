@@ -7,7 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
+from capture.record import source as sources
+from imaging.session import calibration as calibrations
+from recon.decide import budget as budgets
+from recon.decide import request as requests
 from recon.decide.presets import MethodName
+from recon.train import device as devices
+from recon.train import warm_up
 from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
@@ -99,30 +105,25 @@ def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
 
 def _capture(out: Path, status: StatusLine) -> CommandResult:
     """A new capture, or what the one in OUT lacks."""
-    from capture.record.source import CaptureRequest
-
-    request = CaptureRequest(resume=(out / "session.json").exists())
+    request = sources.CaptureRequest(resume=(out / "session.json").exists())
     return run_capture(SIM, out, status, request, seed=SEED)
 
 
 def _train(out: Path, status: StatusLine) -> CommandResult:
     """The scene; kernels are compiled before its time begins, which on a busy machine takes most of it."""
-    from recon.decide.budget import Budget
-    from recon.decide.request import TrainingRequest
-    from recon.train.device import training_device
-    from recon.train.warm_up import warm_up
-
     if not (out / "reconstructions" / NAME).exists():
-        warm_up(status, training_device())
-    request = TrainingRequest(METHOD, budget=Budget(TRAINING_SECONDS, "s"), seed=SEED, name=NAME)
+        warm_up.warm_up(status, devices.training_device())
+    request = requests.TrainingRequest(
+        METHOD, budget=budgets.Budget(TRAINING_SECONDS, "s"), seed=SEED, name=NAME
+    )
     return run_training(out, status, request)
 
 
 def _calibrate(out: Path, status: StatusLine) -> CommandResult:
     """A calibration of all that was shot: the one that is there, while it still is that."""
-    from imaging.session.calibration import calibration_is_current
-
-    return earlier_calibration(out) if calibration_is_current(out) else run_calibrate(out, status)
+    return (
+        earlier_calibration(out) if calibrations.calibration_is_current(out) else run_calibrate(out, status)
+    )
 
 
 def _poses(metrics: dict[str, Any]) -> list[str]:

@@ -2,22 +2,24 @@
 
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from capture.rigfile import network_address
+from drivers import conformance, discovery, host
+from imaging import stress_case
 from imaging.errors import InputError
+from recon.train import device as devices
+from rig import stability as stresses
 from rig.commands.usb_bus import open_bus, open_network
 from rig.options.cameras import addresses_of
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
+from rig.terminal import progress
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import counted
-
-if TYPE_CHECKING:
-    from imaging.stress_case import StressCase
-    from rig.terminal.progress import StatusLine
 
 PACKAGES = (
     "hdr-rig",
@@ -72,18 +74,14 @@ def doctor(
         raise InputError("--sim is for --camera: name one of its cameras, as rig cameras --sim has them.")
     if stability:
         with running("doctor") as status:
-            from rig.stability import extremes
-
-            return _stability_result(list(extremes(True, progress=status)))
+            return _stability_result(list(stresses.extremes(True, progress=status)))
     with running("doctor") as status:
-        from drivers.host import Finding, examine
-
         status("looking for cameras", 0, 2)
-        findings = examine()
+        findings = host.examine()
         status("looking for a GPU", 1, 2)
-        findings.append(Finding(*_training()))
-    findings.append(Finding(*_defaults(context)))
-    findings += [Finding(name, _version(name)) for name in PACKAGES]
+        findings.append(host.Finding(*_training()))
+    findings.append(host.Finding(*_defaults(context)))
+    findings += [host.Finding(name, _version(name)) for name in PACKAGES]
     width = max(len(finding.name) for finding in findings)
     lines = []
     for finding in findings:
@@ -98,15 +96,13 @@ def doctor(
     )
 
 
-def _camera_result(which: str, sim: str | None, status: "StatusLine") -> CommandResult:
+def _camera_result(which: str, sim: str | None, status: "progress.StatusLine") -> CommandResult:
     """Result of a camera's examination, a line each."""
-    from capture.rigfile.network_address import ptpip_places
-    from drivers.conformance import examine
-    from drivers.discovery import find_cameras
-
     named = addresses_of([which], sim) if which.startswith(("gige:", "ptpip:", "gphoto2:")) else []
     bus = open_bus(sim)
-    cameras = find_cameras(bus.backend, bus.clock, open_network(sim, named), ptpip_places(named))
+    cameras = discovery.find_cameras(
+        bus.backend, bus.clock, open_network(sim, named), network_address.ptpip_places(named)
+    )
     status("looking for cameras", 0, 0)
     try:
         if named:
@@ -119,7 +115,7 @@ def _camera_result(which: str, sim: str | None, status: "StatusLine") -> Command
             what = "" if named else " with the serial number"
             raise InputError(f"No camera{what} {which!r} is connected ({known} found).")
         identity, verified = by_serial[which].identify(), by_serial[which].verified()
-        rows = list(examine(by_serial[which], bus.clock, on_progress=status))
+        rows = list(conformance.examine(by_serial[which], bus.clock, on_progress=status))
     finally:
         for camera in cameras:
             camera.close()
@@ -149,7 +145,7 @@ PARTS = ("calibration", "splatting", "methods")
 COLUMNS = ("Case", "Worst of", "Against", "Error", "Limit", "OK")
 
 
-def _stability_result(rows: "list[StressCase]") -> CommandResult:
+def _stability_result(rows: "list[stress_case.StressCase]") -> CommandResult:
     """Result of the stress tests: all of them as a table, and the failures by name."""
     groups = [(part.capitalize(), [_row(case) for case in rows if case.part == part]) for part in PARTS]
     lines = table(groups, COLUMNS, {"Case": 3, "Worst of": 2})
@@ -164,7 +160,7 @@ def _stability_result(rows: "list[StressCase]") -> CommandResult:
     return CommandResult(data, lines, missing, defect=True)
 
 
-def _row(case: "StressCase") -> tuple[str, ...]:
+def _row(case: "stress_case.StressCase") -> tuple[str, ...]:
     error = "not finite" if case.error is None else f"{case.error:.1e}"
     return case.case, case.what, case.against, error, f"{case.limit:.0e}", "yes" if case.ok else "NO"
 
@@ -173,12 +169,14 @@ def _training() -> tuple[str, str, str]:
     """Environment of `rig reconstruct`."""
     import torch
 
-    from recon.train.device import device_name, training_device
-
-    device = training_device()
+    device = devices.training_device()
     if device.type == "cpu" and torch.cuda.is_available():
-        return "training", f"on the {device_name(device)}, though there is a GPU", "pip install triton"
-    return "training", f"on {device_name(device)}", ""
+        return (
+            "training",
+            f"on the {devices.device_name(device)}, though there is a GPU",
+            "pip install triton",
+        )
+    return "training", f"on {devices.device_name(device)}", ""
 
 
 def _defaults(context: typer.Context) -> tuple[str, str, str]:

@@ -10,8 +10,11 @@ from typing import Any
 from imaging.errors import RigError
 from imaging.files import store
 from imaging.session.paths import find_reconstruction, session_of
+from recon.data import pixels
+from recon.measure import evaluate as evaluating
 from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.report.metrics import METRICS, at_width, qualified
+from rig.report.pages import reconstruction as reconstruction_page
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
@@ -42,15 +45,15 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
 
 def _widths(paths: Sequence[Path]) -> dict[Path | None, int]:
     """Width, px, at which the scenes of each session are compared, where several are named."""
-    from recon.measure.evaluate import common_width
-
     scenes: dict[Path | None, list[Path]] = {}
     for path in paths:
         with suppress(RigError):  # its evaluation reports the fault
             folder = find_reconstruction(path)
-            common_width([folder])
+            evaluating.common_width([folder])
             scenes.setdefault(session_of(folder), []).append(folder)
-    return {session: common_width(folders) for session, folders in scenes.items() if len(folders) > 1}
+    return {
+        session: evaluating.common_width(folders) for session, folders in scenes.items() if len(folders) > 1
+    }
 
 
 def run_evaluate(
@@ -61,18 +64,16 @@ def run_evaluate(
     width: px, at most; None: that of the training. until: reading of `time.monotonic` by which it should be
     done, as in `recon.measure.evaluate.evaluate` and `reconstruction_report`.
     """
-    from recon.data.pixels import decoded_once
-    from recon.measure.evaluate import evaluate as evaluate_scene
-
     now = time.monotonic()
-    with decoded_once():
-        metrics = evaluate_scene(
+    with pixels.decoded_once():
+        metrics = evaluating.evaluate(
             folder, width=width, until=now + MEASURING * (until - now), on_progress=status
         ).known()
-        from rig.report.pages.reconstruction import reconstruction_report
 
         return _evaluation_result(
-            folder, metrics, reconstruction_report(folder, until=until, on_progress=status)
+            folder,
+            metrics,
+            reconstruction_page.reconstruction_report(folder, until=until, on_progress=status),
         )
 
 

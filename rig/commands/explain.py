@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from imaging.errors import InputError
+from imaging.session import calibration as calibrations
+from imaging.session import records
+from imaging.session import session as sessions
+from imaging.session.paths import find_reconstruction, session_of
+from recon.data import load
+from recon.result import model as trained
 from rig.options.common import JsonOption
+from rig.report.sections import calibrated
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import command_line, counted, duration
-
-if TYPE_CHECKING:
-    from imaging.session.calibration import CalibrationRecord
-    from imaging.session.records import PlanRecord, Rung
-    from recon.result.model import ModelRecord
-    from rig.report.sections.calibrated import RungRow
 
 
 def explain(
@@ -67,9 +69,9 @@ class _Decisions:
 
     folder: Path | None
     session: Path | None
-    plans: Sequence[PlanRecord]
-    calibration: CalibrationRecord
-    model: ModelRecord | None
+    plans: Sequence[records.PlanRecord]
+    calibration: calibrations.CalibrationRecord
+    model: trained.ModelRecord | None
     shots_added: bool
     """True if shots were added since the calibration."""
     calibrated_again: bool
@@ -77,34 +79,25 @@ class _Decisions:
 
 
 def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Decisions:
-    from imaging.session.calibration import is_stale, read_calibration
-    from imaging.session.session import Session
 
-    plans = [] if session is None else Session.open(session).plans()
+    plans = [] if session is None else sessions.Session.open(session).plans()
     model = None
     if folder is not None:
-        from recon.result.model import read_model, read_own_calibration
-
-        model = read_model(folder)
+        model = trained.read_model(folder)
     if folder is not None and not of_session:
-        calibration = read_own_calibration(folder)
+        calibration = trained.read_own_calibration(folder)
     else:
         assert session is not None
-        calibration = read_calibration(session)
-    added = session is not None and is_stale(session, calibration)
+        calibration = calibrations.read_calibration(session)
+    added = session is not None and calibrations.is_stale(session, calibration)
     again = False
     if session is not None and model is not None:
-        from recon.data.load import calibration_sha256
-
-        again = calibration_sha256(session) != model.calibration_sha256
+        again = load.calibration_sha256(session) != model.calibration_sha256
     return _Decisions(folder, session, plans, calibration, model, added, again)
 
 
 def _folders(place: Path) -> tuple[Path | None, Path | None]:
     """The reconstruction and its session, as far as they are there; InputError if neither is."""
-    from imaging.errors import InputError
-    from imaging.session.paths import find_reconstruction, session_of
-
     if (place / "session.json").is_file():
         if not (place / "calibration" / "calibration.json").is_file():
             raise InputError(f"{place} has nothing to explain yet: run `rig calibrate` first.")
@@ -114,7 +107,7 @@ def _folders(place: Path) -> tuple[Path | None, Path | None]:
     return folder, session_of(folder)
 
 
-def _plan(plan: PlanRecord) -> dict[str, Any]:
+def _plan(plan: records.PlanRecord) -> dict[str, Any]:
     data = plan.model_dump(mode="json", include={"plan", "kind", "reason", "asked", "bracket"})
     exposures, frames, cameras = len(plan.bracket), len(plan.frames), len(plan.cameras)
     shots = exposures * frames * cameras
@@ -122,7 +115,6 @@ def _plan(plan: PlanRecord) -> dict[str, Any]:
 
 
 def _lines(decisions: _Decisions) -> Iterable[str]:
-    from rig.report.sections.calibrated import rung_groups, rung_rows
 
     if decisions.session is not None:
         yield f"{decisions.session}: capture, {counted(len(decisions.plans), 'plan')}"
@@ -132,7 +124,7 @@ def _lines(decisions: _Decisions) -> Iterable[str]:
     rungs = decisions.calibration.rungs
     old = "; OUT OF DATE, shots were added since" if decisions.shots_added else ""
     yield f"{decisions.session or decisions.folder}: calibration, {_tally(rungs)}{old}"
-    groups = [(group.title, [_row(row) for row in group.rows]) for group in rung_groups(rungs)]
+    groups = [(group.title, [_row(row) for row in group.rows]) for group in calibrated.rung_groups(rungs)]
     yield from table(groups, COLUMNS, PARTS)
     yield ""
     model = decisions.model
@@ -147,17 +139,17 @@ def _lines(decisions: _Decisions) -> Iterable[str]:
         f"{duration(model.train_seconds)} on {model.device}, "
         f"{counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
     )
-    yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, PARTS)
+    yield from table([("", [_row(row) for row in calibrated.rung_rows(model.rungs)])], COLUMNS, PARTS)
 
 
 COLUMNS = ("Part of the model", "Taken", "Why")
 
 
-def _tally(rungs: Sequence[Rung]) -> str:
+def _tally(rungs: Sequence[records.Rung]) -> str:
     return f"{counted(len(rungs), 'part')} considered, {sum(rung.taken for rung in rungs)} taken"
 
 
-def _plan_row(plan: PlanRecord) -> tuple[str, ...]:
+def _plan_row(plan: records.PlanRecord) -> tuple[str, ...]:
     counts = _plan(plan)
     steps = [str(exposure) if exposure is not None else "not stated" for exposure in plan.bracket]
     size = (
@@ -169,7 +161,7 @@ def _plan_row(plan: PlanRecord) -> tuple[str, ...]:
     return name, f"{size}{f': {between}' if between else ''}", plan.reason
 
 
-def _row(row: RungRow) -> tuple[str, ...]:
+def _row(row: calibrated.RungRow) -> tuple[str, ...]:
     """The part, whether it was taken, and why: in brackets what a trial gained, and what it costs."""
     measured = ", ".join(words for words in (row.gain if row.tried else "", row.cost) if words)
     why = f"{row.reason} ({measured})" if measured else row.reason

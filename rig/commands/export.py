@@ -3,20 +3,20 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from imaging.session.paths import find_reconstruction
+from recon.exports import export as exporting
+from recon.exports import hand_over
+from recon.exports import loss as losses
 from recon.exports.request import ExportRequest
+from recon.result import scene as scenes
 from rig.options.common import JsonOption, WrongUsage
 from rig.options.request import Asked, Shown
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted, number
-
-if TYPE_CHECKING:
-    from recon.exports.hand_over import HandOver
-    from recon.exports.loss import Loss
 
 NO_OPTIONS = ExportRequest()
 OPTIONS = Asked(
@@ -62,17 +62,15 @@ def export(
             "--vfx writes its own formats, in linear light: leave --format, --linear and --display out"
         )
     with running("export") as status:
-        from recon.exports.export import export as export_scene
-        from recon.exports.hand_over import hand_over
-        from recon.result.scene import open_scene
-
         folder = find_reconstruction(reconstruction)
         status("opening the scene", 0, 0)
-        scene = open_scene(folder)
+        scene = scenes.open_scene(folder)
         if vfx is not None:
-            return _handed_over(folder, hand_over(scene, vfx, exposure=request.exposure, on_progress=status))
+            return _handed_over(
+                folder, hand_over.hand_over(scene, vfx, exposure=request.exposure, on_progress=status)
+            )
         assert out is not None
-        exported = export_scene(scene, out, request, on_progress=status)
+        exported = exporting.export(scene, out, request, on_progress=status)
     size = sum(path.stat().st_size for path in exported.files)
     if exported.format == "cameras":
         lines = [
@@ -90,7 +88,7 @@ def export(
     return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
 
 
-def _handed_over(folder: Path, done: "HandOver") -> CommandResult:
+def _handed_over(folder: Path, done: "hand_over.HandOver") -> CommandResult:
     size = sum(path.stat().st_size for path in done.files)
     data = {
         "reconstruction": str(folder),
@@ -110,7 +108,7 @@ def _handed_over(folder: Path, done: "HandOver") -> CommandResult:
     return CommandResult(data, lines)
 
 
-def _lost(factor: float, loss: "Loss | None", notes: Sequence[str]) -> list[str]:
+def _lost(factor: float, loss: "losses.Loss | None", notes: Sequence[str]) -> list[str]:
     lines = [f"its light is that of the scene times {number(factor)} ({math.log2(factor):+.1f} stops)"]
     if loss is not None:
         lines.append(f"lost: {loss}")

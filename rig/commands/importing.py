@@ -5,10 +5,12 @@ from typing import Annotated
 
 import typer
 
+from capture.imports import photos as photographs
 from capture.imports.request import ImportRequest
 from imaging.session.paths import has_shots
 from rig.options.common import JsonOption
 from rig.options.request import Asked, Shown
+from rig.report.pages import calibration as calibration_page
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 
@@ -16,7 +18,7 @@ NO_OPTIONS = ImportRequest()
 OPTIONS = Asked(bracket=Shown(how={"min": 1, "metavar": "N"}))
 
 
-def import_(
+def importing(
     photos: Annotated[
         Path,
         typer.Argument(
@@ -38,13 +40,9 @@ def import_(
     Example: rig import photos/ S
     """
     with running("import") as status, removed_on_failure(out, unless=has_shots):
-        from capture.imports.photos import import_photos
-
-        result = import_photos(photos, out, request, on_progress=status)
+        result = photographs.import_photos(photos, out, request, on_progress=status)
         if result.views:
-            from rig.report.pages.calibration import calibration_report
-
-            calibration_report(out, on_progress=status)
+            calibration_page.calibration_report(out, on_progress=status)
     lines = [
         f"{out}: {counted(result.shots, 'photo')} as {counted(result.frames, 'frame')} "
         f"of {counted(result.cameras, 'camera')}"

@@ -5,6 +5,11 @@ from typing import Annotated
 
 import typer
 
+from capture.rigfile import network_address, template
+from drivers import discovery
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.session import records
 from rig.commands.usb_bus import open_bus, open_network
 from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption
@@ -29,21 +34,14 @@ def init(
     Example: rig init RIG.toml --sim demo
     """
     with running("init") as status:
-        from capture.rigfile.network_address import ptpip_places
-        from capture.rigfile.template import rig_file_text
-        from drivers.discovery import ask_all
-        from imaging.errors import InputError
-        from imaging.files import store
-        from imaging.session.records import Board
-
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} exists already: name another file, or move it away.")
         addresses = addresses_of(camera, sim)
         bus, network = open_bus(sim), open_network(sim, addresses)
-        places = ptpip_places(addresses)
-        listed = list(ask_all(bus.backend, bus.clock, status, network=network, places=places))
-        board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
-        text = rig_file_text(listed, board, addresses)
+        places = network_address.ptpip_places(addresses)
+        listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))
+        board = None if bus.rig is None else records.Board.model_validate(bus.rig.board.description())
+        text = template.rig_file_text(listed, board, addresses)
         store.write_bytes(path, text.encode())
     failed = [one for one in listed if one.trouble]
     asked = len(listed) - len(failed)

@@ -2,18 +2,17 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from calib.exports import merge_session, merged_view
+from imaging.session import calibration as calibrations
+from imaging.session import session as sessions
+from imaging.spaces import SPACE_NAMES
 from rig.options.common import JsonOption, SessionArgument, SpaceOption
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
-
-if TYPE_CHECKING:
-    from calib.exports.merge_session import Merged
-    from calib.exports.merged_view import MergedView
-    from imaging.session.calibration import CalibrationRecord
 
 
 def merge(
@@ -53,10 +52,7 @@ def merge(
         running("merge") as status,
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
-        from calib.exports.merge_session import merge as merge_session
-        from imaging.spaces import SPACE_NAMES
-
-        merged = merge_session(
+        merged = merge_session.merge(
             session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status
         )
     calibration, factor = merged.calibration, merged.exposure_factor
@@ -89,7 +85,9 @@ def merge(
     return CommandResult(data, lines, _missing(session, merged), usable=True)
 
 
-def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middle_grey: bool) -> str:
+def _scale_line(
+    factor: float, calibration: "calibrations.CalibrationRecord | None", *, middle_grey: bool
+) -> str:
     """Meaning of a value in the files."""
     stops = f"{math.log2(factor):+g}".replace("-", "−")
     why = ", which shows the median of the session as middle grey, to the nearest stop" if middle_grey else ""
@@ -101,11 +99,9 @@ def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middl
     return f"{values}; a value of 1 is {white}, for {', '.join(scale.cameras)}"
 
 
-def _camera_rgb(session: Path, merged: "Merged") -> list[str]:
+def _camera_rgb(session: Path, merged: "merge_session.Merged") -> list[str]:
     """Cameras whose RAW was merged without knowing their colour."""
-    from imaging.session.session import Session
-
-    opened, calibration = Session.open(session), merged.calibration
+    opened, calibration = sessions.Session.open(session), merged.calibration
     return [
         name
         for name in dict.fromkeys(picture.view.camera for picture in merged.views)
@@ -114,7 +110,7 @@ def _camera_rgb(session: Path, merged: "Merged") -> list[str]:
     ]
 
 
-def _picture_data(picture: "MergedView") -> dict[str, Any]:
+def _picture_data(picture: "merged_view.MergedView") -> dict[str, Any]:
     return {
         "file": str(picture.file),
         "camera": picture.view.camera,
@@ -130,7 +126,7 @@ def _picture_data(picture: "MergedView") -> dict[str, Any]:
     }
 
 
-def _missing(session: Path, merged: "Merged") -> str | None:
+def _missing(session: Path, merged: "merge_session.Merged") -> str | None:
     """Brackets that hold no measured light at all."""
     blind = {
         "saturated all over: take shorter ones": [

@@ -9,6 +9,9 @@ from typing import Annotated
 
 import typer
 
+from capture.nodes import joining, place, token
+from capture.nodes import node as nodes
+from imaging.files import store
 from rig.commands.simulate import Address, address
 from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption, SeedOption
@@ -67,13 +70,7 @@ def node(
     """
     with ExitStack() as stack:
         with running("node") as status:
-            from capture.nodes.joining import joined_as
-            from capture.nodes.node import Assignment, Node
-            from capture.nodes.place import place_of, settings_of
-            from capture.nodes.token import MODE, ask_for_token, make_token
-            from imaging.files import store
-
-            settings = settings_of(
+            settings = place.settings_of(
                 name=name,
                 disk=(DISK / name if disk is None else disk).expanduser().absolute(),
                 addresses=addresses_of(camera, None),
@@ -84,22 +81,22 @@ def node(
             )
             store.require_writable(settings.disk)
             status("looking for cameras", 0, 0)
-            with closing(Node(place_of(settings), Assignment(()))) as here:
+            with closing(nodes.Node(place.place_of(settings), nodes.Assignment(()))) as here:
                 report = here.report()
             for one in report.strangers:
                 status.say(f"{one.serial}  {one.make} {one.model}")
             for refused in report.refused:
                 status.say(f"{refused}.")
-            if not ask_for_token({**os.environ}):
-                status.say(f"{MODE} is off: any program on this network can run programs on this host.")
-            elif (made := make_token()) is not None:
+            if not token.ask_for_token({**os.environ}):
+                status.say(f"{token.MODE} is off: any program on this network can run programs on this host.")
+            elif (made := token.make_token()) is not None:
                 status.say(
                     f"A token was made, without which no host can connect: copy {made} to the same place on "
                     "every other host, and begin the cluster there, with RAY_AUTH_MODE=token."
                 )
             status("joining", 0, 0)
             where = f"{ray[0]}:{ray[1]}"
-            joined = stack.enter_context(joined_as(settings, where))
+            joined = stack.enter_context(joining.joined_as(settings, where))
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # leave in order, too
         lines = [f"Node {name} has left."]
         with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced

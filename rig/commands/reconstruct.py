@@ -5,25 +5,28 @@ from contextlib import ExitStack, closing
 from dataclasses import replace as changed
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from recon import reconstruct as reconstructing
+from recon.data import pixels
+from recon.decide import budget as budgets
+from recon.decide import countdown as countdowns
+from recon.decide import overrides, prediction
+from recon.decide import request as requests
 from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, QualityName
+from recon.result import model as models
+from recon.train import interrupt
 from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.options.common import JsonOption, SeedOption, SessionArgument
 from rig.options.common import budget as parsed_budget
+from rig.report import tensorboard as events_log
 from rig.terminal.failures import Stopped
 from rig.terminal.progress import StatusLine, is_main_process
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at
 from rig.terminal.text import command_line, duration
-
-if TYPE_CHECKING:
-    from recon.decide.countdown import Countdown
-    from recon.decide.request import TrainingRequest
-    from recon.result.model import ModelRecord
-    from rig.report.tensorboard import TensorBoardLog
 
 REPORT_SHARE = 0.25
 """Share of the time of a training after which the report reads no more photographs."""
@@ -105,39 +108,33 @@ def reconstruct(
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as status, ExitStack() as stack:
-        from recon.data.pixels import decoded_once
-        from recon.decide.budget import Budget
-        from recon.decide.overrides import Overrides
-        from recon.decide.request import TrainingRequest
-
-        request = TrainingRequest(
+        request = requests.TrainingRequest(
             method=method,
             quality=quality,
-            budget=None if budget is None else Budget.parse(budget),
+            budget=None if budget is None else budgets.Budget.parse(budget),
             seed=seed,
-            overrides=Overrides.of(sets or ()),
+            overrides=overrides.Overrides.of(sets or ()),
             early_stop=early_stop,
             name=name,
             replace=replace,
         )
         events = None
         if tensorboard is not None and is_main_process():
-            from rig.report.tensorboard import TensorBoardLog
-
-            events = stack.enter_context(closing(TensorBoardLog(tensorboard)))
-        with decoded_once():
+            events = stack.enter_context(closing(events_log.TensorBoardLog(tensorboard)))
+        with pixels.decoded_once():
             return run_reconstruct(session, status, request, events)
 
 
 def run_reconstruct(
-    session: Path, status: StatusLine, request: "TrainingRequest", events: "TensorBoardLog | None" = None
+    session: Path,
+    status: StatusLine,
+    request: "requests.TrainingRequest",
+    events: "events_log.TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train, evaluate, write the report and say what came of it."""
-    from recon.decide.countdown import Countdown
-
     budget, countdown = request.budget, None
     if budget is not None and budget.unit == "s":
-        countdown = Countdown(budget.amount, started_at(), page=True, say=status.say)
+        countdown = countdowns.Countdown(budget.amount, started_at(), page=True, say=status.say)
     trained = run_training(session, status, request, countdown=countdown, events=events)
     if countdown is not None and not countdown.page:
         return trained
@@ -167,19 +164,15 @@ def run_reconstruct(
 def run_training(
     session: Path,
     status: StatusLine,
-    request: "TrainingRequest",
+    request: "requests.TrainingRequest",
     *,
-    countdown: "Countdown | None" = None,
-    events: "TensorBoardLog | None" = None,
+    countdown: "countdowns.Countdown | None" = None,
+    events: "events_log.TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train a scene, or go on with it; a finished one is left as it is."""
-    from recon.reconstruct import reconstruct as reconstruct_session
-    from recon.result.model import read_model
-    from recon.train.interrupt import Interrupted
-
     began = datetime.now(UTC)
     try:
-        folder = reconstruct_session(
+        folder = reconstructing.reconstruct(
             session,
             request,
             on_progress=status,
@@ -187,11 +180,11 @@ def run_training(
             countdown=countdown,
             on_log=events.line if events is not None else lambda line: None,
         )
-    except Interrupted as error:
+    except interrupt.Interrupted as error:
         raise Stopped(f"stopped; {error}; run the same command again to continue.") from error
     if not is_main_process():
         return CommandResult({"reconstruction": str(folder)})
-    record = read_model(folder)
+    record = models.read_model(folder)
     there = record.created < began
     data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
     data |= record.model_dump(
@@ -211,7 +204,7 @@ def run_training(
     return CommandResult(data, lines, missing=_missing(record), already_there=there)
 
 
-def _outcome(record: "ModelRecord") -> str:
+def _outcome(record: "models.ModelRecord") -> str:
     """Course of the training, in one line."""
     words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
     if record.ending == "early stop":
@@ -222,19 +215,18 @@ def _outcome(record: "ModelRecord") -> str:
     words += f" at {record.width} px"
     if record.predicted is None:
         return words
-    from recon.decide.prediction import corrected
 
     guess = record.predicted
     words = f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f}"
     count = record.iterations * record.settings.batch
-    other = corrected(guess, count) if record.ending == "schedule" else None
+    other = prediction.corrected(guess, count) if record.ending == "schedule" else None
     if other is not None:
         words += f", for {guess.iterations} iterations; for the {count} that the time had room for "
         words += f"{other.db:.1f}, {other.low:.1f} to {other.high:.1f}"
     return f"{words})"
 
 
-def _missing(record: "ModelRecord") -> str | None:
+def _missing(record: "models.ModelRecord") -> str | None:
     """One sentence if a quality was asked for and not reached."""
     settings, reached = record.settings, record.held_out_db
     if settings.budget is None or settings.budget_unit != "dB" or reached is None:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from capture.bracket import automatic
+from capture.record import shooting
+from capture.record import source as sources
+from capture.rigfile import rigfile
 from rig.commands.usb_bus import source_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult
 from rig.terminal.text import counted, size
-
-if TYPE_CHECKING:
-    from capture.record.shooting import Rehearsal
-    from capture.record.source import CaptureRequest
-    from capture.rigfile.rigfile import RigFile
-
 
 _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
 
@@ -24,15 +22,13 @@ def rehearse(
     sim: str | None,
     out: Path,
     status: StatusLine,
-    request: CaptureRequest,
+    request: sources.CaptureRequest,
     *,
-    rig: RigFile | None,
+    rig: rigfile.RigFile | None,
     seed: int,
     ray: str,
 ) -> CommandResult:
     """StatusLine, plan and say so; nothing is written."""
-    from capture.record import shooting
-
     with source_of(sim, seed, rig, request, status, ray=ray) as source:
         done = shooting.rehearse(source, out, request)
     record = done.record
@@ -64,15 +60,13 @@ def rehearse(
     return CommandResult(data | more, lines + table)
 
 
-def _worth(done: Rehearsal) -> tuple[dict[str, Any], list[str]]:
+def _worth(done: shooting.Rehearsal) -> tuple[dict[str, Any], list[str]]:
     """The metered range, the worth of every exposure by camera and for the rig, and what is missed."""
-    from capture.bracket.automatic import worths
-
     if done.metering is None:
         return {"metered": None, "unmetered": done.unmetered}, [f"Not metered: {done.unmetered}"]
     targets = done.metering.targets
     exposures = [exposure for exposure in done.record.bracket if exposure is not None]
-    table = [worths(targets, exposure) for exposure in exposures]
+    table = [automatic.worths(targets, exposure) for exposure in exposures]
     names = list(table[0])
     wide = max(len(str(exposure)) for exposure in exposures)
     lines = [

@@ -4,21 +4,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from imaging.errors import InputError
+from imaging.files import exr
 from imaging.session.paths import find_reconstruction, scene_around
+from recon.rendering import render as rendering
 from recon.rendering.request import LAYERS, Layer, RenderRequest
+from recon.result import display
+from recon.result import scene as opening
 from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.options.request import Asked, Shown
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
-
-if TYPE_CHECKING:
-    from recon.result.display import Shown as Tones
-
+from rig.view.pictures import look
 
 _CAMERAS, _FILES, _PICTURES = "Which cameras", "EXR files", "PNG files and film"
 
@@ -83,7 +84,7 @@ def render(
         str,
         typer.Option(
             metavar="NAME",
-            help="Tones as in rig view, such as linear, aces-2.0, agx, filmic or false-colour.",
+            help="display.Shown as in rig view, such as linear, aces-2.0, agx, filmic or false-colour.",
             rich_help_panel=_PICTURES,
         ),
     ] = "linear",
@@ -110,24 +111,19 @@ def render(
         def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
-                from imaging.files.exr import read_exr_header
-                from recon.rendering.render import render as render_scene
-                from recon.rendering.render import render_probe
-                from recon.result.scene import open_scene
-
-                scene = open_scene(folder)
+                scene = opening.open_scene(folder)
                 if place is not None:
                     status("drawing the light probe", 0, 0)
-                    files = render_probe(scene, target, place, asked)
+                    files = rendering.render_probe(scene, target, place, asked)
                     return CommandResult(
                         _scene_data(folder, target, files, scene.exposure),
                         [
                             f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
-                            *_unknown(read_exr_header(files[0]).attributes),
+                            *_unknown(exr.read_exr_header(files[0]).attributes),
                         ],
                     )
                 said: list[str] = []
-                files = render_scene(scene, target, asked, on_progress=status, on_message=said.append)
+                files = rendering.render(scene, target, asked, on_progress=status, on_message=said.append)
             scale = scene.exposure
             kind = "frame" if asked.path else "view"
             count = sum(file.suffix == ".exr" for file in files)
@@ -170,15 +166,13 @@ def _unknown(attributes: Mapping[str, object]) -> list[str]:
     return [f"the scene has light from {100 * known:.0f} % of all directions; the rest of the map is black"]
 
 
-def _tones(name: str) -> "Tones":
+def _tones(name: str) -> "display.Shown":
     """The map of tones of a name, as rig view has them; InputError for another."""
-    from rig.view.pictures.look import TONE_MAPS, Look
-
-    names = {one.lower().replace(" ", "-"): one for one in TONE_MAPS}
+    names = {one.lower().replace(" ", "-"): one for one in look.TONE_MAPS}
     tone_map = names.get(name.lower().replace(" ", "-"))
     if tone_map is None:
         raise InputError(f"There are no tones {name!r}: name one of {', '.join(names)}.")
-    return Look(tones=tone_map).shown
+    return look.Look(tones=tone_map).shown
 
 
 def _scene_data(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:

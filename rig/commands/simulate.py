@@ -10,6 +10,19 @@ from typing import Annotated
 
 import typer
 
+from drivers.sim import rigs
+from drivers.sim.camera import camera as cameras
+from drivers.sim.gige import clock
+from drivers.sim.gige import device as gige_devices
+from drivers.sim.ptp import profiles, usb_device
+from drivers.sim.ptp import ptpip as ptp_ip
+from drivers.sim.ptp import responder as responders
+from drivers.sim.u3v import device as u3v_devices
+from drivers.sim.usb import bus as buses
+from drivers.sim.usb import timeline as timelines
+from drivers.sim.usb.usbip import packets
+from drivers.sim.usb.usbip import server as usb_ip
+from imaging.errors import InputError
 from rig.options.common import JsonOption, SeedOption, WrongUsage
 from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
@@ -85,8 +98,6 @@ def simulate(
 
 def _listening(where: Address, listen: Callable[[str, int], socket.socket]) -> socket.socket:
     """The socket of a server there. InputError."""
-    from imaging.errors import InputError
-
     try:
         return listen(*where)
     except OSError as error:
@@ -100,23 +111,18 @@ def _ptpip(where: Address, profile: str, seed: int) -> CommandResult:
     """Be a still camera on the network until Ctrl-C."""
     with ExitStack() as stack:
         with running("simulate") as status:
-            from drivers.sim import rigs
-            from drivers.sim.camera.camera import SimulatedCamera
-            from drivers.sim.ptp import profiles
-            from drivers.sim.ptp.ptpip import PtpIpServer, listen
-            from drivers.sim.ptp.responder import Responder
-            from drivers.sim.usb.timeline import LiveTimeline
-
             body = profiles.profile(profile)
-            listening = stack.enter_context(_listening(where, listen))
+            listening = stack.enter_context(_listening(where, ptp_ip.listen))
             rig = rigs.simulate("demo", seed)
             status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)
-            camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
-            responder = Responder(camera, body, stack.enter_context(closing(LiveTimeline())))
+            camera = cameras.SimulatedCamera(rig.bodies[0], lambda frame: view)
+            responder = responders.Responder(
+                camera, body, stack.enter_context(closing(timelines.LiveTimeline()))
+            )
             # Of its own, as several of them may be the cameras of one rig.
             responder.serial = f"SIM-{profile.upper()}-{listening.getsockname()[1]}"
-            server = stack.enter_context(PtpIpServer(responder, listening))
+            server = stack.enter_context(ptp_ip.PtpIpServer(responder, listening))
         with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced
             with running("simulate") as status:
                 status.say(
@@ -139,13 +145,6 @@ def _gige(host: str, seed: int) -> CommandResult:
     """Be a GigE Vision camera at that address until Ctrl-C."""
     with ExitStack() as stack:
         with running("simulate") as status:
-            from drivers.sim import rigs
-            from drivers.sim.camera.camera import SimulatedCamera
-            from drivers.sim.gige.clock import NetworkTime
-            from drivers.sim.gige.device import GigeDevice
-            from drivers.sim.usb.timeline import LiveTimeline
-            from imaging.errors import InputError
-
             try:
                 number = socket.inet_aton(host).hex()
             except OSError:
@@ -154,11 +153,13 @@ def _gige(host: str, seed: int) -> CommandResult:
             status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)
             # A serial number of its own, as several may be in one rig.
-            camera = SimulatedCamera(replace(rig.bodies[0], serial=f"SIM-{number}"), lambda frame: view)
-            timeline = stack.enter_context(closing(LiveTimeline()))
+            camera = cameras.SimulatedCamera(
+                replace(rig.bodies[0], serial=f"SIM-{number}"), lambda frame: view
+            )
+            timeline = stack.enter_context(closing(timelines.LiveTimeline()))
             try:
                 device = stack.enter_context(
-                    GigeDevice(camera, timeline, host, network_time=NetworkTime(seed=seed))
+                    gige_devices.GigeDevice(camera, timeline, host, network_time=clock.NetworkTime(seed=seed))
                 )
             except OSError as error:
                 raise InputError(
@@ -182,42 +183,37 @@ def _usbip(where: Address, profile: str | None, seed: int) -> CommandResult:
     """
     with ExitStack() as stack:
         with running("simulate") as status:
-            from drivers.sim import rigs
-            from drivers.sim.camera.camera import SimulatedCamera
-            from drivers.sim.ptp import profiles
-            from drivers.sim.ptp.responder import Responder
-            from drivers.sim.ptp.usb_device import PtpDevice
-            from drivers.sim.u3v.device import U3vDevice
-            from drivers.sim.usb.bus import VirtualBus
-            from drivers.sim.usb.timeline import LiveTimeline
-            from drivers.sim.usb.usbip.packets import PORT
-            from drivers.sim.usb.usbip.server import UsbIpServer, listen
-
             body = None if profile is None else profiles.profile(profile)
-            listening = stack.enter_context(_listening(where, listen))
+            listening = stack.enter_context(_listening(where, usb_ip.listen))
             host, port = listening.getsockname()
             serial = f"SIM-{socket.inet_aton(host).hex()}-{port}"  # of its own, as above
             rig = rigs.simulate("demo", seed)
             status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)
-            camera = SimulatedCamera(replace(rig.bodies[0], serial=serial), lambda frame: view)
-            timeline = stack.enter_context(closing(LiveTimeline()))
-            bus = VirtualBus(timeline)
-            device: U3vDevice | PtpDevice = (
-                U3vDevice(camera, timeline) if body is None else PtpDevice(Responder(camera, body, timeline))
+            camera = cameras.SimulatedCamera(replace(rig.bodies[0], serial=serial), lambda frame: view)
+            timeline = stack.enter_context(closing(timelines.LiveTimeline()))
+            bus = buses.VirtualBus(timeline)
+            device: u3v_devices.U3vDevice | usb_device.PtpDevice = (
+                u3v_devices.U3vDevice(camera, timeline)
+                if body is None
+                else usb_device.PtpDevice(responders.Responder(camera, body, timeline))
             )
             bus.plug(device)
-            server = stack.enter_context(UsbIpServer(bus, listening))
+            server = stack.enter_context(usb_ip.UsbIpServer(bus, listening))
             (bus_id,) = server.bus_ids()
         with suppress(KeyboardInterrupt, Stopped):  # as above
             with running("simulate") as status:
-                at_port = "" if port == PORT else f"--tcp-port {port} "
+                at_port = "" if port == packets.PORT else f"--tcp-port {port} "
                 status.say(
                     f"{serial} is at {host}:{port}, try as root: modprobe vhci-hcd && "
                     f"usbip {at_port}attach -r {host} -b {bus_id}"
                 )
             threading.Event().wait()
-        shots = len(device.opened) if isinstance(device, U3vDevice) else device.responder.shooting.shots
+        shots = (
+            len(device.opened)
+            if isinstance(device, u3v_devices.U3vDevice)
+            else device.responder.shooting.shots
+        )
     data = {
         "usbip": bus_id,
         "profile": profile,

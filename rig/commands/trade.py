@@ -6,16 +6,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imaging.compute import workers as pools
+from imaging.errors import InputError
+from recon.decide import budget as budgets
+from rig.batch import processes
 from rig.options.common import CoresOption, JsonOption, RayOption, SeedOption, SessionArgument
+from rig.report.pages import trade as trade_page
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at
 from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
-    from imaging.compute.workers import Workers
     from recon.trade import Point, Trade
-
 
 PAGE_SHARE = 0.05
 """Share of the time kept for the page and for a training that is given up late."""
@@ -53,26 +56,21 @@ def trade(
     Example: rig trade S --budget 10m
     """
     with running("trade") as status:
-        from imaging.errors import InputError
-        from recon.decide.budget import Budget
-
-        limit = Budget.parse(budget)
+        limit = budgets.Budget.parse(budget)
         if limit.unit != "s":
             raise InputError(f"A trade-off is measured within a time, not {budget}: write it as 90s or 10m.")
         if ray is None:
             return run_trade(session, status, limit.amount, workers, seed)
-        from rig.batch.processes import begun
 
-        with begun(workers, ray, cores) as cluster:
+        with processes.begun(workers, ray, cores) as cluster:
             return run_trade(session, status, limit.amount, cluster, seed)
 
 
 def run_trade(
-    session: Path, status: StatusLine, budget: float, workers: "int | Workers", seed: int
+    session: Path, status: StatusLine, budget: float, workers: "int | pools.Workers", seed: int
 ) -> CommandResult:
     """Sweep, write the page and return the result; after Ctrl-C too the page has all finished points."""
     from recon.trade import trade_sweep
-    from rig.report.pages.trade import trade_report
 
     try:
         now = time.monotonic()
@@ -88,9 +86,9 @@ def run_trade(
         )
     except KeyboardInterrupt:
         if (session / "trade" / "trade.json").is_file():
-            trade_report(session)
+            trade_page.trade_report(session)
         raise
-    return _trade_result(session, trade_off, trade_report(session))
+    return _trade_result(session, trade_off, trade_page.trade_report(session))
 
 
 def _trade_result(session: Path, trade_off: "Trade", report: Path) -> CommandResult:

@@ -15,6 +15,9 @@ from imaging.session.paths import find_reconstruction, session_of, without_scene
 from rig.options.common import JsonOption, WrongUsage
 from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
+from rig.view.pages import follow, opening, session_page
+from rig.view.serving import first as first_picture
+from rig.view.serving import server
 
 
 def view(
@@ -53,28 +56,21 @@ def view(
         raise WrongUsage("Two scenes can be compared, not more")
     with ExitStack() as stack:
         with running("view"):
-            from rig.view.serving.first import FirstPicture
-            from rig.view.serving.server import Viewer
-
             session = _followed(reconstructions[0]) if len(reconstructions) == 1 else None
             folders = [session] if session else [find_reconstruction(path) for path in reconstructions]
             label = " | ".join(folder.resolve().name for folder in folders)
-            first = None if session else FirstPicture.of(folders[0])
-            viewer = stack.enter_context(Viewer(label, port, host, first))
+            first = None if session else first_picture.FirstPicture.of(folders[0])
+            viewer = stack.enter_context(server.Viewer(label, port, host, first))
         stack.enter_context(suppress(KeyboardInterrupt, Stopped))  # Ctrl-C ends it well, also while it opens
         _announce(folders, viewer.url)
         with running("view") as status:
             if session is not None:
-                from rig.view.pages.follow import Follower
-                from rig.view.pages.session_page import show_session
-
-                show_session(viewer, session)
-                wait: Callable[[], object] = Follower(viewer, session).run
+                session_page.show_session(viewer, session)
+                wait: Callable[[], object] = follow.Follower(viewer, session).run
             else:
                 status("opening the scene", 0, 0)
-                from rig.view.pages.opening import show_scenes
 
-                show_scenes(viewer, folders)
+                opening.show_scenes(viewer, folders)
                 wait = threading.Event().wait
         wait()
     return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})

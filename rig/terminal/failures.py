@@ -10,7 +10,6 @@ import platform
 import tempfile
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import ClassVar
 
@@ -82,6 +81,8 @@ def _disk(error: OSError) -> str | None:
 
 def _defect(error: BaseException, words: Sequence[str]) -> str:
     """Our own fault: the traceback goes to a file, with what was done, for the report to us."""
+    from importlib.metadata import version  # a tenth of the time that `rig --help` would take
+
     path = Path(tempfile.gettempdir()) / f"rig-defect-{os.getpid()}.txt"
     doing = "; ".join(getattr(error, "__notes__", ()))
     head = (

@@ -148,7 +148,7 @@ def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
 
     record = read_calibration(toy)
     partial = record.model_copy(update={"views": record.views[1:], "unregistered": (ViewId(0, "cam0"),)})
-    monkeypatch.setattr("calib.calibrate.calibrate", lambda session, **options: partial)
+    monkeypatch.setattr("calib.calibrate.calibrate", lambda session, request, **options: partial)
     code, out, err = rig("calibrate", str(toy), "--json")
     assert code == 3
     assert_one_sentence(err)
@@ -158,7 +158,7 @@ def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
 
 
 def test_a_calibration_in_part_has_its_page(rig, toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def in_part(session: Path, **options: object) -> None:
+    def in_part(session: Path, request: object, **options: object) -> None:
         raise PartialError(f"{session}: the response is measured, but no view has a pose: take more views.")
 
     monkeypatch.setattr("calib.calibrate.calibrate", in_part)
