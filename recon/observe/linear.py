@@ -35,6 +35,9 @@ LIGHT_MU = 5000.0
 class Observation(ABC):
     """The part of a model that knows about cameras; of itself it has nothing that is trained."""
 
+    display_values: bool = False
+    """True if an image holds display values, which end where a display does, in steps that it can show."""
+
     @property
     def shared(self) -> dict[str, Tensor]:
         """Parameters of the model that belong to no Gaussian, such as a tone curve."""

@@ -232,6 +232,7 @@ class Display(Observation):
 
     response: Response
     k: float
+    display_values = True
     developed: bool = False
     _prepared: Targets[_Codes] = field(default_factory=Targets, repr=False)
     _shades: dict[int, tuple[Array32, Array32]] = field(default_factory=dict, repr=False)

@@ -284,7 +284,8 @@ def scene_of(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene
     gaussians = Gaussians(checkpoint.part("gaussians"))
     cameras = [record.world.camera(view.splat_camera) for view in record.views if view.use == "training"]
     sampling = Sampling.of(gaussians.parameters["means"], cameras)
-    appearance, limits = APPEARANCES[record.settings.method], limits_for(record.reference)
+    appearance = APPEARANCES[record.settings.method]
+    limits = limits_for(record.reference, record.display is not None)
     return Scene(folder, record, gaussians, Renderer(appearance, limits, environment, sampling))
 
 

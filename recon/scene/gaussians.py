@@ -193,6 +193,15 @@ TAU = 0.03
 that is one photo-electron or less, and a third fewer pixels to blend than at a thousandth."""
 
 
-def limits_for(reference: float | None) -> Limits:
-    """The cut-offs for a scene whose dimmest radiance that matters is `reference`, in scene units."""
-    return replace(Limits(), luminance_reference=reference, tau=TAU)
+DISPLAYED = Limits(t_min=1e-4)
+"""The cut-offs for display values: what they leave out of a Gaussian is no more than a step of 8 bits. With
+those of light a training blends a third more pixels: sceaux, 400 px, 40,000 Gaussians, 500 iterations, two
+seeds, 25.3 and 21.1 processor seconds, 19.33 and 19.39 dB.
+"""
+
+
+def limits_for(reference: float | None, display_values: bool = False) -> Limits:
+    """The cut-offs for a scene whose dimmest radiance that matters is `reference`, in scene units, or of
+    display values.
+    """
+    return DISPLAYED if display_values else replace(Limits(), luminance_reference=reference, tau=TAU)

@@ -105,7 +105,8 @@ class Training:
 
     def renderer(self) -> Renderer:
         """Return how its Gaussians are drawn."""
-        return Renderer(self.method.appearance, limits_for(self.light.reference), self.environment)
+        limits = limits_for(self.light.reference, self.method.observation.display_values)
+        return Renderer(self.method.appearance, limits, self.environment)
 
     def held_out_psnr(self, views: Sequence[View], progress: float, ranks: Ranks) -> float:
         """Quality of views, dB: see `live_curve.held_out_psnr`."""

@@ -96,6 +96,10 @@ def test_a_copied_folder_renders_the_same_bytes_without_its_session(
     if method == "vanilla":  # display values have a response instead of a factor
         session = shutil.copytree(toy_ldr, tmp_path / "ldr")
         scene = reconstruct(session, TrainingRequest(quality="draft", method="vanilla"))
+    opened = open_model(scene)
+    limits = opened.scene.renderer.limits
+    assert limits == opened.training.renderer().limits
+    assert (limits.luminance_reference is None) == (method == "vanilla")
     before = pictures(scene, tmp_path / "before")
     assert len(before) == 12
     moved = shutil.copytree(scene, tmp_path / "elsewhere" / "sent")
