@@ -7,7 +7,7 @@ from recon.decide.presets import QUALITIES
 
 from .claim import Claim as Claimed
 from .claim import cell, cells, line, stored
-from .claims_of_scenes import beside_peer, castle_preset, presets, wide
+from .figures_of_scenes import beside_peer, castle_preset, presets, wide
 
 Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
 Front = partial(Claimed, page="README.md")

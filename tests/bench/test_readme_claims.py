@@ -2,7 +2,7 @@
 
 These are "What it reaches" in the README, docs/figures.md and docs/speed-or-accuracy.md. A sentence that
 changes has its claim changed with it, in one of the files claims_of_*.py: `words` finds its figures, one
-group each, and `found` computes them from bench/results. What a sentence says of its own conditions is
+group each, and `measured` computes them from bench/results. What a sentence says of its own conditions is
 among SETTINGS.
 """
 

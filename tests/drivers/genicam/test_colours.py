@@ -7,7 +7,7 @@ import pytest
 from drivers.errors import CameraRefused
 from drivers.genicam.colours import even_out
 
-from .nodemap.test_genicam import Bytes, node_map
+from .nodemap.nodes import Bytes, node_map
 from .test_processing import LOCKED, amount, choice, switch
 
 RGB = ("Red", "Green", "Blue")

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import CameraRefused
 from drivers.genicam.processing import STAGES, switch_off
 
-from .nodemap.test_genicam import node_map
+from .nodemap.nodes import node_map
 
 
 def switch(name: str, on: int = 1, more: str = "") -> str:

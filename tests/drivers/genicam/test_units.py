@@ -12,7 +12,7 @@ from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_NAME
 from imaging.exposure import Exposure
 
-from .nodemap.test_genicam import Bytes, node_map
+from .nodemap.nodes import Bytes, node_map
 
 PIXELS = BY_NAME["BayerRG12"]
 

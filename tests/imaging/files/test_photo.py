@@ -1,56 +1,20 @@
-"""Photographs of every kind that cameras and converters write, and damaged ones."""
+"""Photographs of every kind that cameras and converters write."""
 
-import json
-import shutil
-import subprocess
-import warnings
-from datetime import datetime, timedelta, timezone
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png, is_photo, read_metadata, read_photo
 from imaging.files.tiff.exif import encode_exif
 from imaging.mosaic import FrameMetadata
 
-RNG = np.random.default_rng(7)
-RGB8 = RNG.integers(0, 256, (21, 30, 3), dtype=np.uint8)
-RGB16 = RNG.integers(0, 65536, (21, 30, 3), dtype=np.uint16)
-
-
-def codes(path: Path, data: bytes) -> np.ndarray:
-    """Code values of a file with this content, as whole numbers again."""
-    path.write_bytes(data)
-    photo = read_photo(path)
-    assert photo.pixels.dtype == np.float32
-    assert photo.pixels.ndim == 3
-    assert photo.pixels.min() >= 0
-    assert photo.pixels.max() <= 1
-    largest = {8: 255, 16: 65535}[photo.bit_depth]
-    return np.round(photo.pixels.astype(np.float64) * largest).astype(
-        {8: np.uint8, 16: np.uint16}[photo.bit_depth]
-    )
-
-
-def tiff(pixels: np.ndarray, **options: object) -> bytes:
-    buffer = BytesIO()
-    tifffile.imwrite(buffer, pixels, **options)
-    return buffer.getvalue()
-
-
-def pillow(image: Image.Image, kind: str, **options: object) -> bytes:
-    buffer = BytesIO()
-    image.save(buffer, kind, **options)
-    return buffer.getvalue()
+from .photographs import RGB8, RGB16, codes, pillow, tiff
 
 
 @pytest.mark.parametrize("pixels", [RGB8, RGB16, RGB8[..., 0], RGB16[..., 0], RGB16[::-1, ::2]])
@@ -204,74 +168,6 @@ def test_colour_keeps_its_resolution(tmp_path: Path) -> None:
     assert len(encode_jpeg(RGB8, 50)) < len(encode_jpeg(RGB8, 95))
 
 
-def test_metadata_survives_in_jpeg(tmp_path: Path, metadata: FrameMetadata) -> None:
-    path = tmp_path / "a.jpg"
-    path.write_bytes(encode_jpeg(RGB8, metadata=metadata))
-    assert read_metadata(path) == metadata
-    photo = read_photo(path)
-    assert photo.metadata == metadata
-    assert photo.pixels.shape == RGB8.shape  # orientation 6 is told and not applied
-
-
-@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
-def test_exiftool_reads_our_exif(tmp_path: Path, metadata: FrameMetadata) -> None:
-    path = tmp_path / "a.jpg"
-    path.write_bytes(encode_jpeg(RGB8, metadata=metadata))
-    done = subprocess.run(
-        ["exiftool", "-j", "-n", "-validate", "-warning", "-a", "-all", str(path)],
-        capture_output=True,
-        check=True,
-        timeout=60,
-    )
-    tags = json.loads(done.stdout)[0]
-    expected = {
-        "Make": "Maker",
-        "Model": "Model 1",
-        "SerialNumber": "S-1",
-        "ExposureTime": 0.000125,
-        "FNumber": 2.8,
-        "ISO": 200,
-        "FocalLength": 35,
-        "Orientation": 6,
-        "DateTimeOriginal": "2024:05:06 07:08:09",
-    }
-    assert {name: tags.get(name) for name in expected} == expected
-    # the JFIF tags that exiftool misses are not ours to write
-    assert "Error" not in tags
-
-
-@pytest.mark.parametrize("time", [1 / 8000, 1 / 4000, 30.0, 1e-5, 1 / 3])
-def test_exposure_times_are_exact(tmp_path: Path, time: float) -> None:
-    path = tmp_path / "a.jpg"
-    path.write_bytes(encode_jpeg(RGB8, metadata=FrameMetadata(exposure=Exposure(time=time, iso=100))))
-    assert read_metadata(path).exposure == Exposure(time=time, iso=100)
-
-
-def test_metadata_in_png_and_tiff(tmp_path: Path, metadata: FrameMetadata) -> None:
-    block = encode_exif(metadata)
-    (tmp_path / "a.png").write_bytes(pillow(Image.fromarray(RGB8), "PNG", exif=block))
-    assert read_metadata(tmp_path / "a.png") == metadata
-    (tmp_path / "a.tif").write_bytes(pillow(Image.fromarray(RGB8), "TIFF", exif=block))
-    assert read_metadata(tmp_path / "a.tif") == metadata
-    assert read_photo(tmp_path / "a.tif").metadata == metadata
-
-
-def test_a_time_zone_is_written_and_the_clock_read(tmp_path: Path) -> None:
-    zoned = datetime(2024, 5, 6, 7, 8, 9, tzinfo=timezone(timedelta(hours=-3, minutes=-30)))
-    path = tmp_path / "a.jpg"
-    path.write_bytes(encode_jpeg(RGB8, metadata=FrameMetadata(captured_at=zoned)))
-    assert read_metadata(path).captured_at == datetime(2024, 5, 6, 7, 8, 9)
-    with Image.open(path) as image:
-        assert image.getexif().get_ifd(0x8769)[36881] == "-03:30"
-
-
-def test_files_without_metadata_have_none(tmp_path: Path) -> None:
-    for name, data in (("a.jpg", encode_jpeg(RGB8)), ("a.png", encode_png(RGB8)), ("a.tif", tiff(RGB8))):
-        (tmp_path / name).write_bytes(data)
-        assert read_metadata(tmp_path / name).exposure is None
-        assert read_metadata(tmp_path / name).make == ""
-
-
 def test_the_content_counts_and_not_the_suffix(tmp_path: Path) -> None:
     assert np.array_equal(codes(tmp_path / "a.jpg", encode_png(RGB8)), RGB8)
 
@@ -284,115 +180,6 @@ def test_a_thumbnail_is_not_the_image(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(data[: len(data) // 2 + len(inner) // 2])
     with pytest.raises(InputError, match="damaged or cut off"):
         read_photo(tmp_path / "a.jpg")
-
-
-SOUND = {
-    "a.jpg": encode_jpeg(RGB8, metadata=FrameMetadata(make="M", exposure=Exposure(time=0.5))),
-    "b.jpg": pillow(Image.fromarray(RGB8), "JPEG", progressive=True),
-    "a.png": encode_png(RGB16),
-    "a.tif": tiff(RGB16, photometric="rgb"),
-    "b.tif": tiff(RGB16, photometric="rgb", compression="deflate", rowsperstrip=4),
-}
-
-
-@pytest.mark.parametrize("name", SOUND)
-def test_a_file_cut_off_anywhere_is_refused_in_silence(
-    tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    data, path = SOUND[name], tmp_path / name
-    pixels_end = len(data) - 1
-    for end in [*range(0, pixels_end, max(1, len(data) // 60)), pixels_end]:
-        path.write_bytes(data[:end])
-        with pytest.raises(InputError) as error:
-            read_photo(path)
-        text = str(error.value)
-        assert text.startswith(str(path))
-        assert text.endswith(".")
-        assert "\n" not in text
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("name", SOUND)
-def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
-    data, path = SOUND[name], tmp_path_factory.mktemp("photo") / name
-
-    @settings(max_examples=150)
-    @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=5))
-    def damage(changes: list[tuple[int, int]]) -> None:
-        damaged = bytearray(data)
-        for position, value in changes:
-            damaged[position if value % 2 else position % 400] = value
-        path.write_bytes(damaged)
-        for read in (read_photo, read_metadata):
-            try:
-                read(path)
-            except InputError:
-                continue
-
-    damage()
-
-
-def test_other_files_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "text.jpg").write_text("I am a text file")
-    (tmp_path / "zeros.png").write_bytes(bytes(500))
-    (tmp_path / "empty.tif").write_bytes(b"")
-    (tmp_path / "folder.jpg").mkdir()
-    for name, says in (
-        ("text.jpg", "not a JPEG, PNG or TIFF"),
-        ("zeros.png", "not a JPEG, PNG or TIFF"),
-        ("empty.tif", "is empty"),
-        ("folder.jpg", "is a directory"),
-        ("missing.jpg", "no such file"),
-    ):
-        with pytest.raises(InputError, match=says):
-            read_photo(tmp_path / name)
-        with pytest.raises(InputError, match=r"cannot be read|no photograph"):
-            read_metadata(tmp_path / name)
-    (tmp_path / "notes.txt").write_text("I am a text file")
-    with pytest.raises(InputError, match="no photograph"):
-        read_metadata(tmp_path / "notes.txt")
-
-
-@pytest.mark.parametrize(
-    ("name", "data"),
-    [
-        ("float.tif", tiff(RGB8.astype(np.float32), photometric="rgb")),
-        ("deep.tif", tiff(RGB8.astype(np.uint32), photometric="rgb")),
-        ("bits.tif", pillow(Image.fromarray(RGB8[..., 0] > 99), "TIFF")),
-        ("palette.tif", pillow(Image.fromarray(RGB8).quantize(16), "TIFF")),
-        ("cmyk.tif", pillow(Image.fromarray(RGB8).convert("CMYK"), "TIFF")),
-        ("cmyk.jpg", pillow(Image.fromarray(RGB8).convert("CMYK"), "JPEG")),
-    ],
-)
-def test_kinds_that_are_not_read_are_named(tmp_path: Path, name: str, data: bytes) -> None:
-    (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=rf"{name} is a (TIFF|JPEG) .*: convert it .*\.$"):
-        read_photo(tmp_path / name)
-
-
-def test_a_header_that_asks_for_too_much_is_refused(tmp_path: Path) -> None:
-    data = bytearray(encode_png(RGB8))
-    data[16:24] = (100_000).to_bytes(4) * 2
-    (tmp_path / "a.png").write_bytes(data)
-    with pytest.raises(InputError, match="damaged"):
-        read_photo(tmp_path / "a.png")
-
-
-def test_a_large_image_is_no_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Pillow takes large photographs for bombs
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for name, data in SOUND.items():
-            assert codes(tmp_path / name, data).shape == RGB8.shape
-
-
-@pytest.mark.parametrize("encode", [encode_jpeg, encode_png])
-def test_only_code_values_are_encoded(encode: object) -> None:
-    with pytest.raises(ValueError, match="uint8"):
-        encode(np.zeros((4, 4, 3), np.float32))
-    with pytest.raises(ValueError, match="uint8"):
-        encode_jpeg(RGB16)
 
 
 def test_suffixes() -> None:

@@ -2,71 +2,29 @@ import json
 import math
 import re
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from capture.imports.layouts import nerfstudio
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.layouts.posed_frame import PosedFrame
-from capture.imports.photos import import_photos
 from imaging.cfa import Cfa
 from imaging.colour import camera_from_rec709
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap, read_points
-from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import encode_dng
 from imaging.mosaic import RawMosaic, as_matrix
 from imaging.noise import SensorNoise
 from imaging.session.calibration import read_calibration
-from imaging.session.session import Session
 from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.start.initialisation import start_points
 
-LENS = {"fl_x": 70.0, "fl_y": 72.0, "cx": 33.0, "cy": 22.5, "w": 64, "h": 48}
-TERMS = {"k1": -0.1, "k2": 0.03, "p1": 0.004, "p2": -0.003}
-PNG = encode_png(np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8))
-
-
-def looking_at(centre, target=(0.0, 0.0, 0.0)) -> np.ndarray:
-    """world_from_cam in OpenGL's axes of a camera that looks at a target; z is up."""
-    back = np.asarray(centre, float) - target
-    back /= np.linalg.norm(back)
-    right = np.cross([0, 0, 1.0], back)
-    right /= np.linalg.norm(right)
-    motion = np.eye(4)
-    motion[:3] = np.stack([right, np.cross(back, right), back, centre], axis=1)
-    return motion
-
-
-CENTRES = [(4, 0.5, 1), (3, 2, 1.5), (1, 3.5, 0.5), (-2, 3, 1)]
-
-
-def frames(**extra):
-    return [
-        {"file_path": f"images/{n}.png", "transform_matrix": looking_at(centre).tolist()} | extra
-        for n, centre in enumerate(CENTRES)
-    ]
-
-
-def scene(folder: Path, value, photos=4) -> Path:
-    (folder / "images").mkdir(parents=True, exist_ok=True)
-    for n in range(photos):
-        (folder / "images" / f"{n}.png").write_bytes(PNG)
-    (folder / "transforms.json").write_text(value if isinstance(value, str) else json.dumps(value))
-    return folder
-
-
-def imported(folder: Path, **options):
-    result = import_photos(folder, folder.parent / "s", **options)
-    session = Session.open(folder.parent / "s")
-    return result, session, {Path(s.source).name: (s.camera, s.frame) for s in session.shots()}
+from .nerfstudio_scenes import CENTRES, LENS, TERMS, frames, imported, looking_at, scene
 
 
 def test_a_point_is_seen_where_opengl_axes_and_centres_at_a_half_put_it(tmp_path, seen_at):
@@ -193,18 +151,6 @@ def test_the_flag_of_instant_ngp_makes_a_fisheye(tmp_path, seen_at, terms):
     np.testing.assert_allclose(seen_at(record, *at["0.png"], xyz), expected.reshape(-1, 2), atol=1e-6)
 
 
-@pytest.mark.parametrize("extra", [{"is_fisheye": True, "camera_model": "OPENCV"}, {"is_fisheye": "yes"}])
-def test_a_flag_that_contradicts_the_model_is_refused(tmp_path, extra):
-    with pytest.raises(InputError, match=r"frame 0 of .* has is_fisheye .*: take one out\."):
-        imported(scene(tmp_path / "n", LENS | extra | {"frames": frames()}))
-
-
-def test_a_fisheye_needs_its_focal_length(tmp_path):
-    angle = {key: value for key, value in LENS.items() if not key.startswith("fl")} | {"camera_angle_x": 2.0}
-    with pytest.raises(InputError, match="has no focal length: write fl_x"):
-        imported(scene(tmp_path / "n", angle | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}))
-
-
 def test_another_camera_model_comes_without_poses_and_says_so(tmp_path):
     result, session, _ = imported(
         scene(tmp_path / "n", LENS | {"camera_model": "EQUIRECTANGULAR", "frames": frames()})
@@ -212,56 +158,6 @@ def test_another_camera_model_comes_without_poses_and_says_so(tmp_path):
     assert (result.shots, result.views) == (4, 0)
     assert any("4 photos come without lens and pose" in guess for guess in result.guesses)
     assert not (session.folder / "calibration").exists()
-
-
-def changed(**values):
-    some = frames()
-    some[1] |= values
-    return LENS | {"frames": some}
-
-
-def turned(change) -> list:
-    motion = looking_at(CENTRES[1])
-    return (motion @ np.array(change, float)).tolist()
-
-
-BAD = {
-    "not JSON": ("{", "cannot be read as JSON"),
-    "a list": ([1, 2], "has no list of frames"),
-    "frames of text": ({"frames": ["a"]}, "has no list of frames"),
-    "deep": ("[" * 100_000, "cannot be read as JSON"),
-    "no pose": (changed(transform_matrix=None), "frame 1 of .* has no transform_matrix"),
-    "three rows": (changed(transform_matrix=np.eye(3).tolist()), "has no transform_matrix"),
-    "ragged": (changed(transform_matrix=[[1, 0], [1]]), "has no transform_matrix"),
-    "NaN": (changed(transform_matrix=turned(np.diag([1, 1, np.nan, 1]))), "frame 1 .* finite numbers"),
-    "all zero": (changed(transform_matrix=np.zeros((4, 4)).tolist()), "frame 1 .* finite numbers"),
-    "mirrored": (changed(transform_matrix=turned(np.diag([-1, 1, 1, 1]))), "scales, shears or mirrors"),
-    "scaled": (changed(transform_matrix=turned(np.diag([2, 2, 2, 1]))), "scales, shears or mirrors"),
-    "too far": (changed(transform_matrix=turned(np.eye(4) + 1e12 * np.eye(4, k=3))), "no camera can have"),
-    "huge": (changed(transform_matrix=[[10**400] * 4] * 4), "has no transform_matrix"),
-    "no name": (changed(file_path=""), "frame 1 of .* has no file_path"),
-    "outside": (changed(file_path="../secret.png"), "leads out of"),
-    "absolute": (changed(file_path="/etc/passwd"), "leads out of"),
-    "twice": (changed(file_path="images/0.png"), "a second time"),
-    "a word": (changed(fl_x="70"), "fl_x that is no finite number"),
-    "no focal length": ({"w": 64, "h": 48, "frames": frames()}, "no focal length"),
-    "negative focal length": (changed(fl_x=-70.0), "lens that cannot be"),
-    "endless focal length": (changed(fl_x=1e300), "lens that cannot be"),
-    "infinite": (changed(cx=float("inf")), "cx that is no finite number"),
-    "huge whole number": (changed(cx=10**400), "cx that is no finite number"),
-    "no size": (changed(w=0), "size of 0x48"),
-    "wrong size": (changed(w=48, h=64), "has 64x48 pixels but .* says 48x64"),
-    "no time": (changed(exposure_time=0), "exposure_time of 0 s"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_what_cannot_be_is_refused_in_one_sentence_and_leaves_nothing(tmp_path, name):
-    value, sentence = BAD[name]
-    with pytest.raises(InputError, match=sentence) as caught:
-        imported(scene(tmp_path / "n", value))
-    assert "\n" not in str(caught.value)
-    assert {path.name for path in tmp_path.iterdir()} == {"n"}
 
 
 @given(
@@ -280,50 +176,6 @@ def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digit
     scale = max(1.0, *map(abs, centre))
     np.testing.assert_allclose(returned[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
     np.testing.assert_allclose(returned[:3, 3], centre, atol=scale * (10.0 ** (1 - digits) + 1e-12) * 10)
-
-
-# Anything that JSON can say, and a little that it cannot.
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
-    max_leaves=8,
-)
-KEYS = [
-    "file_path",
-    "is_fisheye",
-    "transform_matrix",
-    "camera_model",
-    "exposure_time",
-    "camera_angle_x",
-    "x_fov",
-    "distortion_params",
-    "rolling_shutter",
-    "transform_matrix_start",
-    "transform_matrix_end",
-    "from_mitsuba",
-    "applied_scale",
-    "n_frames",
-    "time",
-    "latlong",
-    *LENS,
-    *TERMS,
-]
-
-
-@given(top=st.dictionaries(st.sampled_from(KEYS), JSON), frame=st.dictionaries(st.sampled_from(KEYS), JSON))
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
-def test_any_value_of_any_key_is_read_or_refused(tmp_path_factory, top, frame):
-    folder = tmp_path_factory.mktemp("any")
-    whole = LENS | {"frames": frames()[:1]}
-    changed_top = whole | top | {"frames": [whole["frames"][0] | frame]}
-    try:
-        layout = nerfstudio.read(scene(folder, changed_top, photos=1))
-    except InputError as error:
-        sentence = str(error)
-    else:
-        sentence = "; ".join(layout.missing)
-        assert len(layout.photos) + len(layout.missing) == 1
-    assert len(sentence) < 1000
 
 
 def ply(xyz, form="ascii", colour="uint8") -> bytes:

@@ -8,7 +8,7 @@ from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.nodemap import NodeMap
 from tests.drivers.u3v.test_judges import HEAD
 
-from .test_genicam import Bytes, node_map
+from .nodes import Bytes, node_map
 
 NODES = """
 <Integer Name="Base"><Value>0x40</Value></Integer>

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from imaging.errors import CameraError
 
-from .test_genicam import Bytes, node_map
+from .nodes import Bytes, node_map
 
 NAMES = tuple("ABCDEF")
 NUMBERS = st.sampled_from(

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import CameraProtocol
 from drivers.genicam.nodemap import NodeMap
 
-from .test_genicam import Bytes, node_map
+from .nodes import Bytes, node_map
 
 
 @pytest.mark.parametrize(
