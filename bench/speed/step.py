@@ -4,8 +4,8 @@
     FOLDER]
 
 The parts of real steps, late in a training (all harmonics on, as many Gaussians as there will be), timed
-by wrapping the functions that do them; mean over the steps. --write puts the table into
-bench/results/step.md.
+by wrapping the functions that do them; mean over the steps. Times are of the processor, on one thread: what
+else a machine does changes them little. --write puts the table into bench/results/step.md.
 """
 
 import argparse
@@ -23,6 +23,7 @@ import recon.scene.gaussians
 import recon.splat.cpu.rasterizer
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import prepare, session
+from imaging.compute import threads
 from recon.decide.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
@@ -50,9 +51,9 @@ def timed(times: dict[str, float], name: str, function: Callable[..., Any]) -> C
     """The function, with what it takes added to times[name]."""
 
     def run(*arguments: Any, **options: Any) -> Any:
-        began = time.perf_counter()
+        began = time.process_time()
         result = function(*arguments, **options)
-        times[name] += time.perf_counter() - began
+        times[name] += time.process_time() - began
         return result
 
     return run
@@ -82,9 +83,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     ]
     for timer in with_timers:
         timer.start()
-    began = time.perf_counter()
+    began = time.process_time()
     go(late, count)
-    total = time.perf_counter() - began
+    total = time.process_time() - began
     for timer in with_timers:
         timer.stop()
     times["backward of colours and observation"] = times.pop("backward, all") - times["rasterise, backward"]
@@ -92,6 +93,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     view = trial.dataset.train[0].lens
     return {
         "machine": machine(),
+        "calibration": options.calibration,
         "gaussians": len(training.gaussians),
         "size": f"{view.width}x{view.height}",
         "shots": len(trial.dataset.train[0].shots),
@@ -105,11 +107,12 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# A training step",
         "",
-        f"`python -m bench.speed.step --write`: the demo's scene, NH-3DGS, {result['gaussians']} Gaussians, "
+        f"`python -m bench.speed.step --write --calibration {result['calibration']}`: the demo's scene, "
+        f"NH-3DGS, {result['gaussians']} Gaussians, "
         f"{result['size']}, {result['shots']} shots a view. "
         f"{words(result['machine'])}.",
         "",
-        "| part | ms | share |",
+        "| part | processor ms | share |",
         "|---|---|---|",
     ]
     for name, spent in result["parts_ms"].items():
@@ -127,6 +130,7 @@ def main() -> None:
     if options.quick:
         options.sim, options.calibration = "toy", "truth"
         options.cap, options.iterations, options.steps = 900, 60, 50
+    threads.set_threads(1)
     result = measure(options)
     deliver(options, "step", result, report(result))
 
