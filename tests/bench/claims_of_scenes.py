@@ -6,10 +6,12 @@ from .figures_of_scenes import (
     DEMO,
     EXR,
     RAW,
+    before_background,
     beside_peer,
     by_scene,
     compared,
     dark,
+    dropped,
     far_gain,
     few,
     gained,
@@ -22,6 +24,16 @@ from .figures_of_scenes import (
 )
 
 CLAIMS = (
+    Claim(
+        r"gains ([\d.]+) to ([\d.]+) dB on three splits of the drone's flight, and costs the banana ([\d.]+) "
+        r"and the tree ([\d.]+)\.",
+        dropped,
+    ),
+    Claim(
+        r"opaque gains ([\d.]+) and ([\d.]+) dB on two of these splits, and costs the banana and the tree "
+        r"([\d.]+) to ([\d.]+);",
+        before_background,
+    ),
     Claim(
         r"`rig` has ([\d.]+) dB and OpenSplat, which trains without a GPU too, ([\d.]+) on",
         lambda: beside_peer("castle", "PSNR, dB"),

@@ -135,3 +135,25 @@ def unseen(name: str) -> list[float]:
         for trainer in ("rig", "OpenSplat")
         for column in ("PSNR, dB", "iterations")
     ]
+
+
+def regularised(candidate: str, *runs: str) -> list[float]:
+    """dB that a candidate adds on sets and splits."""
+    (row,) = (row for row in tables("real_few_views")[0][1] if row["candidate"] == candidate)
+    return [float(FIGURE.findall(row[run])[0]) for run in runs]
+
+
+def dropped() -> list[float]:
+    """Least and most that drop-out with a pull at opacities gains on the flight, and what it costs others."""
+    name = "drop-out 0.3, opacity 0.01"
+    flight = regularised(name, *(f"brighton {split}" for split in ("quarter", "eighth", "fifth")))
+    costs = regularised(name, "banana eighth", "monstree quarter")
+    return [min(flight), max(flight), *(-cost for cost in costs)]
+
+
+def before_background() -> list[float]:
+    """What a background of 0 or 1 gains on the flight, and the least and most that it costs others."""
+    name = "background 0 or 1"
+    costs = regularised(name, "banana quarter", "banana eighth", "monstree quarter")
+    flight = regularised(name, "brighton eighth", "brighton quarter")
+    return [*flight, -max(costs), -min(costs)]
