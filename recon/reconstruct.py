@@ -22,8 +22,7 @@ from recon.decide.countdown import Countdown, TooShort
 from recon.decide.decisions import TrainingPlan, iterations_at_most, planned
 from recon.decide.duration import how_long
 from recon.decide.evidence import Run
-from recon.decide.forecast import fitting
-from recon.decide.memory_need import free
+from recon.decide.memory_need import fitting, free
 from recon.decide.method_choice import method_for, rungs, uncoloured
 from recon.decide.prediction import Prediction
 from recon.decide.presets import QUALITIES

@@ -35,7 +35,7 @@ ROOM = 8_000_000_000
 _TRAINING = f"""
 import json, sys, time
 from pathlib import Path
-import recon.decide.forecast as deciding
+import recon.decide.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
 from imaging.compute import memory

@@ -38,7 +38,7 @@ def status(name):
 _RUN = f"""
 import json, sys
 from recon.decide.overrides import Overrides
-import recon.decide.forecast as deciding
+import recon.decide.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
 from recon.decide.memory_need import need
@@ -64,7 +64,7 @@ TRAININGS = ((6, False), (12, False), (6, True), (12, True))
 GAUSSIANS, DEGREES = 1_000_000, (0, 1, 2)
 _TRAINING = f"""
 import json, sys, time
-import recon.decide.forecast as deciding
+import recon.decide.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
 from recon.decide.memory_need import Need, need

@@ -1,15 +1,22 @@
-"""The memory that a training will take at most, said when one view of each camera is read."""
+"""The most memory that a training takes, by one view of each camera: before it begins, and as it begins."""
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
 
 from imaging.compute import memory
 from imaging.compute.threads import thread_count
 from imaging.errors import InputError
 from recon.data.dataset import View
+from recon.data.load import load
 from recon.data.resident import FLOAT, decoded_bytes, pixels_of
 from recon.data.shot import bytes_of
+from recon.decide.presets import QUALITIES
+from recon.decide.request import TrainingRequest
+from recon.scene.harmonics import DEGREE
 
 KERNELS = 110_000_000
 """Bytes of compiled kernels, of libraries that are loaded on the way, and of writing the scene."""
@@ -31,6 +38,8 @@ DEPTH = 48
 """Bytes of a pixel whose depth is read, drawn and compared with."""
 ARENA = 64 << 20
 """Bytes of address space that the C library sets aside for a thread."""
+Counts = Mapping[str, tuple[int, int]]
+"""Number of views of each camera in all, and to train on."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,7 @@ def free() -> int:
 
 def need(
     firsts: Sequence[View],
-    counts: Mapping[str, tuple[int, int]],
+    counts: Counts,
     gaussians: int,
     degree: int,
     *,
@@ -121,7 +130,7 @@ def need(
     )
 
 
-def _number(counts: Mapping[str, tuple[int, int]], view: View, which: int, stored: bool) -> int:
+def _number(counts: Counts, view: View, which: int, stored: bool) -> int:
     return min(counts[view.camera][which], 1) if stored else counts[view.camera][which]
 
 
@@ -143,3 +152,55 @@ def _step(view: View) -> int:
     """Bytes of a render, of its comparison with all shots, and of the gradients of both."""
     depth = DEPTH * pixels_of(view) if view.depth is not None else 0
     return FLOAT * (8 * sum(math.prod(shot.shape) for shot in view.shots) + 16 * pixels_of(view)) + depth
+
+
+def fitting(
+    firsts: Sequence[View],
+    counts: Counts,
+    free: int,
+    request: TrainingRequest,
+) -> tuple[Need, bool]:
+    """Return the demand of a training where `free` bytes are left, and whether its images stay on the disk
+    for that.
+
+    firsts: a view of each camera.
+    """
+    overrides = request.overrides
+    asked = None if request.budget is None else request.budget.gaussians
+    trained = sum(train for _, train in counts.values())
+    most = asked or overrides.gaussians or QUALITIES[request.quality].gaussians_of(trained)
+    degree = DEGREE if overrides.degree is None else overrides.degree
+    needed = need(firsts, counts, most, degree)
+    if stored := needed.too_large(free):
+        needed = need(firsts, counts, most, degree, stored=True)
+    return needed, stored
+
+
+class _Read(Exception):
+    """A view of each camera was read, which is enough."""
+
+
+def forecast(
+    session: Path,
+    room: int,
+    threads: int,
+    request: TrainingRequest,
+) -> int:
+    """Forecast the peak bytes of a training, where a process of that many threads may take `room` in all.
+
+    Reads a view of each camera. InputError, with the setting that would fit, where it takes more.
+    """
+    looks: list[tuple[Sequence[View], Counts]] = []
+
+    def look(firsts: Sequence[View], counts: Counts) -> NoReturn:
+        looks.append((tuple(firsts), counts))
+        raise _Read
+
+    with suppress(_Read):
+        width = request.overrides.width or QUALITIES[request.quality].width
+        load(session, max_width=width, examine=look)
+    firsts, counts = looks[0]
+    free = max(room - memory.resident() - ARENA * threads, 0)
+    needed, _ = fitting(firsts, counts, free, request)
+    needed.require(session, free)
+    return needed.total

@@ -25,18 +25,18 @@ LIMIT = 410 << 20
 LIMITED = f"""
 import resource, sys
 from pathlib import Path
-import recon.decide.memory_need as forecast
-import recon.decide.forecast as deciding
+import recon.decide.memory_need as deciding
 import recon.reconstruct as stage
-from recon.measure.evaluate import evaluate
+from recon.decide.memory_need import need
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
+from recon.measure.evaluate import evaluate
 from recon.train.warm_up import warm_up
 warm_up(lambda *told: None)
 first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
 needs = []
-deciding.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
+deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
 request = TrainingRequest(quality="draft", overrides=overrides, name="limited")
 folder = stage.reconstruct(sys.argv[1], request, on_message=print)
