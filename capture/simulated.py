@@ -3,14 +3,16 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from capture.bracket.planner import BracketGoals
 from capture.record.capture_run import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
-from capture.record.source import CaptureRequest, Source, Stops
+from capture.record.source import CaptureRequest, Source
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -18,47 +20,39 @@ from drivers.sim.truth import write_truth
 from imaging.arguments import checked
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
-from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.bands import in_order
-from imaging.session.records import Board, PlanRecord, Subject
+from imaging.session.records import Board, PlanRecord
 from imaging.session.session import Session
+
+_DEFAULTS = CaptureRequest()
 
 
 @checked
 def capture_simulated(
     name: str,
     out: str | PathLike[str],
+    request: CaptureRequest = _DEFAULTS,
     *,
     seed: int = 0,
-    kind: Subject = "scene",
-    frames: int | None = None,
-    bracket: Stops | None = None,
     auto: BracketGoals | None = None,
-    resume: bool = False,
-    compression: Compression = "none",
     mix: Mix | None = None,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
+    **options: Any,
 ) -> CaptureResult:
     """Shoot with a simulated rig into a session folder, and write the truth beside it.
 
     Args:
         name: Name of the rig.
         out: Session folder: vacant, or a session of the same rig.
+        request: Options; with `resume` the RAW files are byte for byte those of an uninterrupted capture.
         seed: Seed of lenses, colours, sensors and noise.
-        kind: The scene, or frames for its calibration.
-        frames: Number of positions of the rig, from the first, or of darks, flats and poses of the board;
-            None: all, or those of the session with `resume`.
-        bracket: Stops relative to the middle exposure of the rig's own bracket; None: that bracket, or the
-            session's with `resume`.
-        auto: Goals of a bracket that is metered and planned before the first shot, in place of `bracket`.
-        resume: Take exactly the shots that `out` lacks; the RAW files are then byte for byte those of an
-            uninterrupted capture, and nothing is metered again.
-        compression: Compression of the RAW files.
+        auto: Goals of a bracket that is planned, in place of that of `request`.
         mix: Random faults of the bus; truth/faults.jsonl lists those that occurred.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines that a person should read.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The shots taken, kept and missing.
@@ -68,7 +62,7 @@ def capture_simulated(
         CaptureError: The scene cannot be metered.
         StorageError: The disk refuses; finished shots stay.
     """
-    request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
+    request = request if auto is None else replace(request, bracket=auto)
     with simulated_source(name, seed, mix) as source:
         return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 

@@ -6,7 +6,9 @@ import numbers
 import sys
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
@@ -45,7 +47,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         if asked is not None:
             request = type(asked.default).of(given.get("request"), given.pop("options", {}))
             given["request"] = request
-            for name, kind in _types_of(request, function).items():
+            for name, kind in _types_of(request, function):
                 check(name, getattr(request, name), kind)
         for name, value in given.items():
             check(name, value, signature.parameters[name].annotation)
@@ -60,9 +62,15 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-def _types_of(request: Request, function: Callable[..., object]) -> dict[str, Any]:
+def _types_of(request: Request, function: Callable[..., object]) -> Iterator[tuple[str, Any]]:
     known = inspect.unwrap(function).__globals__ | vars(sys.modules[type(request).__module__])
-    return typing.get_type_hints(type(request), known)
+    for option in fields(request):
+        with suppress(NameError):  # a type that the request quotes, and that no module here has
+            yield option.name, _resolved(typing.get_args(option.type)[0], known)
+
+
+def _resolved(kind: Any, known: dict[str, Any]) -> Any:
+    return eval(kind.__forward_arg__, known) if isinstance(kind, typing.ForwardRef) else kind
 
 
 def fits(value: object, kind: Any) -> bool:

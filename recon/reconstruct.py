@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from imaging.arguments import checked
 from imaging.compute.threads import one_thread_a_product
 from imaging.errors import ReconstructionError
 from imaging.files import store
@@ -49,6 +50,7 @@ _CPU = torch.device("cpu")
 
 
 @one_thread_a_product()
+@checked
 def reconstruct(
     session: str | PathLike[str],
     request: TrainingRequest = _DEFAULTS,
@@ -59,6 +61,7 @@ def reconstruct(
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,
+    **options: Any,
 ) -> Path:
     """Train a scene on a calibrated session.
 
@@ -80,7 +83,7 @@ def reconstruct(
 
     Args:
         session: Its folder.
-        request: Method, preset, budget and overrides.
+        request: Options.
         shelf: Folder of the session that the scene lies in.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines on predictions and on what is left out.
@@ -88,6 +91,7 @@ def reconstruct(
             it was measured), those from before a training was stopped too.
         clock: Seconds.
         countdown: Of a budget of time that began before this call.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The folder SESSION/SHELF/NAME.

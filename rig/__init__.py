@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from capture.imports.photos import ImportResult, import_photos
     from capture.imports.request import ImportRequest
     from capture.record.capture_run import CaptureResult
+    from capture.record.source import CaptureRequest, RigRequest
     from capture.rigfile.rigfile import read_rig_file
     from capture.simulated import capture_simulated
     from drivers.discovery import ConnectedCamera
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from imaging.files.tiff.dng import write_dng
     from imaging.mosaic import RawMosaic
     from imaging.session.calibration import CalibrationRecord, read_calibration
+    from recon.decide.request import TrainingRequest
     from recon.exports.export import Exported, export
     from recon.exports.hand_over import HandOver, hand_over
     from recon.exports.request import ExportRequest
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CalibrationRecord",
     "CalibrationRequest",
+    "CaptureRequest",
     "CaptureResult",
     "CheckReport",
     "ConnectedCamera",
@@ -77,11 +80,13 @@ __all__ = [
     "RenderRequest",
     "RepairReport",
     "RigError",
+    "RigRequest",
     "Scene",
     "Session",
     "SplatCamera",
     "StorageError",
     "Trade",
+    "TrainingRequest",
     "calibrate",
     "calibration_report",
     "capture_rig",
@@ -113,6 +118,7 @@ __all__ = [
 _HOMES = {
     "CalibrationRecord": "imaging.session.calibration",
     "CalibrationRequest": "calib.request",
+    "CaptureRequest": "capture.record.source",
     "CaptureResult": "capture.record.capture_run",
     "CheckReport": "capture.check.check",
     "ConnectedCamera": "drivers.discovery",
@@ -130,12 +136,14 @@ _HOMES = {
     "RawMosaic": "imaging.mosaic",
     "RenderRequest": "recon.rendering.request",
     "RepairReport": "capture.check.check",
+    "RigRequest": "capture.record.source",
     "RigError": "imaging.errors",
     "Scene": "recon.result.scene",
     "Session": "rig.session",
     "SplatCamera": "recon.splat",
     "StorageError": "imaging.errors",
     "Trade": "recon.trade",
+    "TrainingRequest": "recon.decide.request",
     "calibrate": "calib.calibrate",
     "calibration_report": "rig.report.pages.calibration",
     "capture_rig": "capture.capture_rig",

@@ -2,17 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.progress import Progress, unreported
-from recon.decide.presets import MethodName, QualityName
 
 if TYPE_CHECKING:
     from drivers.discovery import ConnectedCamera
-    from recon.decide.budget import Budget
     from recon.decide.overrides import Overrides
+    from recon.decide.request import TrainingRequest
     from recon.result.scene import Scene
 
 
@@ -48,21 +47,14 @@ def find_cameras(
     return list(ask_all(bus.backend, bus.clock, on_progress, network=network, places=places))
 
 
-@checked
 def reconstruct(
     session: str | PathLike[str],
+    request: "TrainingRequest | None" = None,
     *,
-    method: MethodName = "auto",
-    quality: QualityName = "standard",
-    budget: "Budget | float | str | None" = None,
-    seed: int = 0,
-    settings: Mapping[str, object] | None = None,
-    early_stop: bool = False,
-    name: str | None = None,
-    replace: bool = False,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
+    **options: Any,
 ) -> "Scene":
     """Train a scene on a calibrated session, keep it in SESSION/reconstructions/NAME, and open it.
 
@@ -71,18 +63,13 @@ def reconstruct(
 
     Args:
         session: Session, or its folder.
-        method: Method; "auto": by the kind of the images.
-        quality: Preset.
-        budget: Seconds, or text as on the command line (`5m`, `30MB`, `100k`, `35dB`).
-        seed: Seed of the training; the same settings and seed give the same bytes.
-        settings: Overrides of the preset, by the keys of `rig reconstruct --set`, such as {"iterations":
-            500}.
-        early_stop: End when held-out quality stands still.
-        name: Name of the scene; None: made of method, quality and budget.
-        replace: Replace a scene of other settings.
+        request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines on predictions and skipped steps.
         on_log: Callback for the numbers of train.jsonl.
+        options: Options by name, in place of those of `request`. A budget may be seconds, or text as on the
+            command line (`5m`, `30MB`, `100k`, `35dB`), and `settings` are overrides by the keys of `rig
+            reconstruct --set`, such as {"iterations": 500}.
 
     Returns:
         The scene.
@@ -97,20 +84,12 @@ def reconstruct(
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene
 
-    for value, kinds in ((method, MethodName), (quality, QualityName)):
-        if value not in get_args(kinds):
-            raise InputError(f"{value!r} is not one of {', '.join(get_args(kinds))}: name one of these.")
-    request = TrainingRequest(
-        method=method,
-        quality=quality,
-        budget=Budget.of(budget),
-        seed=seed,
-        overrides=_overrides(settings or {}),
-        early_stop=early_stop,
-        name=name,
-        replace=replace,
-    )
-    return open_scene(train(session, request, on_progress=on_progress, on_message=on_message, on_log=on_log))
+    if "budget" in options:
+        options["budget"] = Budget.of(options["budget"])
+    if "settings" in options:
+        options["overrides"] = _overrides(options.pop("settings") or {})
+    asked = TrainingRequest.of(request, options)
+    return open_scene(train(session, asked, on_progress=on_progress, on_message=on_message, on_log=on_log))
 
 
 def _overrides(settings: Mapping[str, object]) -> "Overrides":

@@ -1,43 +1,67 @@
 """Options that a user gives a training."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
 
 from imaging.errors import InputError
-from recon.decide.budget import Budget
-from recon.decide.overrides import Overrides
-from recon.decide.presets import MethodName, QualityName
+from imaging.request import Request
+from recon.decide.presets import QUALITIES, MethodName, QualityName
+
+if TYPE_CHECKING:
+    from recon.decide.budget import Budget
+    from recon.decide.overrides import Overrides
 
 LARGEST_SEED = 2**32 - 1
-_DEFAULTS = Overrides()
+_PRESETS = "; ".join(
+    f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
+    f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
+    for name, preset in QUALITIES.items()
+)
+
+
+def _none_set() -> "Overrides":
+    from recon.decide.overrides import Overrides  # which takes numpy and pydantic
+
+    return Overrides()
 
 
 @dataclass(frozen=True)
-class TrainingRequest:
+class TrainingRequest(Request):
     """Options of a training: the command line, Python, a batch and the benches each make one.
-
-    Attributes:
-        method: "auto" chooses by the kind of the images.
-        quality: Preset of iterations, Gaussians and width.
-        budget: Time, size, number of Gaussians or quality; None: as the preset has it.
-        seed: The same request and seed give the same bytes.
-        overrides: Settings in place of the preset's and the method's.
-        early_stop: Train no longer than was worth it for other scenes, and end when held-out quality stands
-            still.
-        name: Of the folder; None: made of method, quality and budget (`recon.result.place.default_name`).
-        replace: Train anew where a scene of that name exists, and replace it once the new one is finished.
 
     Raises:
         InputError: The seed is out of range.
     """
 
-    method: MethodName = "auto"
-    quality: QualityName = "standard"
-    budget: Budget | None = None
-    seed: int = 0
-    overrides: Overrides = _DEFAULTS
-    early_stop: bool = False
-    name: str | None = None
-    replace: bool = False
+    method: Annotated[
+        MethodName,
+        "auto chooses by what the session holds: nh-3dgs for RAW and EXR, hdr-gs for photographs whose "
+        "exposures differ, else vanilla, the colours of 3DGS in the training of the others.",
+    ] = "auto"
+    quality: Annotated[QualityName, f"How long and how fine: {_PRESETS}."] = "standard"
+    budget: Annotated[
+        "Budget | None",
+        "Finish in 90s or 5m, from Enter to the report (left out if time is short, in this order: the "
+        "report, depths of some views, model trials); make splats.ply no larger than 30MB; use at most 100k "
+        "Gaussians; or stop when held-out views reach 35dB.",
+    ] = None
+    seed: Annotated[int, "The same seed gives the same bytes."] = 0
+    overrides: Annotated["Overrides", "Settings in place of the preset's and the method's."] = field(
+        default_factory=_none_set
+    )
+    early_stop: Annotated[
+        bool,
+        "Stop where trainings usually cease to gain, or earlier, when the validation views (up to half of "
+        "the held-out ones) get no better.",
+    ] = False
+    name: Annotated[
+        str | None,
+        "Folder name under SESSION/reconstructions; if not given, method, quality and budget, such as "
+        "nh-3dgs-standard.",
+    ] = None
+    replace: Annotated[
+        bool, "Train anew and replace the scene of that name, once the new one is finished."
+    ] = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= LARGEST_SEED:

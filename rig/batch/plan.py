@@ -31,11 +31,11 @@ class PlannedScene(_Table):
     """
 
     name: Name | None = None
-    method: MethodName = "auto"
-    quality: QualityName = "standard"
+    method: MethodName = TrainingRequest.method
+    quality: QualityName = TrainingRequest.quality
     budget: str | None = None
-    early_stop: Annotated[bool, Field(strict=True)] = False
-    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+    early_stop: Annotated[bool, Field(strict=True)] = TrainingRequest.early_stop
+    seed: Annotated[int, Field(strict=True, ge=0)] = TrainingRequest.seed
     set: dict[str, str | int | float | bool] = {}
     export: tuple[Annotated[str, Field(pattern=r"^[^/\\]+\.[^/\\]+$")], ...] = ()
 

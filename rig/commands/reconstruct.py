@@ -14,13 +14,14 @@ from recon.data import pixels
 from recon.decide import budget as budgets
 from recon.decide import countdown as countdowns
 from recon.decide import overrides, prediction
-from recon.decide import request as requests
-from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, QualityName
+from recon.decide.presets import OVERRIDES
+from recon.decide.request import TrainingRequest
 from recon.result import model as models
 from recon.train import interrupt
 from rig.commands.evaluate import evaluated_before, run_evaluate
-from rig.options.common import JsonOption, SeedOption, SessionArgument
+from rig.options.common import JsonOption, SessionArgument
 from rig.options.common import budget as parsed_budget
+from rig.options.request import Asked, Shown
 from rig.report import tensorboard as events_log
 from rig.terminal.failures import Stopped
 from rig.terminal.progress import StatusLine, is_main_process
@@ -30,64 +31,26 @@ from rig.terminal.text import command_line, duration
 
 REPORT_SHARE = 0.25
 """Share of the time of a training after which the report reads no more photographs."""
-_PRESETS = "; ".join(
-    f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
-    f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
-    for name, preset in QUALITIES.items()
+OPTIONS = Asked(
+    budget=Shown(
+        kind=str | None,
+        made=lambda text: budgets.Budget.parse(text),
+        how={"parser": parsed_budget, "metavar": "AMOUNT"},
+    ),
+    seed=Shown(how={"min": 0, "metavar": "N"}),
+    overrides=Shown(
+        "--set",
+        list[str] | None,
+        lambda words: overrides.Overrides.of(words),
+        f"Fix one of {', '.join(OVERRIDES)}; may be repeated. rig trade measures what each of them buys.",
+        {"metavar": "KEY=VALUE"},
+    ),
 )
 
 
 def reconstruct(
     session: SessionArgument,
-    method: Annotated[
-        MethodName,
-        typer.Option(
-            help="auto chooses by what the session holds: nh-3dgs for RAW and EXR, hdr-gs for photographs "
-            "whose exposures differ, else vanilla, the colours of 3DGS in the training of the others."
-        ),
-    ] = "auto",
-    quality: Annotated[QualityName, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
-    budget: Annotated[
-        str | None,
-        typer.Option(
-            parser=parsed_budget,
-            metavar="AMOUNT",
-            help="Finish in 90s or 5m, from Enter to the report (left out if time is short, in this order: "
-            "the report, depths of some views, model trials); make splats.ply no larger than 30MB; use at "
-            "most 100k Gaussians; or stop when held-out views reach 35dB.",
-        ),
-    ] = None,
-    early_stop: Annotated[
-        bool,
-        typer.Option(
-            "--early-stop",
-            help="Stop where trainings usually cease to gain, or earlier, when the validation views (up "
-            "to half of the held-out ones) get no better.",
-        ),
-    ] = False,
-    seed: SeedOption = 0,
-    sets: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help=f"Fix one of {', '.join(OVERRIDES)}; may be repeated. rig trade measures what "
-            "each of them buys.",
-        ),
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            help="Folder name under SESSION/reconstructions; if not given, method, quality and budget, such "
-            "as nh-3dgs-standard."
-        ),
-    ] = None,
-    replace: Annotated[
-        bool,
-        typer.Option(
-            "--replace", help="Train anew and replace the scene of that name, once the new one is finished."
-        ),
-    ] = False,
+    request: Annotated[TrainingRequest, OPTIONS],
     tensorboard: Annotated[
         Path | None,
         typer.Option(
@@ -108,16 +71,6 @@ def reconstruct(
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as status, ExitStack() as stack:
-        request = requests.TrainingRequest(
-            method=method,
-            quality=quality,
-            budget=None if budget is None else budgets.Budget.parse(budget),
-            seed=seed,
-            overrides=overrides.Overrides.of(sets or ()),
-            early_stop=early_stop,
-            name=name,
-            replace=replace,
-        )
         events = None
         if tensorboard is not None and is_main_process():
             events = stack.enter_context(closing(events_log.TensorBoardLog(tensorboard)))
@@ -128,7 +81,7 @@ def reconstruct(
 def run_reconstruct(
     session: Path,
     status: StatusLine,
-    request: "requests.TrainingRequest",
+    request: TrainingRequest,
     events: "events_log.TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train, evaluate, write the report and say what came of it."""
@@ -164,7 +117,7 @@ def run_reconstruct(
 def run_training(
     session: Path,
     status: StatusLine,
-    request: "requests.TrainingRequest",
+    request: TrainingRequest,
     *,
     countdown: "countdowns.Countdown | None" = None,
     events: "events_log.TensorBoardLog | None" = None,

@@ -4,7 +4,7 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
@@ -54,7 +54,7 @@ class Asked:
             yield inspect.Parameter(
                 one.name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=None if one.default == () else one.default,
+                default=None if one.default in ((), MISSING) else one.default,
                 annotation=Annotated[_typed(kind) if shown.kind is None else shown.kind, option],
             )
 

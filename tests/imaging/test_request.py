@@ -1,7 +1,7 @@
 """Requests of stages: made of keywords, checked by type before any work begins."""
 
 import inspect
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -66,4 +66,14 @@ def test_every_option_of_a_request_has_a_type_a_default_and_a_help(name: str) ->
     for field in fields(getattr(rig, name)):
         assert get_origin(field.type) is Annotated, field.name
         assert get_args(field.type)[1].endswith((".", "]")), field.name
-        assert field.default is not inspect.Parameter.empty
+        assert field.default is not MISSING or field.default_factory is not MISSING
+
+
+FUNCTIONS = [name for name in rig.__all__ if inspect.isfunction(getattr(rig, name)) and name != "rasterize"]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_no_public_function_has_more_than_seven_parameters(name: str) -> None:
+    """Besides those that tell of progress; the rasteriser takes the tensors of Gaussians one by one."""
+    parameters = inspect.signature(getattr(rig, name)).parameters.keys() - {"on_progress", "on_message"}
+    assert len(parameters) <= 7

@@ -34,7 +34,7 @@ def test_a_default_holds_and_what_is_typed_wins(rig, config: Path, toy: Path, tm
 def test_values_are_as_typed_whatever_toml_calls_them(config: Path) -> None:
     config.write_text('[reconstruct]\nseed = 3\nbudget = "5m"\nset = ["iterations=10"]\n')
     read = read_defaults(config, typer.main.get_command(app))
-    assert read == {"reconstruct": {"seed": "3", "budget": "5m", "sets": ["iterations=10"]}}
+    assert read == {"reconstruct": {"seed": "3", "budget": "5m", "overrides": ["iterations=10"]}}
 
 
 @pytest.mark.parametrize(
