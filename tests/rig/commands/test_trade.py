@@ -170,7 +170,7 @@ def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pyt
     code, out, _ = rig("trade", str(toy), "--budget", "0.000001s")
     assert code == 0
     assert f"{len(keys)} training" in out
-    assert data["left"] == 0 or "more did not fit the budget: run the same command to go on." in out
+    assert data["left_out"] == 0 or "more did not fit the budget: run the same command to go on." in out
     assert f"rig reconstruct {toy} --method nh-3dgs --quality " in out
 
 
