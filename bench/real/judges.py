@@ -3,6 +3,8 @@ own.
 
     python -m bench.real.judges [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
 
+With --write the table of goals in docs/figures.md is written, too (`bench/real/goals.py`).
+
 Sets under RIG_DATA, at full size. pycolmap looks for features at its own size, matches all pairs and maps
 them, with one camera. Camera centres are compared with those that are published (fox), after the similarity
 that fits best; heights and tilts with GPS and gimbal (brighton). EXIF's focal length is that of its
@@ -25,6 +27,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 
+from bench.real.goals import write_page
 from bench.real.made_sets import METAL, fuse, judged, metal_and_glass
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
@@ -46,11 +49,10 @@ SETS: Mapping[str, str] = {
     "sceaux": "sceaux/*.[jJ][pP][gG]",
     "monstree": "monstree/*.jpg",
     "lund": "lund/*.jpg",
-    "lego": "lego/train/*.png",
     METAL: "",
 }
 """Photographs of each set; those of the last are made."""
-PUBLISHED = {"fox": "fox/transforms.json", "lego": "lego/transforms_train.json"}
+PUBLISHED = {"fox": "fox/transforms.json"}
 """Poses that were published with a set."""
 WRONG = 2.0
 """Per cent of the extent, by which a camera centre misses the published one that stands wrongly."""
@@ -125,6 +127,8 @@ def by_rig(name: str, work: Path) -> dict[str, Any]:
         "taken": [PARTS[rung.name] for rung in record.rungs if rung.taken and rung.name in PARTS],
         "said": list(record.doubts),
     }
+    if (stated := stated_focal(name)) is not None and row["focal"]:
+        row["focal_off"] = 100 * abs(row["focal"][0] / stated - 1)
     sources = {
         (shot.frame, shot.camera): Path(shot.source or shot.file).stem
         for shot in Session.open(session).shots("scene")
@@ -290,7 +294,9 @@ def main() -> None:
     options.sets = ("sceaux",) if options.quick else tuple(options.sets.split(","))
     options.work.mkdir(parents=True, exist_ok=True)
     result = measure(options)
-    deliver(options, "real_judges", result, table(result))
+    deliver(options, "real_judges", result, table(result), result["rows"])
+    if options.write:
+        write_page(result["rows"])
 
 
 if __name__ == "__main__":

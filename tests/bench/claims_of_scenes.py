@@ -11,12 +11,12 @@ from .figures_of_scenes import (
     by_scene,
     compared,
     dark,
+    degree_gain,
     dropped,
     far_gain,
     few,
     gained,
     guarded,
-    judged_seconds,
     learned,
     noise_gains,
     rate_gains,
@@ -79,56 +79,6 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"without EXIF, (\d+) of (\d+) frames stand right",
-        lambda: [cell("real_judges", "placed", "fox"), cell("real_judges", "photographs", "fox")],
-    ),
-    Claim(
-        r"([\d.]+) % of the extent off in the median \(pycolmap ([\d.]+)\), after (\d+) processor "
-        r"seconds for (\d+)",
-        lambda: [
-            *line("real_judges", r"centres off by ([\d.]+) % .*? by pycolmap ([\d.]+) and"),
-            *judged_seconds("fox"),
-        ],
-    ),
-    Claim(
-        r"over a park (\d+) of (\d+) after (\d+) for (\d+), with a focal length of ([\d,]+) px, .*? it "
-        r"([\d,]+)\); of the castle",
-        lambda: [
-            *(cell("real_judges", column, "brighton") for column in ("placed", "photographs")),
-            *judged_seconds("brighton"),
-            *(cell("real_judges", column, "brighton") for column in ("focal length, px", "of pycolmap")),
-        ],
-    ),
-    Claim(
-        r"of the castle (\d+) of (\d+) after (\d+) for (\d+);",
-        lambda: [
-            *(cell("real_judges", column, "sceaux") for column in ("placed", "photographs")),
-            *judged_seconds("sceaux"),
-        ],
-    ),
-    Claim(
-        r"on a carpet (\d+) of (\d+), as many as pycolmap, after (\d+) for (\d+);",
-        lambda: [
-            *(cell("real_judges", column, "banana") for column in ("by pycolmap", "photographs")),
-            *judged_seconds("banana"),
-        ],
-    ),
-    Claim(
-        r"of a tree (\d+) of (\d+) after (\d+) for (\d+);",
-        lambda: [
-            *(cell("real_judges", column, "monstree") for column in ("placed", "photographs")),
-            *judged_seconds("monstree"),
-        ],
-    ),
-    Claim(
-        r"building front (\d+) of (\d+) after (\d+) for (\d+), where pycolmap places (\d+)\.",
-        lambda: [
-            *(cell("real_judges", column, "lund") for column in ("placed", "photographs")),
-            *judged_seconds("lund"),
-            cell("real_judges", "by pycolmap", "lund"),
-        ],
-    ),
-    Claim(
         r"photograph of the fruit, (\d+) for (\d+), which would be turned .*? are the judge\)\. "
         r"Without placing at once (\d+) views of the fruit stand "
         r"and (\d+) of the walk; without further features (\d+) of",
@@ -153,21 +103,8 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"28 of (\d+) views stand right by both, ([\d.]+) degrees off in the median where pycolmap, given "
-        r"fused exposures, has ([\d.]+), but after (\d+) seconds for (\d+):",
-        lambda: [
-            cell("real_judges", "by pycolmap", "metal"),
-            *line("real_judges", r"turns off by ([\d.]+) degrees in the median, by pycolmap ([\d.]+)"),
-            *judged_seconds("metal"),
-        ],
-    ),
-    Claim(
-        r"which are ([\d.]+) m apart; axes tilted by ([\d.]+) degrees .*? The ground lies ([\d.]+) m below",
-        lambda: [
-            line("real_judges", r"cameras within ([\d.]+) m, ground")[0],
-            *line("real_judges", r"ground [\d.]+ m below, axes tilted by ([\d.]+) degrees"),
-            *line("real_judges", r"ground ([\d.]+) m below, axes"),
-        ],
+        r"degree two gain lego ([\d.]+) dB and cost the castle ([\d.]+) and the tree ([\d.]+),",
+        lambda: [degree_gain("lego"), -degree_gain("castle"), -degree_gain("monstree")],
     ),
     Claim(
         r"of the castle it would cost ([\d.]+) dB, and of the fruit ([\d.]+), which look through (\d+) and "

@@ -6,7 +6,7 @@ from functools import partial
 
 from recon.decide.presets import QUALITIES
 
-from .claim import FIGURE, cell, cells, stored, tables
+from .claim import FIGURE, RESULTS, cell, cells, stored, tables
 
 EXR, RAW = "merged EXR", "RAW brackets"
 DEMO = partial(cell, "demo")
@@ -25,9 +25,11 @@ def guarded(rule: str) -> dict[str, list[float]]:
     }
 
 
-def judged_seconds(name: str) -> list[float]:
-    """Processor seconds of rig and of pycolmap on a set."""
-    return [cell("real_judges", column, name) for column in ("s", "s of pycolmap")]
+def degree_gain(scene: str) -> float:
+    """dB that harmonics of degree two gain photographs of a set."""
+    text = (RESULTS / "real_curves.md").read_text()
+    (gain,) = re.findall(rf"## {scene}\n.*?degree 2 with [\d,]+: ([+-][\d.]+) dB", text, re.DOTALL)
+    return float(gain)
 
 
 def far_gain(name: str) -> tuple[float, float]:
