@@ -35,6 +35,8 @@ def trained(made_once):
 class Light:
     """Compares light as it is, which a Gaussian changes by what it adds and by nothing else."""
 
+    display_values = False
+
     def __init__(self, training, dataset):
         self.of = {view.name: torch.from_numpy(radiance_image(view)[0]) for view in dataset.train}
         self.normaliser = training.light.normaliser

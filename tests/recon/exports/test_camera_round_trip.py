@@ -194,7 +194,9 @@ def test_a_render_that_sees_nothing_says_so(made: Path, name: str, tmp_path: Pat
     )
     said: list[str] = []
     assert len(render(scene, tmp_path / "out", path=both, on_message=said.append)) == 4
-    assert said == ["1 of 2 frames see nothing of the scene, both 1001 first"]
+    coordinates, empty = said
+    assert "taken for those of the calibration" in coordinates
+    assert empty == "1 of 2 frames see nothing of the scene, both 1001 first"
 
 
 def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
