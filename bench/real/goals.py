@@ -73,8 +73,8 @@ GOALS: Mapping[str, Goal] = {
             Fact("tilt", "axes tilted by {:.2f} degrees", "at most 0.5", lambda tilt: tilt <= 0.5),
         ),
         {
-            "height_span": "each strip of six views is bowed by 0.8 m, as rows that are read one after another "
-            "or a rest of distortion would bow it; rows are not modelled",
+            "height_span": "each strip of six views is bowed by 0.8 m, as rows that are read one after "
+            "another or a rest of distortion would bow it; rows are not modelled",
             "tilt": "neighbouring photographs turn by two degrees where the flight turns back, without any "
             "adjustment; the gimbal hangs with the body",
         },

@@ -8,6 +8,7 @@ second radial and the tangential terms are free meanwhile, whatever the ladder t
 to be seen makes what it trades places with no surer. How lenses are built bounds those.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,6 +31,9 @@ DRAWS = 100
 FEWEST_POINTS = 60
 CELLS = 20
 """Across a picture; points that are first seen in the same cell of it err together."""
+FEWEST_SIGHTS = 6
+"""Points that a frame has to see for a stated error: of two or three the pose follows so closely that no
+residual is left to say how sure it is."""
 _RIDGE = 1e-9
 """Ridge relative to the diagonal: it holds the origin, the rotation and the scale of the world, which no
 point determines.
@@ -41,8 +45,9 @@ class StandardErrors:
     """Standard errors of poses and lenses.
 
     rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
-    lenses: by camera and term, in the pixels of the model. mounted: the same two of each camera in its rig,
-    the reference excepted.
+    not of a view whose frame sees fewer than FEWEST_SIGHTS points and has no stated place. lenses: by camera
+    and term, in the pixels of the model. mounted: the same two of each camera in its rig, the reference
+    excepted.
     """
 
     rotation: dict[ViewId, float]
@@ -70,6 +75,8 @@ def standard_errors(
     linear = linearise(reconstruction, free)
     moves = _moves(linear, reconstruction, free, scale)
     turns, shifts = _drawn(reconstruction, linear, moves)
+    for view in _hardly_seen(reconstruction, free):
+        del turns[view], shifts[view]
     names = {
         reconstruction.image(index).camera_id: ViewId.of_image(reconstruction.image(index).name).camera
         for index in reconstruction.reg_image_ids()
@@ -162,6 +169,17 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     drawn[:, columns] += built * (precision * errors)
     drawn += stated_signs * np.sqrt(weights) @ stated.T
     return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
+
+
+def _hardly_seen(reconstruction: Any, free: Free) -> list[ViewId]:
+    """Views whose pose no residual can say the error of."""
+    images = [reconstruction.image(number) for number in reconstruction.reg_image_ids()]
+    sights = Counter[int]()
+    for image in images:
+        sights[image.frame_id] += image.num_points3D
+    stated = {reconstruction.image(number).frame_id for number in free.places}
+    few = {frame for frame, count in sights.items() if count < FEWEST_SIGHTS} - stated
+    return [ViewId.of_image(image.name) for image in images if image.frame_id in few]
 
 
 def _stated(linear: Linear, reconstruction: Any, free: Free, scale: float) -> tuple[Array, Array]:

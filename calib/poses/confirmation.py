@@ -6,6 +6,7 @@ row fits any two of them, but no third view finds the point where the two see it
 """
 
 from collections.abc import Collection, Mapping
+from math import isinf
 from typing import Any
 
 from calib.poses.brightness_steps import Pairs
@@ -82,7 +83,8 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     """Return a rung that names the views whose turns are hardly determined, or None.
 
     Args:
-        turn_errors: Standard error of each registered view's turn, degrees.
+        turn_errors: Standard error of each registered view's turn, degrees; infinite where too few points
+            hold it for any.
         names: Names that the user gave their photographs, of views that have one.
     """
     views = sorted(view for view, error in turn_errors.items() if error > LOOSE)
@@ -91,9 +93,13 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     worst = max(views, key=lambda view: turn_errors[view])
     named = ", ".join(names.get(view, str(view)) for view in views[:NAMED])
     more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
+    size = (
+        "too few for an error of their poses, which may be wrong"
+        if isinf(turn_errors[worst])
+        else f"standard errors of their turns are up to {turn_errors[worst]:.2g} degrees, and a pose may be "
+        "wrong by three times that"
+    )
     reason = (
-        f"few points hold {named}{more}: standard errors of their turns are up "
-        f"to {turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that; take more views "
-        "beside them, or put texture into the scene"
+        f"few points hold {named}{more}: {size}; take more views beside them, or put texture into the scene"
     )
     return Rung(name=POSE_LOOSE, taken=True, reason=reason)

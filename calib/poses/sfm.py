@@ -136,7 +136,7 @@ def solve(
         doubt
         for doubt in (
             hanging(adjusted.hanging, names or {}),
-            loose({} if errors is None else errors.rotation, names or {}),
+            loose({} if errors is None else _turn_errors(adjusted.reconstruction, errors), names or {}),
         )
         if doubt is not None
     ]
@@ -150,6 +150,12 @@ def solve(
         typical=adjusted.typical,
         by_motion=adjusted.by_motion,
     )
+
+
+def _turn_errors(reconstruction: Any, errors: StandardErrors) -> dict[ViewId, float]:
+    """Standard error of each registered view's turn, degrees; infinite where none can be stated."""
+    names = (reconstruction.image(number).name for number in reconstruction.reg_image_ids())
+    return {view: errors.rotation.get(view, float("inf")) for view in map(ViewId.of_image, names)}
 
 
 def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> SceneModel:

@@ -173,20 +173,24 @@ def pose_error_px(dataset: Dataset) -> float | None:
     """Median over the training views of the effect of their pose errors, px; None if unknown.
 
     Standard errors of rotation and of place are added, the one at the view's focal length, the other at its
-    median depth.
+    median depth. A view of which no error is known counts as infinitely wrong.
     """
     errors = {view.id: view.error for view in dataset.calibration.views}
     model = dataset.points()
+    if not len(model.xyz) or not any(errors.values()):
+        return None
     errors_px = []
     for view in dataset.train:
         error = errors.get(view.id)
-        if error is None or not len(model.xyz):
-            return None
+        if error is None:
+            errors_px.append(np.inf)
+            continue
         pixels, depth = project(view.lens, model.xyz)
         shown = inside(view.lens, pixels, depth)
         away = dataset.world.unit * (float(np.median(depth[shown])) if shown.any() else dataset.extent)
         errors_px.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
-    return float(np.median(errors_px))
+    median = float(np.median(errors_px))
+    return median if np.isfinite(median) else None
 
 
 def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View]) -> float | None:

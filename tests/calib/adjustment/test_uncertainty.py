@@ -190,6 +190,22 @@ def test_what_is_fixed_has_no_error_and_what_is_free_has(model: Any) -> None:
     assert all(value > 0 for value in fixed.rotation.values())
 
 
+def test_a_frame_that_few_points_hold_has_no_error(model: Any) -> None:
+    """Two points fit a pose whatever it is: what they miss by says nothing of it."""
+    few = pycolmap.Reconstruction(model)
+    lost = min(few.reg_frame_ids())
+    images = [image for image in few.images.values() if image.frame_id == lost]
+    for image in images:
+        for place, point in enumerate(image.points2D):
+            if point.has_point3D() and sum(one.num_points3D for one in images) >= uncertainty.FEWEST_SIGHTS:
+                few.delete_observation(image.image_id, place)
+    stated = uncertainty.standard_errors(few, RADIAL, NOISE, unreported)
+    assert stated is not None
+    unknown = {ViewId.of_image(image.name) for image in images}
+    every = {ViewId.of_image(few.image(number).name) for number in few.reg_image_ids()}
+    assert set(stated.rotation) == set(stated.translation) == every - unknown
+
+
 def test_a_term_that_no_view_tells_is_as_lenses_are_built(model: Any) -> None:
     """One point in the middle of all pictures says nothing about the middle's place."""
     few = pycolmap.Reconstruction(model)
