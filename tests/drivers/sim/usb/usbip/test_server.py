@@ -54,9 +54,9 @@ def test_a_client_that_comes_back_finds_the_device_reset(serve: Serve) -> None:
             echo.port.send(IN, b"for this client")
         assert host.result(read) == (0, b"for this client")
         host.begin(IN, 512)  # still waits when the client goes
-        echo.told.clear()
+        echo.received_events.clear()
         host.close()
-        assert served.bus.timeline.wait(lambda: "reset" in echo.told, 10.0)
+        assert served.bus.timeline.wait(lambda: "reset" in echo.received_events, 10.0)
         with served.bus.timeline.lock:
             echo.port.send(IN, b"left over")
     host = AttachedDevice(served.address, "1-1")

@@ -175,7 +175,7 @@ def test_halts_are_told_and_cleared(host: AttachedDevice, served: Served, echo: 
     assert host.control(0x82, 0, 0, IN, 2) == (0, b"\1\0")
     assert host.control(0x02, 1, 0, IN, b"") == (0, b"")
     assert host.control(0x82, 0, 0, IN, 2) == (0, b"\0\0")
-    assert echo.told[-1] == "clear 81"
+    assert echo.received_events[-1] == "clear 81"
     sends(served, echo, b"again")
     assert host.transfer(IN, 512) == (0, b"again")
     # The host may halt an endpoint, too.
@@ -198,13 +198,13 @@ def test_standard_requests(host: AttachedDevice, echo: Echo) -> None:
     assert host.control(0x81, 10, 0, 1, 1) == (0, b"\0")
     assert host.control(0x01, 11, 1, 1, b"") == (0, b"")
     assert host.control(0x81, 10, 0, 1, 1) == (0, b"\1")
-    before = echo.told.count("reset")
+    before = echo.received_events.count("reset")
     assert host.control(0x00, 9, 1, 0, b"") == (0, b"")
-    assert echo.told.count("reset") == before + 1
+    assert echo.received_events.count("reset") == before + 1
     assert host.control(0x81, 10, 0, 1, 1) == (0, b"\0")
     assert host.control(0x80, 6, 1 << 8, 0, 8)[1] == host.control(0x80, 6, 1 << 8, 0, 64)[1][:8]
     assert host.control(0x21, 0x66, 0, 0, b"done") == (0, bytes(4))
-    assert echo.told[-1] == "done"
+    assert echo.received_events[-1] == "done"
     host.close()
 
 
