@@ -93,13 +93,16 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     worst = max(views, key=lambda view: turn_errors[view])
     named = ", ".join(names.get(view, str(view)) for view in views[:NAMED])
     more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
-    size = (
-        "too few for an error of their poses, which may be wrong"
-        if isinf(turn_errors[worst])
-        else f"standard errors of their turns are up to {turn_errors[worst]:.2g} degrees, and a pose may be "
-        "wrong by three times that"
-    )
+    one = len(views) == 1
+    if isinf(turn_errors[worst]):
+        size = f"too few to say how sure {'its pose is' if one else 'their poses are'}"
+    else:
+        size = (
+            f"the standard error of {'its turn is' if one else 'their turns is up to'} "
+            f"{turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that"
+        )
     reason = (
-        f"few points hold {named}{more}: {size}; take more views beside them, or put texture into the scene"
+        f"few points hold {named}{more}: {size}; take more views beside {'it' if one else 'them'}, or put "
+        "texture into the scene"
     )
     return Rung(name=POSE_LOOSE, taken=True, reason=reason)
