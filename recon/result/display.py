@@ -1,6 +1,7 @@
 """Linear light as a display shows it."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -10,6 +11,8 @@ from imaging.colour import srgb_encode
 from imaging.session.bands import false_colour
 from imaging.session.records import Band
 from recon.data.dataset import Dataset
+from recon.scene.gaussians import Renderer
+from recon.scene.sampling import Sampling
 from recon.splat import SplatCamera
 from recon.train.training import Training
 
@@ -53,15 +56,22 @@ def in_colour(light: Array32, bands: Sequence[Band]) -> Array32:
 
 
 def exposure_of(training: Training, dataset: Dataset) -> float:
-    """`display_scale` of a scene in training, from renders of some of the views, evenly chosen."""
+    """`display_scale` of a scene in training, from renders of some of the views, evenly chosen.
+
+    Drawn as the scene that is stored: of held-out views nearer than all that trained it, with other blur.
+    """
     views = dataset.views
     chosen = sorted({round(place) for place in np.linspace(0, len(views) - 1, MOST_VIEWS)})
-    return display_scale(in_colour(_radiance(training, views[place].lens), dataset.bands) for place in chosen)
+    means = training.gaussians.parameters["means"].detach()
+    sampling = Sampling.of(means, [view.lens for view in dataset.train])
+    renderer = replace(training.renderer(), sampling=sampling)
+    lights = (_radiance(training, renderer, views[place].lens) for place in chosen)
+    return display_scale(in_colour(light, dataset.bands) for light in lights)
 
 
-def _radiance(training: Training, camera: SplatCamera) -> Array32:
+def _radiance(training: Training, renderer: Renderer, camera: SplatCamera) -> Array32:
     """Linear radiance [H, W, C]."""
     with torch.no_grad():
         degree = training.method.degree(1.0)
-        image = training.renderer()(training.gaussians, camera, degree=degree).image
+        image = renderer(training.gaussians, camera, degree=degree).image
         return np.asarray(training.method.observation.radiance(image).cpu().numpy())

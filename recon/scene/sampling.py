@@ -41,7 +41,8 @@ class Sampling:
         infinity.
         """
         least, most = spacing_range(means.detach().cpu().numpy(), cameras)
-        return cls(torch.from_numpy(least) * (1 - _ROUNDING), torch.from_numpy(most) * (1 + _ROUNDING))
+        nearest, farthest = (torch.from_numpy(spacing).to(means.device) for spacing in (least, most))
+        return cls(nearest * (1 - _ROUNDING), farthest * (1 + _ROUNDING))
 
     def drawn(
         self, away: Tensor, scales: Tensor, quats: Tensor, opacities: Tensor, camera: SplatCamera, blur: float

@@ -175,8 +175,7 @@ def test_a_small_picture_is_as_bright_as_a_large_one(trained: Path) -> None:
 def test_the_exposure_shows_the_median_of_the_scene_as_middle_grey(trained):
     scene = open_scene(trained)
     light = np.concatenate([scene.render(view.splat_camera).ravel() for view in scene.views])
-    # Of held-out views nearer than those of the training a scene is drawn with other blur than in training.
-    assert np.median(light[light > 0]) * scene.exposure == pytest.approx(0.18, rel=5e-3)
+    assert np.median(light[light > 0]) * scene.exposure == pytest.approx(0.18, rel=1e-3)
 
 
 def test_without_its_photographs_a_scene_is_not_measured_and_the_sentence_says_why(scene, tmp_path):
