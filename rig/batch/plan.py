@@ -80,11 +80,15 @@ class _Tables(_Table):
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """Plan of a batch: every scene of every session. sessions: folders, each once."""
+    """Plan of a batch: every scene of every session.
+
+    sessions: folders, each once. shard: "3/8" of the third of eight parts of a plan.
+    """
 
     path: Path
     sessions: tuple[Path, ...]
     scenes: tuple[PlannedScene, ...]
+    shard: str | None = None
 
 
 def read_plan(path: str | Path) -> BatchPlan:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
@@ -23,24 +24,40 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
+class Cost:
+    """Processor seconds and peak memory (bytes) of a process; None where the system does not count them."""
+
+    processor_seconds: float | None = None
+    peak: int | None = None
+
+    def __add__(self, other: "Cost") -> "Cost":
+        """Return the cost of this process and then another."""
+        seconds = [one for one in (self.processor_seconds, other.processor_seconds) if one is not None]
+        peaks = [one for one in (self.peak, other.peak) if one is not None]
+        return Cost(sum(seconds) if seconds else None, max(peaks, default=None))
+
+
+@dataclass(frozen=True)
 class Ended:
-    """Outcome of a command: its JSON output, and its last sentence."""
+    """Outcome of a command: its JSON output, its last sentence, and the cost of all attempts."""
 
     code: int
     data: dict[str, Any]
     says: str
     seconds: float
     attempts: int = 1
+    cost: Cost = Cost()
 
 
 def run(share: Share, words: Sequence[str]) -> Ended:
     """Run `python -m rig` with these words and `--json` to its end; again where its process was killed."""
     began = time.monotonic()
     attempt = 1
-    code, out, err = _once(share, words)
+    code, out, err, cost = _once(share, words)
     while code < 0 and attempt < ATTEMPTS:
         attempt += 1
-        code, out, err = _once(share, words)
+        code, out, err, again = _once(share, words)
+        cost += again
     try:
         data = json.loads(out)
     except ValueError:
@@ -48,21 +65,43 @@ def run(share: Share, words: Sequence[str]) -> Ended:
     says = next((line for line in reversed(err.splitlines()) if line.strip()), "")
     if code < 0:
         says = f"its process was killed {attempt} times ({signal.Signals(-code).name})."
-    return Ended(code, data, says, time.monotonic() - began, attempt)
+    return Ended(code, data, says, time.monotonic() - began, attempt, cost)
 
 
-def _once(share: Share, words: Sequence[str]) -> tuple[int, str, str]:
-    with subprocess.Popen(
-        [sys.executable, "-m", "rig", *words, "--json"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | share.environment(),
-    ) as process:
-        share.pin(process.pid)
-        out, err = process.communicate()
-    return process.returncode, out, err
+def _once(share: Share, words: Sequence[str]) -> tuple[int, str, str, Cost]:
+    """Return exit code, standard output, standard error and cost of one attempt."""
+    # Files, not pipes: communicate() would wait for the process itself, and its usage would be lost.
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rig", *words, "--json"],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            env=os.environ | share.environment(),
+        )
+        try:
+            share.pin(process.pid)
+            cost = _waited(process)
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        texts = []
+        for file in (out, err):
+            file.seek(0)
+            texts.append(file.read().decode(errors="replace"))
+    return process.returncode, texts[0], texts[1], cost
+
+
+def _waited(process: "subprocess.Popen[bytes]") -> Cost:
+    """Wait for the end of a process; returns its cost, that of its children included."""
+    if not hasattr(os, "wait4"):
+        process.wait()
+        return Cost()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit)
 
 
 @dataclass

@@ -5,7 +5,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from imaging.compute import memory
 from imaging.compute.workers import Task, Workers
@@ -15,7 +15,7 @@ from imaging.progress import Progress, unreported
 from imaging.record import Record
 from rig.batch import forecasts
 from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Ended, run
+from rig.batch.processes import Cost, Ended, run
 
 EXPORTS = "exports"
 """Folder of a session, with one of each scene for what is exported of it."""
@@ -45,6 +45,8 @@ class BatchRow(Record):
     attempts: int = 1
     already_there: bool = False
     forecast: int | None = None
+    peak: int | None = None
+    processor_seconds: float | None = None
 
     @property
     def quality(self) -> str:
@@ -55,10 +57,23 @@ class BatchRow(Record):
 
 
 class BatchResult(Record):
-    """`PLAN.batch.json`: a row for each scene of each session, in the order of the plan."""
+    """`PLAN.batch.json`: a row for each scene of each session, in the order of the plan.
+
+    shard: "3/8" of a result that holds the third of eight parts of the sessions.
+    """
 
     plan: Path
     rows: tuple[BatchRow, ...]
+    shard: str | None = None
+
+    def path(self, suffix: str) -> Path:
+        """Return PLAN.batch.SUFFIX beside the plan, or PLAN.3-of-8.batch.SUFFIX of a shard."""
+        part = "" if self.shard is None else f".{self.shard.replace('/', '-of-')}"
+        return self.plan.with_suffix(f"{part}.batch{suffix}")
+
+    def write(self) -> None:
+        """Write the record beside the plan."""
+        store.write_json(self.path(".json"), self.model_dump(mode="json"))
 
 
 @dataclass
@@ -89,33 +104,34 @@ class _Run:
     def begin(self, session: Path) -> None:
         """A session's first step."""
         if (session / "calibration" / "calibration.json").is_file():
-            self.train(session, 0.0)
+            self.train(session, None)
             return
 
         def calibrated(ended: Ended, task: Task) -> None:
             if ended.code in (0, 3):
-                self.train(session, ended.seconds)
+                self.train(session, ended)
                 return
             for number, scene in enumerate(self.plan.scenes):
                 self.finish(number, _failed(session, scene, "calibrate", ended))
 
         self.start(partial(forecasts.calibration, session), ["calibrate", str(session)], calibrated)
 
-    def train(self, session: Path, before: float) -> None:
-        """All scenes of a calibrated session. before: seconds that its calibration took."""
+    def train(self, session: Path, before: Ended | None) -> None:
+        """All scenes of a calibrated session. before: its calibration, unless that was there."""
         for number, scene in enumerate(self.plan.scenes):
             words = ["reconstruct", str(session), *scene.words()]
-            then = self._trained(session, number, scene, before if number == 0 else 0.0)
+            then = self._trained(session, number, scene, before if number == 0 else None)
             self.start(partial(forecasts.training, session, scene, self.workers), words, then)
 
     def _trained(
-        self, session: Path, number: int, scene: PlannedScene, before: float
+        self, session: Path, number: int, scene: PlannedScene, before: Ended | None
     ) -> Callable[[Ended, Task], None]:
         def trained(ended: Ended, task: Task) -> None:
             if ended.code not in (0, 3) or "reconstruction" not in ended.data:
                 self.finish(number, _failed(session, scene, "reconstruct", ended, task))
                 return
             data = ended.data
+            cost = ended.cost if before is None else before.cost + ended.cost
             row = BatchRow(
                 session=session,
                 scene=scene.called,
@@ -125,10 +141,12 @@ class _Run:
                 width=data.get("width"),
                 iterations=data.get("iterations"),
                 report=data.get("report"),
-                seconds=before + ended.seconds,
+                seconds=ended.seconds + (0.0 if before is None else before.seconds),
                 attempts=ended.attempts,
                 already_there=bool(data.get("already_there")),
                 forecast=task.memory,
+                peak=cost.peak,
+                processor_seconds=cost.processor_seconds,
             )
             self.export(number, scene, row, scene.export)
 
@@ -144,10 +162,16 @@ class _Run:
         store.make_folder(out.parent)
 
         def exported(ended: Ended, task: Task) -> None:
+            cost = Cost(row.processor_seconds, row.peak) + ended.cost
+            more: dict[str, Any] = {
+                "seconds": row.seconds + ended.seconds,
+                "processor_seconds": cost.processor_seconds,
+                "peak": cost.peak,
+            }
             if ended.code == 0:
-                more = {"exports": (*row.exports, out), "seconds": row.seconds + ended.seconds}
+                more["exports"] = (*row.exports, out)
             else:
-                more = {"failed": "export", "says": ended.says, "seconds": row.seconds + ended.seconds}
+                more |= {"failed": "export", "says": ended.says}
             self.export(number, scene, row.model_copy(update=more), files[1:])
 
         words = ["export", str(row.reconstruction), "--out", str(out)]
@@ -170,7 +194,7 @@ class _Run:
         """Return what is done so far."""
         order = [(session, number) for session in self.plan.sessions for number in range(self.total)]
         rows = tuple(self.rows[key] for key in order if key in self.rows)
-        return BatchResult(plan=self.plan.path, rows=rows)
+        return BatchResult(plan=self.plan.path, rows=rows, shard=self.plan.shard)
 
 
 def carry_out(
@@ -183,7 +207,7 @@ def carry_out(
     """Carry out the rest of a plan; failures are recorded in their rows, and the rest goes on.
 
     Every step is a command of its own that resumes where it was stopped, so the same plan resumes too. As
-    scenes are done, PLAN.batch.json is written.
+    scenes are done, PLAN.batch.json is written, or PLAN.i-of-N.batch.json of a shard.
     """
     going = _Run(plan, workers, on_progress, on_message)
     on_progress("scenes", 0, going.total)
@@ -193,13 +217,9 @@ def carry_out(
         ended, _ = wait(going.waiting, return_when=FIRST_COMPLETED)
         for future in ended:
             going.waiting.pop(future)(future)
-        store.write_json(record_path(plan.path), going.result().model_dump(mode="json"))
+        going.result().write()
+    going.result().write()
     return going.result()
-
-
-def record_path(plan: Path) -> Path:
-    """Return where the outcome of a plan is kept."""
-    return plan.with_suffix(".batch.json")
 
 
 def outcome(row: BatchRow) -> str:
@@ -231,4 +251,6 @@ def _failed(
         seconds=ended.seconds,
         attempts=ended.attempts,
         forecast=task.memory if task is not None and task.memory else None,
+        peak=ended.cost.peak,
+        processor_seconds=ended.cost.processor_seconds,
     )

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.batch import plan as plans
-from rig.batch import processes, run
+from rig.batch import processes, run, shards
 from rig.options.common import CoresOption, JsonOption, RayOption
 from rig.report.pages import batch as batch_page
 from rig.terminal.result import CommandResult, running
@@ -30,6 +30,17 @@ def batch(
     ] = 1,
     ray: RayOption = None,
     cores: CoresOption = 4,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="i/N",
+            help="Only the i-th of N parts of the sessions, as a task of a job array.",
+        ),
+    ] = None,
+    merge: Annotated[
+        bool,
+        typer.Option("--merge", help="Make nothing: join the results of all shards in one table and page."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate sessions and make scenes of them, as a plan says.
@@ -42,27 +53,37 @@ def batch(
 
     Example: rig batch PLAN.toml --workers 2
     """
+    read = plans.read_plan(plan)
+    if merge:
+        result, unmade = shards.merged(read)
+        result.write()
+        return _batch_result(result, batch_page.batch_report(result), unmade)
+    if shard is not None:
+        read = shards.shard_of(read, shard)
     with running("batch") as status:
-        read = plans.read_plan(plan)
         with processes.begun(workers, ray, cores) as several:
             result = run.carry_out(read, several, on_progress=status, on_message=status.say)
-        return _batch_result(result, batch_page.batch_report(result))
+        return _batch_result(result, batch_page.batch_report(result), None)
 
 
-def _batch_result(result: "run.BatchResult", report: Path) -> CommandResult:
+def _batch_result(result: "run.BatchResult", report: Path, unmade: str | None) -> CommandResult:
     rows = [_cells(row) for row in result.rows]
-    lines = table([("", rows)], ("Session", "Scene", "Held-out", "s", "Forecast", "Outcome"), {})
+    lines = table(
+        [("", rows)], ("Session", "Scene", "Held-out", "s", "CPU s", "Memory", "Forecast", "Outcome"), {}
+    )
     lines.append(f"Report: {report}")
     failed = [row for row in result.rows if row.failed is not None]
-    missing = None
+    missing = unmade
     if failed:
         first = failed[0]
         missing = (
             f"{counted(len(failed), 'scene')} of {len(rows)} could not be made; {first.session}, "
             f"{first.failed}: {first.says}"
-        )
+        ) + (f" {unmade}" if unmade else "")
     data = result.model_dump(mode="json") | {"report": str(report)}
-    return CommandResult(data, lines, missing, usable=len(failed) < len(rows))
+    return CommandResult(
+        data, lines, missing, usable=len(failed) < len(rows) or (not rows and unmade is None)
+    )
 
 
 def _cells(row: "run.BatchRow") -> tuple[str, ...]:
@@ -72,6 +93,8 @@ def _cells(row: "run.BatchRow") -> tuple[str, ...]:
         row.scene,
         row.quality,
         f"{row.seconds:.0f}",
+        "" if row.processor_seconds is None else f"{row.processor_seconds:.0f}",
+        "" if row.peak is None else size(row.peak),
         "" if row.forecast is None else size(row.forecast),
         outcome,
     )

@@ -1,5 +1,6 @@
 """A training whose decoded images are larger than the memory that it may take."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -64,7 +65,9 @@ def large(made_once: MadeOnce) -> Path:
 @pytest.mark.skipif(sys.platform != "linux", reason="address space is limited on Linux")
 def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> None:
     words = [sys.executable, "-c", LIMITED, str(large)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    # Every thread of every library sets aside address space: the limit is for two of them on any machine.
+    threads = {"OMP_NUM_THREADS": "2", "NUMBA_NUM_THREADS": "2", "MALLOC_ARENA_MAX": "4"}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=os.environ | threads)
     assert done.returncode == 0, done.stderr
     *lines, figures = done.stdout.splitlines()
     count, images, forecast, peak = map(int, figures.split())

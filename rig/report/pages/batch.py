@@ -22,6 +22,8 @@ class SceneRow:
     db: str
     iterations: str
     seconds: str
+    processor_seconds: str
+    peak: str
     forecast: str
     outcome: str
 
@@ -35,7 +37,7 @@ class BatchSection:
 
 def batch_report(result: BatchResult) -> Path:
     """Write the page beside the plan; returns its path."""
-    path = result.plan.with_suffix(".batch.html")
+    path = result.path(".html")
     failed = sum(row.failed is not None for row in result.rows)
     sessions = len({row.session for row in result.rows})
     tiles = [Tile(str(len(result.rows) - failed), "", "scenes"), Tile(str(failed), "", "failed")]
@@ -76,6 +78,8 @@ def _in_words(row: BatchRow, beside: Path) -> SceneRow:
         db=row.quality,
         iterations="" if row.iterations is None else f"{row.iterations:,}",
         seconds=f"{row.seconds:.0f}",
+        processor_seconds="" if row.processor_seconds is None else f"{row.processor_seconds:.0f}",
+        peak="" if row.peak is None else size(row.peak),
         forecast="" if row.forecast is None else size(row.forecast),
         outcome=plain(outcome),
     )

@@ -1,5 +1,6 @@
 """A plan carried out: what is begun after what, what fails, and what a killed process costs."""
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -13,8 +14,10 @@ from imaging.errors import InputError
 from imaging.files import store
 from rig.batch import forecasts, processes
 from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Ended, begun, run
-from rig.batch.run import carry_out, record_path
+from rig.batch.processes import Cost, Ended, begun, run
+from rig.batch.run import carry_out
+
+COSTS = {"calibrate": Cost(8.0, 30), "reconstruct": Cost(4.0, 70), "export": Cost(2.0, 10)}
 
 
 class Recorder:
@@ -40,7 +43,9 @@ class Recorder:
             "report": str(made / "r.html"),
         }
         future: Future[Ended] = Future()
-        future.set_result(Ended(code, data if words[0] == "reconstruct" and not code else {}, says, 1.0))
+        future.set_result(
+            Ended(code, data if words[0] == "reconstruct" and not code else {}, says, 1.0, 1, COSTS[words[0]])
+        )
         return future
 
 
@@ -75,12 +80,14 @@ def test_what_is_calibrated_is_trained_and_exports_follow(tmp_path: Path) -> Non
         ("a", "one"), ("a", "auto standard"), ("b", "one"), ("b", "auto standard"),
     ]  # fmt: skip
     assert [row.seconds for row in result.rows] == [3.0, 1.0, 4.0, 1.0]  # b's first with its calibration
+    assert [row.processor_seconds for row in result.rows] == [8.0, 4.0, 16.0, 4.0]  # likewise
+    assert {row.peak for row in result.rows} == {70}
     assert [path.name for path in result.rows[0].exports] == ["x.ply", "y.usdc"]
     assert all(row.failed is None and row.db == 30.0 for row in result.rows)
     assert [row.forecast for row in result.rows] == [1, 2, 1, 2]
     tasks = dict(zip((words[0] for words in recorder.commands), recorder.tasks, strict=True))
     assert (tasks["calibrate"], tasks["export"], tasks["reconstruct"].gpu) == (Task(100), Task(50), True)
-    assert len(store.read_json(record_path(tmp_path / "PLAN.toml"))["rows"]) == 4
+    assert len(store.read_json(tmp_path / "PLAN.batch.json")["rows"]) == 4
 
 
 def test_what_fails_is_told_and_the_rest_goes_on(tmp_path: Path) -> None:
@@ -141,6 +148,31 @@ def test_a_command_whose_process_is_killed_is_run_again_once(
     else:
         assert ended.data == {"words": "-m rig reconstruct S --json", "room": "1234", "gpu": "3"}
         assert ended.says == "about"
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="wait4 of POSIX")
+def test_the_cost_of_every_attempt_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two attempts of half a second of arithmetic each with 200 MB, the first of them killed after it."""
+    path, killed = tmp_path / "program", tmp_path / "killed"
+    path.write_text(
+        f"""#!{sys.executable}
+import os, time
+block = bytes([1]) * 200_000_000
+while time.process_time() < 0.5:
+    pass
+if not os.path.exists({str(killed)!r}):
+    open({str(killed)!r}, "w").close()
+    os.kill(os.getpid(), 9)
+print("{{}}")
+"""
+    )
+    path.chmod(0o755)
+    monkeypatch.setattr(processes.sys, "executable", str(path))
+    ended = run(Share(), ["check", "S"])
+    assert (ended.code, ended.attempts) == (0, 2)
+    assert ended.cost.processor_seconds == pytest.approx(1.2, abs=0.25)
+    assert ended.cost.peak is not None
+    assert ended.cost.peak > 200_000_000
 
 
 def test_commands_run_on_this_machine(program: Path) -> None:

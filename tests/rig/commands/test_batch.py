@@ -37,6 +37,28 @@ def test_a_scene_is_made_and_what_fails_is_told(rig, toy: Path) -> None:
     assert "reconstruct failed" in page
 
 
+def test_parts_of_a_plan_are_made_apart_and_joined(rig, toy: Path) -> None:
+    plan = toy.parent / "PLAN.toml"
+    plan.write_text(
+        'sessions = ["toy"]\n[[scene]]\nname = "small"\n'
+        'set = { iterations = 10, gaussians = 300, refine = "none", environment = false }\n'
+    )
+    code, out, err = rig("batch", str(plan), "--shard", "2/2", "--json")
+    assert (code, json.loads(out)["rows"]) == (0, []), err
+    code, out, err = rig("batch", str(plan), "--merge", "--json")
+    assert code == 2
+    assert "1 of 1 scenes have no result, such as small of" in json.loads(out)["missing"]
+    code, out, err = rig("batch", str(plan), "--shard", "1/2", "--json")
+    assert code == 0, err
+    assert json.loads(out)["report"] == str(toy.parent / "PLAN.1-of-2.batch.html")
+    code, out, err = rig("batch", str(plan), "--merge", "--json")
+    assert code == 0, err
+    (row,) = json.loads(out)["rows"]
+    assert row["session"] == str(toy)
+    assert row["processor_seconds"] > 1
+    assert row["peak"] > 100_000_000
+
+
 def test_no_cluster_is_said(rig, toy: Path) -> None:
     pytest.importorskip("ray")
     plan = toy.parent / "PLAN.toml"

@@ -18,9 +18,11 @@ def test_decibels_of_several_widths_are_not_put_side_by_side_in_silence(tmp_path
         BatchRow.model_construct(**{
             "session": tmp_path / str(number), "scene": "one", "db": 20.0 + number, "width": width,
             "seconds": 1.0, "already_there": False, "exports": (), "says": None, "failed": None,
-            "report": None, "iterations": None, "forecast": None,
+            "report": None, "iterations": None, "forecast": None, "peak": None, "processor_seconds": None,
         })
         for number, width in enumerate(widths)
     )  # fmt: skip
-    page = batch_report(BatchResult.model_construct(plan=tmp_path / "plan.toml", rows=rows)).read_text()
+    page = batch_report(
+        BatchResult.model_construct(plan=tmp_path / "plan.toml", rows=rows, shard=None)
+    ).read_text()
     assert said in re.sub(r"\s+", " ", page)
