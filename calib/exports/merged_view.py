@@ -104,17 +104,17 @@ def merge_view(
         raise InputError(
             f"the shots of camera {view.camera} at frame {view.frame} differ in size: delete the odd one out."
         )
-    frames, told_by, behind = _masked(session, shots, frames)
+    frames, usable, behind = _masked(session, shots, frames)
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
     picture = picture_of(best, frames[0].cfa, camera, space, white_balance)
-    moved = alignment.shifts(told_by)
+    moved = alignment.shifts(usable)
     shift = max((one.size for one in moved), default=None)
     shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
     clipped, dark, ghost = (float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
     hidden = 0.0 if behind is None else float(behind.mean())
     shares = (clipped, dark, ghost)
-    warnings = warnings_of(told_by, shares, shift, check_labels=scales is None)
+    warnings = warnings_of(usable, shares, shift, check_labels=scales is None)
     attributes: dict[str, str | float] = {
         "rig:key": key,
         "rig:view": str(view),

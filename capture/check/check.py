@@ -87,7 +87,7 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     problems.extend(_skewed(shots, together))
     looks = [content.look for _, content in pictures]
     several = len({shot.camera for shot in shots}) > 1
-    untimed = [shot for shot in shots if several and shot.skew is None and shot.told is not None]
+    untimed = [shot for shot in shots if several and shot.skew is None and shot.trigger_delay is not None]
     return CheckReport(
         session=str(session),
         planned=sum(len(planned_shots(plan)) for plan in plans),
@@ -216,7 +216,7 @@ def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> 
     """Shots that came late because they had to be repeated, which no trigger would have helped."""
     for _, step_shots in _steps(shots):
         for shot in step_shots if len(step_shots) > 1 else ():
-            late = max(shot.skew or 0.0, shot.told or 0.0)
+            late = max(shot.skew or 0.0, shot.trigger_delay or 0.0)
             if shot.retries and late > together.get(shot.plan, SKEW_TOLERANCE):
                 yield _problem(
                     "skew",

@@ -17,7 +17,7 @@ def depths_asked(photos: list[Path], folder: Path, depths: Path) -> Depths:
     return {photo: GivenDepth(path) for photo, path in paths.items()}
 
 
-def told_depths(depths: Depths, photos: int) -> str:
+def depths_note(depths: Depths, photos: int) -> str:
     """Return how many photographs have a depth map, and what its numbers are taken for."""
     units = {depth.unit for depth in depths.values()} - {None}
     whole = f"{units.pop():g} units of the poses, as stated" if len(units) == 1 else "millimetres"

@@ -19,9 +19,9 @@ def masks_asked(photos: list[Path], folder: Path, masks: Path) -> tuple[dict[Pat
     Errors as `companions.asked`.
     """
     mask_of = asked(photos, folder, masks, SUFFIXES, "mask")
-    return mask_of, told_masks(mask_of, len(photos))
+    return mask_of, masks_note(mask_of, len(photos))
 
 
-def told_masks(masks: Mapping[Path, Path], photos: int) -> str:
+def masks_note(masks: Mapping[Path, Path], photos: int) -> str:
     """Return how many photographs have a mask."""
     return f"{len(masks)} of {photos} photos have a mask; what is black in it is ignored."

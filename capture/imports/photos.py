@@ -11,14 +11,14 @@ from typing import Any
 from capture.bracket.deviation import deviates
 from capture.imports.bands import bands_of, read_band_list
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
-from capture.imports.depths import Depths, depths_asked, told_depths
+from capture.imports.depths import Depths, depths_asked, depths_note
 from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
 from capture.imports.given_calibration import FILE as CALIBRATION
 from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
 from capture.imports.given_split import write_split
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given
-from capture.imports.masks import masks_asked, told_masks
+from capture.imports.masks import masks_asked, masks_note
 from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.pixel_shift import put_together
 from capture.imports.request import ImportRequest, LayoutName
@@ -127,7 +127,7 @@ def import_photos(
     notes = [*surveyed.notes, *strays]
     if given is not None:
         check_sizes(given, surveyed.originals)
-        notes = [_told_layout(given, request.layout), *given.notes, *_absent(given), *notes]
+        notes = [_layout_note(given, request.layout), *given.notes, *_absent(given), *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     sorted_series, guesses = sort_into_cameras(
@@ -166,10 +166,10 @@ def import_photos(
         covers, mask_note = masks_asked(paths, folder, masks)
         notes.append(mask_note)
     elif covers:
-        notes.append(told_masks(covers, len(paths)))
+        notes.append(masks_note(covers, len(paths)))
     deep = _depths(given, paths, folder, depths)
     if deep:
-        notes.append(told_depths(deep, len(paths)))
+        notes.append(depths_note(deep, len(paths)))
     places: list[Place] = []
     plans: list[PlanRecord] = []
     for entry in numbered:
@@ -209,7 +209,7 @@ def import_photos(
     )
 
 
-def _told_layout(given: Given, asked: LayoutName | None) -> str:
+def _layout_note(given: Given, asked: LayoutName | None) -> str:
     what = f"Lenses and poses are those of {given.teller}" if has_poses(given) else "There are no poses"
     reason = "as given" if asked is not None else "--layout photos takes the photographs alone"
     return f"{what}, the folder being read in the layout of {given.layout}; {reason}."

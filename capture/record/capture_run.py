@@ -279,7 +279,7 @@ class CaptureRun:
             captured_at=written.captured_at,
             skew=skew,
             skew_bound=bound,
-            told=None if first is None else after(first.ordered, written.ordered),
+            trigger_delay=None if first is None else after(first.ordered, written.ordered),
             retries=written.retries,
             band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
             node=host.node if host else None,
@@ -301,7 +301,7 @@ class CaptureRun:
         if deviates(written.reported, requested):
             self._problems.append(_deviation(shot_id, requested, written.reported))
         # Where shutters are unknown, orders that went out too far apart are enough to say so.
-        apart = shot.told if shot.skew is None else shot.skew
+        apart = shot.trigger_delay if shot.skew is None else shot.skew
         if apart is not None and apart > self._tolerance and not shot.retries:
             self._apart.setdefault(shot_id.step, []).append((apart, shot_id))
         self._progress(shot.file, len(self.done), len(self.planned))

@@ -204,7 +204,7 @@ class ShotRecord(Record):
     """Upper bound of an unknown `skew`: from the first trigger of its frame and step, or the first shutter
     known to have opened, to the moment by which this one had.
     """
-    told: float | None = Field(default=None, ge=0)
+    trigger_delay: float | None = Field(default=None, ge=0)
     """Delay of this camera's trigger after the first one of the same frame and step, seconds; the delay of
     the shutter itself is `skew`.
     """

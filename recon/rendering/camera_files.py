@@ -20,7 +20,7 @@ from imaging.natural_order import natural
 from recon.rendering.camera_paths import MOST_FRAMES, CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
 from recon.rendering.given_camera import camera_of
-from recon.rendering.placement import USD_SUFFIXES, GivenPath, less, placement_of, told_offset
+from recon.rendering.placement import USD_SUFFIXES, GivenPath, less, offset_of, placement_of
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
@@ -187,4 +187,4 @@ def _colmap(folder: Path) -> GivenPath:
     if not images.is_file() or (folder / "images.bin").is_file():
         return GivenPath(path_read)
     first = images.read_text("utf-8", "replace").partition("\n")[0]
-    return GivenPath(path_read, None, told_offset(first.removeprefix("# ")))
+    return GivenPath(path_read, None, offset_of(first.removeprefix("# ")))

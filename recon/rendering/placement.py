@@ -186,10 +186,10 @@ def _in_ply(path: Path) -> Placement | None:
         head = file.read(1 << 16).partition(b"end_header")[0].decode("ascii", "replace")
     if not head.startswith("ply"):
         return None
-    return told_offset(head.replace("comment ", "")) or less((0.0, 0.0, 0.0))
+    return offset_of(head.replace("comment ", "")) or less((0.0, 0.0, 0.0))
 
 
-def told_offset(text: str) -> Placement | None:
+def offset_of(text: str) -> Placement | None:
     """Read a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`, or return None."""
     match = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
     try:

@@ -25,11 +25,7 @@ CLAUSE = re.compile(
 RIDDLE = re.compile(
     r"\b(?:[Tt]old|so many|(?:is|are) none|None: it is not|[Ww]hoever|[Nn]obody|before (?:white|black))\b"
 )
-RECORDED = re.compile(r"\.told\b|\btold(?:=|: float)")
-"""The field of that name in shots.jsonl."""
 UNNAMED = {"found", "kept", "left", "own", "seen", "told"}
-OF_FILES = {"imaging/session/records.py": {"told"}}
-"""Names that are keys of a session's files."""
 SIDES = {"right", "top", "bottom"}
 """Beside one of these `left` is a side."""
 
@@ -58,7 +54,7 @@ def test_docstrings_comments_and_messages_have_no_riddles(folder: str) -> None:
         f"{name}:{number} {match[0]}"
         for name, text in sources(folder).items()
         for number, line in enumerate(text.splitlines(), 1)
-        if (match := RIDDLE.search(RECORDED.sub("", line)))
+        if (match := RIDDLE.search(line))
     ]
     assert riddles == []
 
@@ -72,7 +68,7 @@ def test_a_name_says_what_it_is_of(folder: str) -> None:
         for scope in ast.walk(ast.parse(text)) if UNNAMED & set(words) else ():
             if isinstance(scope, ast.Module | ast.ClassDef | ast.FunctionDef | ast.Lambda):
                 bound, line = names_in(scope), getattr(scope, "lineno", 1)
-                allowed = OF_FILES.get(name, set()) | ({"left"} if bound & SIDES else set())
+                allowed = {"left"} if bound & SIDES else set()
                 unnamed += [f"{name}:{line} {word}" for word in bound & UNNAMED - allowed]
     assert unnamed == []
 

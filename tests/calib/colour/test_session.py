@@ -203,7 +203,7 @@ def found_of(camera: np.ndarray, seed: int) -> DetectedChart:
     return DetectedChart(ChartPatches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
 
 
-def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:
+def seen_by_two(cameras: dict[str, np.ndarray]) -> Charts:
     charts = {
         name: (View(CameraRecord(name=name, serial=name, kind="raw"), 0, ()), found_of(camera, index))
         for index, (name, camera) in enumerate(cameras.items())
@@ -213,7 +213,7 @@ def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:
 
 
 def test_cameras_of_a_model_share_a_matrix_and_have_whites_of_their_own() -> None:
-    charts = told_by_two({"a": TRUE, "b": TINT @ TRUE})
+    charts = seen_by_two({"a": TRUE, "b": TINT @ TRUE})
     rungs = {rung.name: rung for rung in charts.rungs}
     assert rungs["chart_matrix"].taken
     assert not rungs["chart_matrix_each_camera"].taken
@@ -226,7 +226,7 @@ def test_cameras_of_a_model_share_a_matrix_and_have_whites_of_their_own() -> Non
 
 def test_cameras_whose_patches_say_so_get_a_matrix_each() -> None:
     filtered = TRUE @ np.array([[0.8, 0.2, 0.0], [0.1, 0.8, 0.1], [0.0, 0.25, 0.75]])
-    charts = told_by_two({"a": TRUE, "b": filtered})
+    charts = seen_by_two({"a": TRUE, "b": filtered})
     assert {rung.name: rung.taken for rung in charts.rungs}["chart_matrix_each_camera"]
     matrix = np.array(charts.matrices["b"])
     assert matrix == pytest.approx(filtered / filtered[1].sum(), abs=0.02)

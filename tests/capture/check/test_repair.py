@@ -81,7 +81,7 @@ def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
     by_file = {record["file"]: record for record in lines(rig.session)}
     for file in done.added:
         original = next(record for record in records if record["file"] == file)
-        del original["skew"], original["told"]
+        del original["skew"], original["trigger_delay"]
         for key, value in original.items():
             if key != "reported":
                 assert by_file[file][key] == value

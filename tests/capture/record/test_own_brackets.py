@@ -143,7 +143,9 @@ def test_a_bracket_that_the_body_has_not_is_asked_for_once(
 def test_several_cameras_expose_each_step_together(tmp_path: Path, asked: list[bool]) -> None:
     capture = Capture(tmp_path / "S", "sony-a7m4", cameras=2, frames=1)
     assert asked == []
-    assert all(shot.told is not None and shot.told < 0.01 for shot in capture.shots.values())
+    assert all(
+        shot.trigger_delay is not None and shot.trigger_delay < 0.01 for shot in capture.shots.values()
+    )
     assert all(shot.skew is None for shot in capture.shots.values())  # no body stamps its frames
 
 

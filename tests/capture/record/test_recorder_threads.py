@@ -265,10 +265,10 @@ def test_the_skew_of_a_camera_that_does_not_stamp_its_frames_is_unknown(fake_rig
     (unknown,) = result.unknown
     assert unknown.startswith(f"the skew of {', '.join(silent)} is unknown, at most ")
     for shot in rig.session.shots():
-        assert shot.told == pytest.approx(0.01 if shot.camera == "c" else 0.0)
+        assert shot.trigger_delay == pytest.approx(0.01 if shot.camera == "c" else 0.0)
         # Nor has the only one that stamps any to be compared with.
         known = silent == "b" and shot.camera != "b"
-        assert shot.skew == (pytest.approx(shot.told) if known else None)
+        assert shot.skew == (pytest.approx(shot.trigger_delay) if known else None)
         assert (shot.skew_bound is None) == known
     report = check(rig.session.folder)
     assert report.untimed == (tuple(silent) if silent == "b" else ("a", "b", "c"))
@@ -326,5 +326,5 @@ def test_a_camera_that_stamps_its_frames_knows_best_when_it_opened(fake_rig):
     run(rig, clock)
     skews = {shot.camera: shot.skew for shot in rig.session.shots()}
     assert skews == {"a": pytest.approx(0.0), "b": pytest.approx(0.003)}
-    assert all(shot.told == pytest.approx(0.0) for shot in rig.session.shots())
+    assert all(shot.trigger_delay == pytest.approx(0.0) for shot in rig.session.shots())
     assert math.isfinite(clock.now())

@@ -55,7 +55,7 @@ def test_the_bound_of_a_skew_that_is_unknown_is_told(rig, toy: Path) -> None:
     shots = [json.loads(line) for line in path.read_text().splitlines()]
     for shot in shots:
         late = 0.31 if shot["camera"] == "cam1" else 0.12
-        shot |= {"skew": None, "told": 0.0, "skew_bound": late}
+        shot |= {"skew": None, "trigger_delay": 0.0, "skew_bound": late}
     path.write_text("".join(json.dumps(shot) + "\n" for shot in shots))
     code, out, _ = rig("check", str(toy))
     assert code == 0
