@@ -35,10 +35,6 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         rig.frobnicate  # noqa: B018
 
 
-def test_every_lazy_name_is_public() -> None:
-    assert set(rig._HOMES) == set(rig.__all__)
-
-
 def test_the_readme_renders_a_new_pose_from_python(toy: Path, tmp_path: Path, monkeypatch) -> None:
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     section = readme.partition("## From Python\n")[2].partition("\n## ")[0]
