@@ -108,8 +108,8 @@ CLAIMS = (
         lambda: [max(abs(one) for (one,) in cells("memory", "forecast off, %"))],
     ),
     Front(
-        r"\| ([\d.]+) dB \(mu-law over the 99\.9th percentile of the light; over its brightest ([\d.]+)\), "
-        r"([\d.]+) stops off in the median, ([\d.]+) in the darkest tenth, ([\d.]+) in the brightest "
+        r"\| ([\d.]+) dB mu-law PSNR with the 99\.9th percentile of the light as its peak, ([\d.]+) dB with "
+        r"the maximum; median error ([\d.]+) stops, ([\d.]+) in the darkest tenth, ([\d.]+) in the brightest "
         r"hundredth; (\d+) px, preset standard in (\d+) s",
         lambda: [
             cell("demo", column)
@@ -125,13 +125,13 @@ CLAIMS = (
         ],
     ),
     Front(
-        r"\| (\d+) s of processor time, plain pycolmap (\d+) \|",
+        r"\| (\d+) s of processor time; plain pycolmap takes (\d+) s \|",
         lambda: [
             cell("calibration_size", "s", "castle", program, under="Whole") for program in ("rig", "pycolmap")
         ],
     ),
     Front(
-        r"\| ([\d,]+) s of processor time, plain pycolmap ([\d,]+); all placed",
+        r"\| ([\d,]+) s of processor time; plain pycolmap takes ([\d,]+) s; both",
         lambda: [
             cells("calibration_full_size", "processor s", program, but="freed")[0][0]
             for program in ("rig", "pycolmap")
@@ -148,27 +148,27 @@ CLAIMS = (
         r"close views of an object reach (\d+) dB",
         lambda: [math.floor(beside_peer("lego", "over white, dB")[0])],
     ),
-    Front(r"castle ([\d.]+) dB for ([\d.]+),", lambda: beside_peer("castle", "PSNR, dB")),
-    Front(r"tree ([\d.]+) for ([\d.]+),", lambda: beside_peer("monstree", "PSNR, dB")),
-    Front(r"lego ([\d.]+) for ([\d.]+):", lambda: beside_peer("lego", "over white, dB")),
+    Front(r"castle ([\d.]+) dB \(OpenSplat ([\d.]+)\),", lambda: beside_peer("castle", "PSNR, dB")),
+    Front(r"tree ([\d.]+) \(([\d.]+)\),", lambda: beside_peer("monstree", "PSNR, dB")),
+    Front(r"lego ([\d.]+) \(([\d.]+)\);", lambda: beside_peer("lego", "over white, dB")),
     Front(
-        r"\| ([\d.]+) dB at (\d+) px; 3DGS is published with ([\d.]+) at",
+        r"\| ([\d.]+) dB at (\d+) px; published 3DGS has ([\d.]+) at",
         lambda: [cell("published", name, "lego", "best") for name in ("over white", "px", "3DGS")],
     ),
     Front(
-        r"held-out views ([\d.]+) stops off, ([\d.]+) in the darkest tenth",
+        r"error of held-out views ([\d.]+) stops, ([\d.]+) in the darkest tenth",
         lambda: [
             cells("foreign", column, "room, RAW of 14 bits", under="Held-out")[-1][0]
             for column in ("stops", "darkest tenth")
         ],
     ),
     Front(
-        r"\| (\d+) of (\d+) placed views stand wrongly",
+        r"\| (\d+) of (\d+) placed views have wrong poses",
         lambda: [sum(one[0] for one in cells("foreign_poses", key)) for key in ("wrong 1", "placed with")],
     ),
     Front(r"\| (\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
     Front(
-        r"right to ([\d.e-]+) in the worst pixel",
+        r"error ([\d.e-]+) in the worst pixel",
         lambda: [
             max(of[0] for of in cells("stability", "forward", "2^40 (12 decades)", under="Worst error"))
         ],
