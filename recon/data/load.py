@@ -22,6 +22,7 @@ from recon.data.dataset import COLMAP, Dataset, Sensor, View
 from recon.data.decoded import FOLDER, Source, read_stored, require_room
 from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.measured_depth import DepthMapFile, scaled
+from recon.data.narrower import Falloffs, narrower
 from recon.data.overruled import overruled
 from recon.data.pixels import read_shot
 from recon.data.resident import too_large
@@ -83,11 +84,17 @@ def load(
 
 
 def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
-    """The session of a data set at another width, its shots in memory only if those of the data set are."""
-    stored = not all(view.held for view in dataset.train)
-    loaded = load(
-        dataset.session, max_width=max_width, progress=progress, examine=lambda firsts, counts: stored
-    )
+    """A data set at another width: made of its shots where they are in memory, else read anew from the
+    session, and kept on the disk as those are.
+    """
+    if all(view.held for view in dataset.views):
+        falloffs: Falloffs = {}
+        train, held_out = (
+            tuple(narrower(view, max_width, falloffs) for view in views)
+            for views in (dataset.train, dataset.held_out)
+        )
+        return replace(dataset, train=train, held_out=held_out)
+    loaded = load(dataset.session, max_width=max_width, progress=progress, examine=lambda *_: True)
     return overruled(loaded, dataset.overruled).with_depths(dataset.depth_scale)
 
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,7 @@ from imaging.demosaicking.demosaic import demosaic
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_with_alpha
 from imaging.files.raw import read_raw
-from imaging.merge.linear_frame import LinearFrame, from_codes, from_light, from_raw
+from imaging.merge.linear_frame import LinearFrame, decode, from_codes, from_light, from_raw
 from imaging.merge.masks import read_mask
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
@@ -123,30 +124,62 @@ def _read(
         photo = read_photo(path)
         codes, alpha = np.ascontiguousarray(photo.pixels, np.float32), photo.alpha
         frame = from_codes(codes, k, response)
+        shot = Shot.of(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, alpha=alpha)
         size = _smaller(codes, max_width)
-        whole = codes.shape[0], codes.shape[1]
-        if size is None:
-            whole_shot = Shot.of(
-                name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, alpha=alpha
-            )
-            return whole_shot, None, whole
-        saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
-        codes = encode(area_mean(frame.signal, size), response)
-        alpha = None if alpha is None else area_mean(alpha, size)
-        valid = np.ones(codes.shape, bool)
-        return Shot.of(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
+        small = shot if size is None else _smaller_photograph(shot, frame.signal, response, size)
+        return small, None, (codes.shape[0], codes.shape[1])
     image = read_with_alpha(path)
-    frame, alpha = from_light(image.pixels, k), image.alpha
-    light, valid = frame.signal, frame.valid
-    whole = light.shape[0], light.shape[1]
-    size = _smaller(light, max_width)
-    if size is not None:
-        weight = area_mean(valid, size)
-        light, valid = np.asarray(area_mean(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
-        alpha = None if alpha is None else area_mean(alpha, size)
-    never = np.zeros(light.shape, bool)
-    light = np.ascontiguousarray(light, np.float32)
-    return Shot.of(name, k, light, never, never, valid, alpha=alpha), None, whole
+    frame = from_light(image.pixels, k)
+    never = np.zeros(frame.signal.shape, bool)
+    shot = Shot.of(name, k, frame.signal, never, never, frame.valid, alpha=image.alpha)
+    size = _smaller(frame.signal, max_width)
+    whole = frame.signal.shape[0], frame.signal.shape[1]
+    return shot if size is None else _smaller_light(shot, size), None, whole
+
+
+def narrowed(
+    shot: Shot, kind: ImageKind, cfa: Cfa | None, response: Response, width: int
+) -> tuple[Shot, Cfa | None]:
+    """A shot at a smaller width, as its file would be read, and the CFA of what is still a mosaic."""
+    if kind == "raw":
+        small, smaller_cfa = _mosaic(shot.linear(None, cfa), shot.file, width)
+        if cfa is not None and smaller_cfa is None:  # what was demosaicked has numbers also behind a mask
+            height, wide = small.shape[:2]
+            there = area_mean(_even(shot.valid), (wide, height)) > 0.5
+            small = small.showing(valid=small.valid & there[..., None])
+        return replace(small, band=shot.band), smaller_cfa
+    size = _smaller(shot.pixels, width)
+    if size is None:
+        return shot, cfa
+    if kind == "hdr":
+        return _smaller_light(shot, size), cfa
+    return _smaller_photograph(shot, decode(shot.pixels, response), response, size), cfa
+
+
+def _smaller_photograph(shot: Shot, signal: Array32, response: Response, size: tuple[int, int]) -> Shot:
+    """A photograph whose linear `signal` is averaged over areas."""
+    saturated, dark = (area_mean(mask, size) > 0.5 for mask in (shot.saturated, shot.dark))
+    return shot.showing(
+        pixels=encode(area_mean(signal, size), response),
+        saturated=saturated,
+        dark=dark,
+        valid=area_mean(shot.valid, size) > 0.999,
+        alpha=None if shot.alpha is None else area_mean(shot.alpha, size),
+    )
+
+
+def _smaller_light(shot: Shot, size: tuple[int, int]) -> Shot:
+    """Light averaged over what is valid of each area."""
+    weight = area_mean(shot.valid, size)
+    never = np.zeros(weight.shape, bool)
+    light = area_mean(np.where(shot.valid, shot.pixels, 0), size) / weight.clip(1e-6)
+    return shot.showing(
+        pixels=np.ascontiguousarray(light, np.float32),
+        saturated=never,
+        dark=never,
+        valid=weight > 0.5,
+        alpha=None if shot.alpha is None else area_mean(shot.alpha, size),
+    )
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
@@ -164,11 +197,13 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
         saturated, valid = area_mean(saturated & valid, size) > 0, weight > 0.5
     elif size and cfa is not None:
         sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
-        signal = area_mean(demosaic(signal, cfa, valid, sigma, spread=False).rgb, size)
-        # A defect glows into no neighbour: the sites around it stand in for it.
+        colours = demosaic(signal, cfa, valid, sigma, spread=False)
+        # The sites around a defect stand in for it, and where none is near enough, the rest of the area.
+        weight = area_mean(colours.known, size)
+        signal = area_mean(colours.rgb, size) / weight.clip(1e-6)
         full = area_mean(saturated & valid, size) > 0
         saturated = np.repeat(full[..., None], signal.shape[2], axis=2)
-        valid, cfa = np.ones(signal.shape, bool), None
+        valid, cfa = weight > 0, None
     never = np.zeros(signal.shape, bool)
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
     signal = np.ascontiguousarray(signal)
