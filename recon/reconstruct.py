@@ -21,7 +21,7 @@ from recon.data.load import load
 from recon.data.overruled import overruled
 from recon.decide.countdown import Countdown, TooShort
 from recon.decide.decisions import TrainingPlan, iterations_at_most, planned
-from recon.decide.duration import how_long
+from recon.decide.duration import how_long, slowdown
 from recon.decide.evidence import Run
 from recon.decide.memory_need import fitting, free
 from recon.decide.method_choice import method_for, rungs, uncoloured
@@ -37,6 +37,7 @@ from recon.result.place import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
+from recon.train.half_size import UNTIL
 from recon.train.interrupt import Interrupted
 from recon.train.monitor import Shown, no_viewer
 from recon.train.ranks import joined
@@ -282,13 +283,16 @@ def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, TrainingPlan]:
 
 def _steers(run: Run, training: Training, settings: Settings, *, resumed: bool) -> list[Steer]:
     """Return what may make the training shorter on the way."""
-    asked = run.asked
-    steers: list[Steer] = [EarlyStop()] if asked.early_stop else []
+    asked, cap = run.asked, settings.max_gaussians
+    slower = slowdown(run.dataset.train, cap)
+    # At half size quality stands still before what full size has to show.
+    stop = EarlyStop() if slower == 1 else EarlyStop(begin=UNTIL)
+    steers: list[Steer] = [stop] if asked.early_stop else []
     if asked.budget is not None and asked.budget_unit == "dB":
         steers.append(Goal(asked.budget))
     if run.countdown is not None:
         # What an earlier run trained before it was stopped is part of the time.
         spent = training.seconds + training.measuring
         limit = run.countdown.remaining() + (0.0 if resumed else spent)
-        steers.append(Deadline(max(limit, 1e-3), iterations_at_most(asked), settings.max_gaussians))
+        steers.append(Deadline(max(limit, 1e-3), iterations_at_most(asked), cap, slowdown=slower))
     return steers

@@ -46,7 +46,9 @@ from recon.result.scene import Opened, open_model
 from recon.start.initialisation import start_points
 from recon.train.warm_up import warm_up
 
-SETS = {"castle": "sceaux"} | {name: name for name in ("monstree", "lego", "lund", "banana", "brighton")}
+SETS = {"castle": "sceaux"} | {
+    name: name for name in ("monstree", "lego", "lund", "banana", "brighton", "fox")
+}
 WALK = "walk"
 WALKED, WALK_SIZE = 100, (1600, 1200)
 """Photographs of the walk, and their size, px."""

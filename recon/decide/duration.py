@@ -7,6 +7,7 @@ trainings of bench/results/presets.md, and fox as a draft), and hold for others 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Self
 
 from imaging.compute.free_share import free_share, if_so
@@ -20,6 +21,7 @@ from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
 from recon.train.device import training_device
+from recon.train.half_size import UNTIL, begins_halved, halves
 
 BEGIN = 10.0
 """Processor seconds of imports, of kernels that were compiled before, and of files that are written."""
@@ -81,10 +83,7 @@ class Work:
         views = sum(count for count, _ in counts.values())
         train = sum(count for _, count in counts.values())
         view = sum(counts[one.camera][0] * pixels_of(one) for one in firsts) / views / 1e6
-        planes = sum(
-            counts[one.camera][0] * sum(1 if shot.pixels.ndim == 2 else 3 for shot in one.shots)
-            for one in firsts
-        )
+        planes = sum(counts[one.camera][0] * _planes(one) for one in firsts)
         width = max(one.lens.width for one in firsts)
         judged = -(-train // HELD_OUT)
         made = tried and judged >= FEWEST_VIEWS
@@ -104,12 +103,17 @@ class Work:
             width=width,
         )
 
+    def _pace(self) -> float:
+        """Processor seconds of an iteration, in the mean over a training."""
+        full, half = (self._step(share * self.view, 0.75 * self.gaussians) for share in (1.0, 0.25))
+        return UNTIL * half + (1 - UNTIL) * full if begins_halved(1e6 * self.view, self.gaussians) else full
+
     def _step(self, view: float, gaussians: float) -> float:
-        return STEP + view * (DRAWN + PLANE * self.planes) + GAUSSIAN * gaussians
+        return step(view, self.planes, gaussians)
 
     def processor_seconds(self) -> tuple[float, float]:
         """Processor seconds without any trial, and with the most trials; within `SURE`."""
-        pace = self._step(self.view, 0.75 * self.gaussians)
+        pace = self._pace()
         plain = (
             BEGIN
             + READ * self.files
@@ -145,6 +149,25 @@ class Work:
             f"{self.train} training views, {self.width} px wide, {self.iterations:,} iterations on {where}: "
             f"this takes {takes} in all, with its report, {condition}."
         )
+
+
+def step(view: float, planes: float, gaussians: float) -> float:
+    """Processor seconds of an iteration: of that many megapixels, planes of shots, and Gaussians."""
+    return STEP + view * (DRAWN + PLANE * planes) + GAUSSIAN * gaussians
+
+
+def slowdown(views: Sequence[View], gaussians: int) -> float:
+    """Times that an iteration at full size takes of one at the half size that a training begins with; 1 if it
+    does not.
+    """
+    if not halves(views, gaussians):
+        return 1.0
+    view, planes = fmean(map(pixels_of, views)) / 1e6, fmean(map(_planes, views))
+    return step(view, planes, gaussians) / step(view / 4, planes, gaussians)
+
+
+def _planes(view: View) -> int:
+    return sum(1 if shot.pixels.ndim == 2 else 3 for shot in view.shots)
 
 
 def how_long(

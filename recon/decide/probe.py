@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
+from recon.decide.duration import slowdown
+from recon.train.half_size import UNTIL
 from recon.train.learning_rates import rate_factor
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
@@ -101,14 +103,15 @@ def has_time_for_trials(
 def pace_at_once(
     begin: Callable[[], Training], dataset: Dataset, plan: Plan, clock: Callable[[], float]
 ) -> float:
-    """Seconds an iteration with as many Gaussians as a training starts with, by a few."""
-    # Standing late on the schedule: all harmonics and corrections are on, and nothing is split.
+    """Seconds an iteration in the mean with as many Gaussians as a training starts with, by a few."""
+    # Standing late on the schedule: all harmonics and corrections are on, at full size, and nothing is split.
     count = WARM_UP + TRIAL
     training, short = begin(), Plan(count, plan.density, plan.seed, log_every=count)
     training.schedule = Schedule.still(count, LATE)
     _seconds(training, dataset, short, WARM_UP, clock)
     taken = _seconds(training, dataset, short, count, clock)
-    return max(taken / TRIAL, 1e-9)
+    first_half = 1 / slowdown(dataset.train, plan.density.cap)
+    return max(taken / TRIAL, 1e-9) * (UNTIL * first_half + 1 - UNTIL)
 
 
 def _seconds(

@@ -26,18 +26,21 @@ class Targets(Generic[TargetsOfView]):
     Targets of a view whose shots exceed the memory are made at each access.
     """
 
-    _cached: dict[str, TargetsOfView] = field(default_factory=dict)
+    _cached: dict[str, tuple[int, TargetsOfView]] = field(default_factory=dict)
     _arrays: dict[int, tuple[AnyArray, Tensor]] = field(default_factory=dict)
 
     def of(self, view: View, make: Callable[[], TargetsOfView], device: torch.device) -> TargetsOfView:
-        """Return a view's targets on a device; `make` gives them on the host at the first access."""
-        targets = self._cached.get(view.name)
-        if targets is None:
+        """Return a view's targets on a device; `make` gives them on the host at the first access.
+
+        At another size of the view they are made anew, in place of those.
+        """
+        width, targets = self._cached.get(view.name, (0, None))
+        if targets is None or width != view.lens.width:
             targets = make()
             if fits := device.type != "cpu" and _size(targets) <= room(device):
                 targets = _moved(targets, device)
             if fits or view.held:
-                self._cached[view.name] = targets
+                self._cached[view.name] = view.lens.width, targets
         return _moved(targets, device)
 
     def array(self, values: Array32, image: Tensor) -> Tensor:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.train.densification import DensityRules
+from recon.train.half_size import UNTIL
+from recon.train.schedule import Schedule
 from recon.train.training import Training
 
 COOL_DOWN = 0.2
@@ -96,6 +98,8 @@ class Deadline:
     early: float = 0.955
     late: float = 0.99
     every: float = 0.02
+    slowdown: float = 1.0
+    """Times that an iteration takes once views are looked at in full size, of one before."""
     patience: float = 0.3
     """Tolerated error of the end, as a share of the time that is left: the first iterations are slow, and a
     training shortened for them would not be the requested one.
@@ -106,7 +110,8 @@ class Deadline:
         """Now and then: every fiftieth part of the time, and at each iteration when it is nearly over."""
         spent, schedule = training.seconds + training.measuring, training.schedule
         assert schedule is not None
-        if self._since is None:
+        # What iterations at half the size took is no measure of the others.
+        if self._since is None or self._turned_full(schedule, training.iteration):
             self._since = (training.iteration, spent)
             return None
         made, taken = training.iteration - self._since[0], spent - self._since[1]
@@ -127,10 +132,21 @@ class Deadline:
         most = round((1 - schedule.progress(training.iteration)) * self.longest)
         return min(fitting, most) if min(fitting, most) > rest else None
 
+    def _turned_full(self, schedule: Schedule, iteration: int) -> bool:
+        """Return whether views have come to their full size since the last look."""
+        assert self._since is not None
+        before = schedule.progress(self._since[0])
+        return self.slowdown > 1 and before < UNTIL <= schedule.progress(iteration)
+
     def _growth(self, training: Training) -> float:
-        """Slowdown of the rest, as the number of Gaussians grows: half the cost is theirs."""
+        """Slowdown of the rest, as the number of Gaussians grows, half the cost being theirs, and as views
+        come to their full size.
+        """
         assert training.schedule is not None
         now, progress = len(training.gaussians), training.schedule.progress(training.iteration)
         growing = max(DensityRules(self.cap).end - progress, 0) / max(1 - progress, 1e-9)
         mean = self.cap - 0.5 * growing * (self.cap - now)
-        return max((self.cap + mean) / (self.cap + now), 1.0)
+        growth = max((self.cap + mean) / (self.cap + now), 1.0)
+        if progress >= UNTIL:
+            return growth
+        return growth * (UNTIL - progress + self.slowdown * (1 - UNTIL)) / (1 - progress)

@@ -20,6 +20,7 @@ from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.densification import Density, DensityControl
 from recon.train.finite_losses import FiniteLosses
+from recon.train.half_size import HalfSize, halves
 from recon.train.interrupt import deferred
 from recon.train.monitor import Monitor, Shown, no_viewer
 from recon.train.ranks import Ranks
@@ -80,6 +81,7 @@ def train(
     renderer, refinement, optimizer = training.renderer(), training.refinement, training.optimizer
     held_out = dataset.validation or dataset.held_out
     alphas, depths = Targets[_Alpha](), MeasuredDepth()
+    size = HalfSize(halves(dataset.train, plan.density.cap))
     losses = FiniteLosses(training)
     optimizer.zero_grad()
     with torch_on_one_thread(), deferred() as interrupt:
@@ -104,7 +106,8 @@ def train(
             _set_rates(optimizer, plan, done)
             # Added up where it is, in float64: reading it would wait for all that is under way.
             total = torch.zeros((), dtype=torch.float64, device=training.gaussians.device)
-            for view in _views(training.iteration, dataset.train, plan, ranks):
+            for whole in _views(training.iteration, dataset.train, plan, ranks):
+                view = size.of(whole, done)
                 loss = _loss(training, renderer, view, done, plan.seed, alphas, depths) / plan.batch
                 losses.add(view, loss.detach())
                 loss.backward()  # type: ignore[no-untyped-call]

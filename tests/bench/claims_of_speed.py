@@ -64,6 +64,17 @@ CLAIMS = (
         ],
     ),
     Claim(
+        r"takes ([\d.]+) of the processor seconds of a training that looks at whole views from the first "
+        r"one on, and has ([\d.]+) dB less; the fruit ([\d.]+) and ([\d.]+) dB more; the video at 640 px "
+        r"([\d.]+) and ([\d.]+) dB more; lego at 400 px ([\d.]+) and ([\d.]+) dB more; RAW brackets of the "
+        r"demo's scene at 640 px ([\d.]+) and ([\d.]+) dB more",
+        lambda: [
+            abs(cell("half_size", column, name))
+            for name in ("castle", "banana", "fox", "lego", "demo")
+            for column in ("ratio", "gain, dB")
+        ],
+    ),
+    Claim(
         r"(\d+) views of four RAW exposures .* peak at ([\d.]+) GB",
         lambda: [cells("many_views", name)[-1][0] for name in ("views", "peak, GB")],
     ),

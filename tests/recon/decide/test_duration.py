@@ -67,7 +67,7 @@ def work(train: int, held_out: int, files: float, view: float, planes: float, **
     ("done", "took"),
     [
         (work(44, 6, 103, 0.182, 3, iterations=440, gaussians=20_000), 46),
-        (work(9, 2, 66, 0.307, 3, iterations=2000, gaussians=40_000), 201.1),
+        (work(9, 2, 66, 0.307, 3, iterations=2000, gaussians=40_000), 120.6),
         (
             work(21, 3, 6, 0.0768, 3, iterations=2000, gaussians=40_000, trials=1200, small_trials=2200),
             74.6,
@@ -80,7 +80,9 @@ def work(train: int, held_out: int, files: float, view: float, planes: float, **
     ids=["fox", "castle", "demo", "photographs of the demo"],
 )
 def test_what_was_measured_lies_within_what_is_said(done, took):
-    """On two cores: fox from Enter to the report, the trainings of bench/results/presets.md."""
+    """On two cores: fox from Enter to the report, the trainings of bench/results/presets.md; the castle by
+    its 178.6 processor seconds beside other work.
+    """
     line = done.in_words(2)
     low, high = (0.675 * sure * s for sure, s in zip(SURE, done.processor_seconds(), strict=True))
     assert low < took < high < 6 * low
@@ -90,8 +92,8 @@ def test_what_was_measured_lies_within_what_is_said(done, took):
 
 def test_more_cores_take_less_and_a_toy_gets_no_word():
     long = work(44, 6, 103, 0.182, 3, iterations=4400, gaussians=20_000)
-    assert "on 1 core: this takes 3 min to 8 min in all" in long.in_words(1)
-    assert "on 16 cores: this takes 75 s to 3 min in all" in long.in_words(16)
+    assert "on 1 core: this takes 2 min to 6 min in all" in long.in_words(1)
+    assert "on 16 cores: this takes 55 s to 2 min in all" in long.in_words(16)
     assert work(5, 1, 0.05, 0.003, 3, iterations=60, gaussians=400).clock_seconds(2)[1] < WORTH_SAYING
 
 

@@ -26,12 +26,13 @@ def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch
     full = {"left": 100}
     monkeypatch.setattr(targets, "room", lambda device: full["left"])
 
-    def look(name: str) -> Planes:
+    def look(name: str, width: int = 64) -> Planes:
         def make() -> Planes:
             made.append(name)
             return Planes(torch.ones(5, 5), None, 2.0)
 
-        return cache.of(SimpleNamespace(name=name, held=True), make, META)
+        view = SimpleNamespace(name=name, held=True, lens=SimpleNamespace(width=width))
+        return cache.of(view, make, META)
 
     for name, free in (("a", 100), ("b", 99), ("a", 0), ("b", 0)):  # 25 numbers take 100 bytes
         full["left"] = free
@@ -39,8 +40,12 @@ def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch
         assert planes.first.device == META
         assert (planes.second, planes.number) == (None, 2.0)
     assert made == ["a", "b"]
-    assert cache._cached["a"].first.device == META
-    assert torch.equal(cache._cached["b"].first, torch.ones(5, 5))
+    assert cache._cached["a"][1].first.device == META
+    assert torch.equal(cache._cached["b"][1].first, torch.ones(5, 5))
+    for width in (32, 32, 64):  # a view of another size has other targets, which take the place of these
+        look("a", width)
+    assert made == ["a", "b", "a", "a"]
+    assert list(cache._cached) == ["a", "b"]
 
 
 def test_an_array_of_several_views_is_kept_once() -> None:

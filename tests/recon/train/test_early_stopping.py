@@ -89,6 +89,15 @@ def test_a_time_is_kept_whatever_the_machine_does(begun, toy_dataset, cost, plan
     assert training.optimizer.param_groups[0]["lr"] < 2 * training.optimizer.param_groups[0]["rate"].end
 
 
+def test_views_that_come_to_full_size_keep_the_time(begun, toy_dataset):
+    """Iterations of the second half take four times as long; the first ones are no reason to plan more."""
+    half = Clock(lambda t: 0.004 if t.schedule.progress(t.iteration) < 0.5 else 0.016)
+    training, clock = begun(), half
+    run(training, toy_dataset, 100, [clock.tick, Deadline(1.0, 1000, CAP, slowdown=4.0)], clock)
+    assert 0.9 <= clock.now - 1000 <= 1.05
+    assert training.schedule.total <= 105
+
+
 def test_a_schedule_that_turns_makes_no_progress_jump(begun, toy_dataset):
     """Require growing progress, of a length that stays, though its iterations change at each turn."""
     training, clock, reports = begun(), Clock(lambda t: 0.01 if t.iteration < 45 else 0.03), []
