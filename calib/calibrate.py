@@ -110,19 +110,19 @@ def calibrate(
     opened = Session.open(session)
     store.require_writable(_folder(opened))
     if request.chart and not measures.chart:
-        raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
+        raise InputError(f"a chart measures colour, not the {only}: leave --chart or --only {only} out.")
     require_places(opened, readings or ())
     if not measures.poses and (request.survey is not None or request.onto is not None):
         raise InputError(f"--survey and --onto place poses, not the {only}: leave them or --only {only} out.")
     if not measures.poses and without:
         raise InputError(
-            f"--without leaves out what poses tell, not the {only}: leave it or --only {only} out."
+            f"--without leaves out what scene points show, not the {only}: leave it or --only {only} out."
         )
     if unknown := set(without) - set(get_args(LightPart)):
         parts = ", ".join(get_args(LightPart))
         raise InputError(f"there is no part {sorted(unknown)[0]!r} to leave out: choose from {parts}.")
     if value_of(request.survey) is not None and value_of(request.onto) is not None:
-        raise InputError("The coordinates are a survey's or another session's: give --survey or --onto.")
+        raise InputError("A session has one system of coordinates: give --survey or --onto, not both.")
     if request.keep_doubtful and not measures.poses:
         raise InputError(f"--keep-doubtful is about poses, not the {only}: leave it or --only {only} out.")
     target = _target(opened, request) if measures.poses else None
@@ -158,9 +158,9 @@ def calibrate(
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
     if missing := _missing_luminance(record, readings):
-        raise PartialError(f"{session}: all is calibrated but the scale of light: {missing}.")
+        raise PartialError(f"{session}: everything is calibrated except the scale of light: {missing}.")
     if missing := _missing_coordinates(record, control, target):
-        raise PartialError(f"{session}: all is calibrated, but in coordinates of its own: {missing}.")
+        raise PartialError(f"{session}: everything is calibrated, but in arbitrary coordinates: {missing}.")
     return record
 
 
@@ -223,7 +223,7 @@ def _evidence(
     session: Session, measures: _Measures, earlier: CalibrationRecord | None, progress: Progress
 ) -> Evidence:
     """Return what is known before any view is placed: measured, or taken from an earlier calibration."""
-    # Darks and flats alone tell of the sensor, a board alone of lenses and rig.
+    # Darks and flats alone measure the sensor, a board alone lenses and rig.
     needless = measures.scene == "never" or (
         measures.scene == "without a board" and bool(session.shots("board"))
     )

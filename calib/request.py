@@ -48,7 +48,7 @@ class CalibrationRequest(Request):
         "none forgets it.",
     ] = None
     without: Annotated[
-        Collection[LightPart] | None, "Leave out a part of what scene points tell of light."
+        Collection[LightPart] | None, "Leave out a part of what scene points show of light."
     ] = None
     keep_doubtful: Annotated[
         bool, "Keep views that others contradict about where they stand, with a warning that names them."

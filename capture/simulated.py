@@ -73,7 +73,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
     rig = simulate(name, seed)
     bus = BusRig(rig, mix=mix)
     records = rig.records()
-    able = rig.cameras[0].capabilities()  # a bus does not tell the size of a picture before there is one
+    able = rig.cameras[0].capabilities()  # a bus does not state the size of a picture before there is one
     middle = sorted(rig.bracket, key=lambda exposure: exposure.stops)[len(rig.bracket) // 2]
     source = Source(
         called=f"the simulated rig {name}",
@@ -116,7 +116,7 @@ def _truth(
     try:
         yield
     except BaseException:
-        with suppress(StorageError):  # the first error is the one to tell
+        with suppress(StorageError):  # the first error is the one to report
             _list_faults(session.folder, bus)
         raise
     try:

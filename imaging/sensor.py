@@ -94,7 +94,7 @@ class Levels:
 
     black: DN of the sites of a tile; white: DN at and above which a photosite counts as saturated; noise: of
     the photosites; defects: column and row of photosites that hold no number; bend: share of the signal that
-    is missing at white, 0 where the response is as straight as the data can tell.
+    is missing at white, 0 where the response is as straight as the data can show.
     """
 
     black: Tile | None = None

@@ -139,7 +139,7 @@ def reconstruct(
             )
         if (missing := uncoloured(dataset)) and ranks.first:
             on_message(
-                f"nothing tells the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
+                f"nothing gives the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
         chosen, reasons = method_for(dataset, request.method)

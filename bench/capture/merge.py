@@ -178,7 +178,7 @@ def table(result: dict[str, Any]) -> str:
         f"Exposure ratios with 5 % shutter errors: largest error {100 * max(result['ratios']):.3f} %, "
         f"median {100 * float(np.median(result['ratios'])):.3f} %. "
         "With exposures 2^20 apart, light just below white falls to an exposure a million times noisier in "
-        "one pixel of a thousand, as sigma tells: hence the noise of that row.",
+        "one pixel of a thousand, as sigma shows: hence the noise of that row.",
         "",
         "| frames | flagged of a still scene, % | of what moved, % | beside it, % "
         "| error of a shift of 0 / 1 / 2.5 px, px |",

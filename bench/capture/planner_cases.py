@@ -97,7 +97,7 @@ def _light(rng: np.random.Generator) -> Array:
 
 def shown(noise: RawNoise | CodeNoise, exposure: Exposure, snr: float, radiance: Array) -> Mask:
     """Enough electrons, even if the exposure is SLACK shorter; no clipping, even if it is SLACK longer."""
-    assert isinstance(noise, RawNoise)  # photographs tell of no electrons
+    assert isinstance(noise, RawNoise)  # photographs count no electrons
     gain, read, scale = noise.sensor.gain * exposure.iso_gain, noise.sensor.read_noise, exposure.scale
     few = radiance / 2.0**SLACK * scale * noise.span / gain
     many = radiance * 2.0**SLACK * scale * noise.span / gain

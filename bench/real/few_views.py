@@ -186,7 +186,7 @@ def report(result: dict[str, Any]) -> str:
         "",
         "**None adopted.** Asked was a gain above its scatter on two of the four sets that costs none. "
         "Trainings of the castle that differ in nothing but a background of another brightness lie up to "
-        "1.4 dB apart, so that its column tells little; what gains surely on brighton costs the banana and "
+        "1.4 dB apart, so that its column shows little; what gains surely on brighton costs the banana and "
         "the tree about as much.",
         "",
         "Held-out dB after a gain a channel, and SSIM: of the usual training, and what a candidate adds.",

@@ -117,7 +117,7 @@ KINDS = (
     Kind("film curve", "demo-ldr", required={**MANY, "response_curve": True, "tone curve": True}),
     Kind(
         "vignetted", settings={"vignetting": 1.0}, stops=(0.0,),
-        # The falloffs differ by some percent, which a sensitivity for each camera tells nearly as well.
+        # The falloffs differ by some percent, which a sensitivity for each camera describes nearly as well.
         required={"vignetting": True, "camera_gain": None},
     ),
     Kind(

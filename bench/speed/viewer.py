@@ -225,7 +225,7 @@ def report(result: dict[str, Any]) -> str:
         "",
         f"`python -m bench.speed.viewer --write`: {result['gaussians']} Gaussians in a window of "
         f"{WIDTH}x{HEIGHT}; medians of {len(result['rows'])} runs. {words(result['machine'])}. On a machine "
-        "with other work the wall clock tells of that too; the processor time of the command, over all its "
+        "with other work the wall clock shows that too; the processor time of the command, over all its "
         "threads, does not.",
         "",
         "| from the command on | s | processor time, s |",

@@ -78,7 +78,9 @@ def climb(
     if any(one.held for one in free.focal.values()):
         # A middle aside looks like a tilt there, as a longer lens looks like more height.
         trials = [trial for trial in trials if trial[0] not in _NEEDS_FOCAL]
-        reason = "a scene that does not tell the focal length does not tell the middle of the image either"
+        reason = (
+            "a scene that does not determine the focal length does not determine the principal point either"
+        )
         rungs.append(Rung(name="lens_principal_point", taken=False, reason=reason))
     below = _held_out(sample, free, scale, threads)
     for done, (name, more, what) in enumerate(trials):

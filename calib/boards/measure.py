@@ -238,10 +238,10 @@ def _sure_rig(lenses: Mapping[str, Lens], errors: Mapping[str, PoseError]) -> tu
     """Return whether where the cameras look is known to a fraction of a pixel."""
     off = [float(np.radians(error.rotation)) * lenses[name].fx for name, error in errors.items()]
     worst = max(off, default=float("inf"))
-    reason = f"the board tells where the cameras look to {worst:.2g} px"
+    reason = f"the board determines where the cameras look to {worst:.2g} px"
     if worst >= SURE_RIG_PX:
         reason += (
-            "; a scene tells it better, and the board only the scale: show it in more frames, and larger"
+            "; a scene determines it better, and the board only the scale: show it in more frames, and larger"
         )
     return worst < SURE_RIG_PX, Rung(name="board_rig", taken=worst < SURE_RIG_PX, reason=reason)
 

@@ -185,19 +185,19 @@ def judge(patches: ChartPatches, outlines: Array) -> DetectedChart | Missed:
     count = int(patches.usable.sum())
     if count < LEAST_PATCHES:
         return Missed(
-            f"of a chart-like find only {count} of {PATCHES} patches are even, unclipped and bright enough "
+            f"of a possible chart only {count} of {PATCHES} patches are even, unclipped and bright enough "
             f"({LEAST_PATCHES} are needed)",
             near=True,
         )
     greys = [index for index in NEUTRAL if patches.usable[index]]
     green = patches.rgb[greys, 1]
     if len(greys) < 3 or np.any(np.diff(green) > 0):
-        return Missed("the greys of a chart-like find do not fall from white to black")
+        return Missed("the greys of a possible chart do not fall from white to black")
     reference = chart()
     (fitted,) = fit([patches], reference, ColourModel(shaded=True))
     error = float(delta_e(fitted.colours(patches), reference)[patches.usable].mean())
     if not error < MOST_DELTA_E:
         return Missed(
-            f"the colours of a chart-like find are not the chart's (delta E {error:.1f} after the best fit)"
+            f"the colours of a possible chart are not the chart's (delta E {error:.1f} after the best fit)"
         )
     return DetectedChart(patches, outlines, error)

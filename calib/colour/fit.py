@@ -126,7 +126,7 @@ def _lit(fit: Fit, patches: ChartPatches, reference: Array, model: ColourModel) 
     ratio = np.maximum(patches.rgb, 1e-12) / np.maximum(expected, 1e-4)
     slope = fit.slope
     if model.shaded:
-        # Green alone tells of brightness; in it, one patch is as far off as another.
+        # Green alone stands for brightness; in it, one patch is as far off as another.
         design = np.column_stack([np.ones(usable.sum()), patches.place[usable]])
         weight = 1.0 / (0.02 + patches.sigma[usable, 1] / np.maximum(patches.rgb[usable, 1], 1e-12))
         target = np.log(ratio[usable, 1])

@@ -88,7 +88,7 @@ def measure_charts(
     raw = [view for view in views if view.camera.kind == "raw"]
     if not raw:
         raise CalibrationError(
-            f"{session.folder} has no RAW view of a scene, and a chart tells nothing of developed ones: "
+            f"{session.folder} has no RAW view of a scene, and a chart measures nothing of developed ones: "
             "leave --chart out."
         )
     names = list(dict.fromkeys(view.camera.name for view in raw))

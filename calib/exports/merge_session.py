@@ -141,7 +141,7 @@ def _exposed(
     for view, shots in groups.items():
         kind = session.camera(view.camera).kind
         response = assumed_response(kind) if calibration is None else calibration.camera(view.camera).response
-        with suppress(InputError):  # what has no exposure tells no light, and is refused where it is merged
+        with suppress(InputError):  # what has no exposure has no light, and is refused where it is merged
             k = exposure_scales(session, shots, scales)
             exposed[view] = [(shot, scale, response) for shot, scale in zip(shots, k, strict=True)]
     return exposed

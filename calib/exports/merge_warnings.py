@@ -10,7 +10,7 @@ from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.ratios import overlap, ratio
 
 WRONG = 0.03
-"""Disagreement, natural log, of overlapping exposures with their labels that is worth telling."""
+"""Disagreement, natural log, of overlapping exposures with their labels that is worth reporting."""
 
 
 def warnings_of(

@@ -38,7 +38,7 @@ def write_calibration(
             (part / "colmap").mkdir()
             try:
                 model.reconstruction.write(str(part / "colmap"))
-            except RuntimeError as error:  # which is how pycolmap tells of a full disk
+            except RuntimeError as error:  # which is how pycolmap reports a full disk
                 raise OSError(str(error)) from error
         store.write_json(part / "calibration.json", record.model_dump(mode="json"))
         write_exports(

@@ -212,7 +212,9 @@ class _Trial:
         rung = Rung.judged(name, float(gains.mean()), error, UNIT, reason, 3 * self.count, ONE_OF_SEVERAL)
         remaining, where = self._left_over(simple, freer)
         if remaining is None:
-            few = f"{reason}; too few points of each region are in two photographs to tell it from sheen"
+            few = (
+                f"{reason}; too few points of each region are in two photographs to distinguish it from sheen"
+            )
             return rung.model_copy(update={"taken": False, "reason": few})
         explained = (
             f"{reason}, with which held-out parts of the scene differ between {where} "

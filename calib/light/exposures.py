@@ -222,7 +222,7 @@ def _rungs(solved: Sequence[_Solved]) -> tuple[Rung, ...]:
             gain=100 * shift,
             standard_error=100 * error,
             unit="% of exposure, at most",
-            reason="overlapping exposures tell the ratios better than the labels do",
+            reason="overlapping exposures determine the ratios better than the labels do",
         )
     ]
     scatters = [s.scatter for s in solved if s.scatter is not None]

@@ -135,9 +135,9 @@ def _left_on(powers: Mapping[str, float]) -> list[Rung]:
         Rung(
             name=RAW_CURVE,
             taken=True,
-            reason=f"the RAW of {named} is bent, as a gamma in the camera bends it, if exposures are what "
-            f"their labels say: switch off {CURVES} in the camera and shoot again, or mend the exposure "
-            "times if it is they that are wrong",
+            reason=f"the RAW of {named} is not linear, as with a gamma in the camera, if the exposure times "
+            f"are right: switch off {CURVES} in the camera and shoot again, or correct the exposure times if "
+            "those are wrong",
         )
     ]
 

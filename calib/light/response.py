@@ -105,7 +105,7 @@ def estimate(samples: Samples | None) -> Estimate:
     """The response that samples support: the simplest that predicts held-out exposures as well as any."""
     if samples is None or len(samples.codes) < FEWEST:
         return assumed(
-            "sRGB assumed: neither a view nor points that views share tell of two exposures, so nothing can "
+            "sRGB assumed: no view and no point that views share has two exposures, so nothing can "
             "be measured; take two exposures or more of a view, 1 to 3 stops apart"
         )
     channels = [channel_of(samples, index) for index in range(3)]
@@ -194,7 +194,7 @@ def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[boo
     in one view alone is indistinguishable from a change of that view.
     """
     if steps < 3 or rough:
-        reason = "two exposures tell no ratio beside the curve: the labels are taken as they are"
+        reason = "two exposures do not determine a ratio beside the curve: the labels are taken as they are"
         if rough:
             reason = "no view shows two exposures of one place: the labels are taken as they are"
         return False, Rung(name="exposure_labels", taken=False, reason=reason)
@@ -222,7 +222,7 @@ def _contradiction(labels: Array, shift: Array) -> str:
         return ""
     if (~wrong).sum() < 3:
         return (
-            "; the exposure labels contradict each other and too few agree to tell which is wrong, so scale "
+            "; the exposure labels contradict each other and too few agree to show which is wrong, so scale "
             "and exponent of the curve are a guess: state the exposures, or take four or more"
         )
     named = [

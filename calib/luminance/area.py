@@ -157,7 +157,7 @@ def _luminance(
     luminance = float(parts.mean())
     if not luminance > LEAST_SNR * float(np.sqrt((noise**2) @ weights**2)):
         raise CalibrationError(
-            f"{place} is too dark to tell its light: take longer exposures, or read a brighter place."
+            f"{place} is too dark to be measured: take longer exposures, or read a brighter place."
         )
     sampling = float(np.sqrt((variances @ weights**2).sum())) / 4
     uneven = max(float(parts.std(ddof=1)) / 2, sampling)

@@ -115,7 +115,7 @@ def _require_shots(
     for one in evidence:
         if one.reading in readings and _shots_sha256(session, one.views) != one.shots_sha256:
             raise CalibrationError(
-                f"the shots of {', '.join(map(str, one.views))}, which showed what was read, are others now: "
+                f"the shots of {', '.join(map(str, one.views))}, where the reading was taken, have changed: "
                 "read it again and give it with --luminance."
             )
 

@@ -80,7 +80,7 @@ def join(model: Any, others: Sequence[Any], rigs: Sequence[Sequence[str]]) -> Jo
             rungs.append(unjoined(names, str(error)))
             continue
         reason = (
-            f"{_ALONE.format(', '.join(names))}; how {name} and {one} moved in {frames} frames tells how "
+            f"{_ALONE.format(', '.join(names))}; how {name} and {one} moved in {frames} frames shows how "
             "they are mounted to each other"
         )
         rungs.append(Rung(name=MOTION, taken=True, reason=reason))

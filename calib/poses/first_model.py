@@ -47,7 +47,7 @@ _DISAGREE = (
 )
 _AHEAD = (
     "only {} of {} views that match could be placed from views taken side by side, so that pairs taken by "
-    "going ahead count too; these tell no focal length, and lenses stay as the files say"
+    "going ahead count too; these do not determine the focal length, and lenses stay as the files state"
 )
 NO_START = (
     "{} pairs of views match, but no two of them give a start from which the others can be placed: take "

@@ -34,7 +34,7 @@ def settle_focal(
         scale: of the Cauchy loss, px.
         threads: of the solver.
         names: of the cameras, by COLMAP's number.
-        stated: what files tell of the focal lengths, by name.
+        stated: what files state of the focal lengths, by name.
 
     Returns:
         `free` with what is held, and a rung for each camera whose lens is adjusted.
@@ -47,7 +47,7 @@ def settle_focal(
         size = f"{100 * CHANGE:g} % more of it would move points by {shift:.2g} px only"
         if shift >= DETERMINED * camera.width:
             size = size.removesuffix(" only")
-            reason = f"the photographs {of}tell the focal length: {size}"
+            reason = f"the photographs {of}determine the focal length: {size}"
             rungs.append(Rung(name=FOCAL_UNDETERMINED, taken=False, reason=reason))
             continue
         exif = stated.get(names[number])
@@ -56,15 +56,15 @@ def settle_focal(
             priors[number] = replace(priors[number], held=True)
             used = f"EXIF's {exif.words} is used, known to {100 * exif.spread:.2g} %"
         else:
-            # As little as the points tell it where what no model knows moves them by so much.
+            # As little as the points determine it where what no model knows moves them by so much.
             spread = min(
                 CHANGE * DETERMINED * camera.width / max(shift, 1e-12), BUILT["fx"] * camera.width / focal
             )
             priors[number] = FocalPrior(focal, spread * focal, held=True)
-            used = f"no file tells it either, and it may be off by {100 * spread:.2g} %"
+            used = f"no file states it either, and it may be off by {100 * spread:.2g} %"
         reason = (
-            f"these photographs {of}do not tell the focal length ({size}, as over flat ground seen straight "
-            f"down): {used}, and distances along the view with it"
+            f"these photographs {of}do not determine the focal length ({size}, as over flat ground seen "
+            f"straight down): {used}, and distances along the view with it"
         )
         rungs.append(Rung(name=FOCAL_UNDETERMINED, taken=True, reason=reason))
     if priors == free.focal:

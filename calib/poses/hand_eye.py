@@ -77,13 +77,13 @@ def tie(a: Array, b: Array, distances: tuple[float, float]) -> Tie:
     typical = 1.4826 * float(np.median(np.abs(residuals)))
     spread = max(typical * np.sqrt(residuals.size / (residuals.size - _PARAMETERS)), EXACT)
     curvature = fit.jac.T @ fit.jac
-    # What no frame tells gets an error without bounds.
+    # What no frame determines gets an error without bounds.
     covariance = spread**2 * np.linalg.inv(curvature + 1e-12 * np.diag(np.diag(curvature)))
     turn_error = float(np.degrees(_widest(covariance[:3, :3])))
     shift_error, scale_error = _widest(covariance[3:6, 3:6]), float(np.sqrt(covariance[12, 12]))
     if turn_error > MOST_TURN or max(shift_error / distance, scale_error) > MOST_SHIFT:
         raise CalibrationError(
-            f"their motions tell how they are mounted to {turn_error:.1f} degrees, "
+            f"their motions determine their mounting to {turn_error:.1f} degrees, "
             f"{100 * shift_error / distance:.0f} % of the distance of the scene and "
             f"{100 * scale_error:.0f} % of its size only: take more frames, and {_TURN_BOTH}"
         )
@@ -103,10 +103,13 @@ def _require_motion(poses: Array, distance: float) -> None:
     turned = np.degrees((turns * turns.mean().inv()).as_rotvec())
     _, second, first = np.sqrt(np.linalg.eigvalsh(turned.T @ turned / len(turned)).clip(0))
     if first < LEAST_TURN:
-        raise CalibrationError(f"the rig moved without turning, which tells no shift: {_TURN_BOTH}")
+        raise CalibrationError(
+            f"the rig moved without turning, which does not determine the shift: {_TURN_BOTH}"
+        )
     if second < LEAST_TURN:
         raise CalibrationError(
-            f"the rig turned about one axis only, which tells no shift along that axis: {_TURN_BOTH}"
+            "the rig turned about one axis only, which does not determine the shift along that axis: "
+            f"{_TURN_BOTH}"
         )
     # Turned about a point p of its own and q of the world, a camera keeps p = R q + t.
     about = np.concatenate([np.tile(np.eye(3), (len(poses), 1, 1)), -poses[:, :3, :3]], axis=2).reshape(-1, 6)
@@ -114,8 +117,8 @@ def _require_motion(poses: Array, distance: float) -> None:
     residuals = shifts - about @ np.linalg.lstsq(about, shifts, rcond=None)[0]
     if np.sqrt((residuals**2).sum() / len(poses)) < LEAST_MOVE * distance:
         raise CalibrationError(
-            "the rig turned about one point, as on a tripod, which tells nothing of how the sizes of what "
-            "they see compare: walk with it as well, by a tenth of the distance of the scene or more"
+            "the rig turned about one point, as on a tripod, which does not determine the scale of one "
+            "camera against another: walk with it as well, by a tenth of the distance of the scene or more"
         )
 
 

@@ -47,7 +47,7 @@ def align_to_places(
     there = np.array([place.centre for place in located.values()])
     spread = np.array([place.spread for place in located.values()])
     if len(np.unique(there.round(2), axis=0)) < FEWEST:
-        return {}, _refused(f"fewer than {FEWEST} photographs tell different places")
+        return {}, _refused(f"fewer than {FEWEST} photographs have different places")
     wide = np.linalg.svd(there - there.mean(0), compute_uv=False)[1] / np.sqrt(len(there))
     if wide < WIDE * float(np.median(spread[:, :2])):
         return {}, _refused("the places lie too near to each other, or to a line, for their accuracy")
@@ -88,4 +88,4 @@ def _with_turns(reconstruction: Any, places: Mapping[int, StatedPlace]) -> tuple
     if np.median(tilts) > _TILT or np.median(headings) > _HEADING:
         words = f"; attitudes do not, which miss the poses by {np.degrees(np.median(tilts)):.0f} degrees"
         return {index: replace(place, turn=None) for index, place in places.items()}, words
-    return dict(places), ", and so do the attitudes that the camera's gimbal tells"
+    return dict(places), ", and so do the attitudes of the camera's gimbal"

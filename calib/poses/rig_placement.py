@@ -62,6 +62,6 @@ def _rung(names: list[str]) -> Rung:
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     reason = (
         f"no scene point that {', '.join(names[:MOST_NAMES])}{more} shows was used: the other cameras of the "
-        "rig at that frame tell the pose, and no reconstruction looks at the picture"
+        "rig at that frame give the pose, and no reconstruction looks at the picture"
     )
     return Rung(name="rig_placing", taken=True, reason=reason)

@@ -228,7 +228,7 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         for name, lens in cameras.items()
     }
     first = first_models(scene, database, models, cameras, max_error)
-    # Motion tells the distance of cameras that see nothing in common too badly to give the scene its scale.
+    # Motion determines the distance of cameras without a common view too badly to scale the scene.
     metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
     joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)
     free = Free(

@@ -41,7 +41,7 @@ def tied_model(
     threads, progress, reconstruction = scene.threads, scene.progress, joined.reconstruction
     known = scene.known
     if joined.cameras and not metric:
-        # A board tells in metres where cameras are mounted, which is of no use to a model of another unit.
+        # A board states in metres where cameras are mounted, which is of no use to a model of another unit.
         known, free = replace(known, cam_from_rig={}), replace(free, placed=frozenset())
     untied = misses(reconstruction).typical
     loose = pycolmap.Reconstruction(reconstruction)

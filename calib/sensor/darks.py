@@ -38,7 +38,7 @@ def mean(stack: Stack, usable: Mask) -> Mean:
     planes = zip(sites(stack.mean, stack.tile), sites(usable, stack.tile), strict=True)
     chosen = [plane[keep].astype(np.float64) for plane, keep in planes]
     still = np.array([values.std() / np.sqrt(values.size) for values in chosen])
-    # All of a frame may shift; few frames tell by how much only if the sites are pooled.
+    # All of a frame may shift; few frames show by how much only if the sites are pooled.
     moved = stack.levels - stack.levels.mean(axis=0)
     last = max(stack.frames - 1, 1)
     error = np.hypot(still, np.sqrt((moved**2).mean() / last))
@@ -109,7 +109,7 @@ def coarse(frames: Sequence[npt.NDArray[np.integer]]) -> Coarse | None:
         below = special.ndtr((edges[None] - (black + pattern * nodes)[:, None]) / scatter)
         each = np.diff(below, axis=1)
         joint = np.einsum("n,ni,nj->ij", weights, each, each)
-        # Half-way between two codes, or far from both, nothing tells the pattern from the scatter.
+        # Half-way between two codes, or far from both, nothing distinguishes the pattern from the scatter.
         prior = 0.5 * ((values[2] - np.log(spread / 4)) / PATTERN) ** 2
         return float(prior - (table * np.log(np.maximum(joint, 1e-300))).sum())
 

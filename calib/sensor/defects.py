@@ -58,7 +58,7 @@ def _off(image: Array32, tile: Period, relative: bool) -> Mask:
         around = ndimage.median_filter(plane, NEIGHBOURS, mode="mirror")
         apart = plane / np.maximum(around, 1e-6) - 1.0 if relative else plane - around
         middle = float(np.median(apart))
-        # Half the photosites agree exactly where a camera counts coarsely; the variance then tells more.
+        # Half the photosites agree exactly where a camera counts coarsely; the variance then shows more.
         spread = 1.4826 * float(np.median(np.abs(apart - middle)))
         inner = np.abs(apart - middle) < 4.0 * max(spread, 1e-12)
         spread = max(spread, float(apart[inner].std()) if inner.any() else 0.0)

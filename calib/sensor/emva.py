@@ -72,7 +72,7 @@ def measure_emva(
     line = straightness(shared, float(level.black_error.mean()) / white)
     if line is not None and not line.linear:
         points = points.straightened(line.share / white)
-    # Darks tell a gain too, by the noise of their dark current, but roughly.
+    # Darks give a gain too, by the noise of their dark current, but roughly.
     known = gain if not frames.flats else None
     transfer = fit(points) if known is None else _in_the_dark(points, known)
     values: dict[str, object] = {
@@ -196,7 +196,7 @@ def _electrons(
         few = min(zip(frames.darks, frames.few, strict=True), key=lambda pair: pair[0].time)[1]
         coarse_sites = [one for one in _coarse(few, usable, frames.darks[0].tile) if one is not None]
         if coarse_sites:
-            # A site whose black lies between two codes may tell a scatter that is all pattern.
+            # A site whose black lies between two codes may show a scatter that is all pattern.
             usual = float(np.median([one.scatter for one in coarse_sites]))
             coarse_sites = [one for one in coarse_sites if abs(one.scatter - usual) < 0.3 * usual]
             weight = np.array([1.0 / one.scatter_error**2 for one in coarse_sites])

@@ -68,7 +68,7 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
         of_iso = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
         nominal = _nominal(session, [*of_iso[0], *of_iso[1], *scene], iso)
         if nominal is None:
-            missing.append(f"{camera.name} gives demosaicked light, which does not tell its sensor")
+            missing.append(f"{camera.name} gives demosaicked light, which does not show its sensor")
             break
         measured = SensorCalibration(iso=iso)
         blind = None

@@ -89,7 +89,9 @@ def _black(measured: Mapping[str, MeasuredSensor]) -> Rung:
         for level, stated in zip(chain(*(sensor.black or ())), nominal.black, strict=False)
     ]
     if not shifts:
-        return _not("sensor_black", "black level as the files say: darks or overlapping exposures would tell")
+        return _not(
+            "sensor_black", "black level as the files state: darks or overlapping exposures would measure it"
+        )
     far, level = max(shifts, key=lambda pair: pair[0])
     source = _sources([one for _, one in shifts])
     reason = f"black of each CFA site from {source}, against what the files say"
@@ -196,7 +198,7 @@ def _linearity(at: list[SensorCalibration]) -> Rung:
 def _falloff(measured: Mapping[str, MeasuredSensor]) -> Rung:
     falls = [sensors.falloff for sensors in measured.values() if sensors.falloff is not None]
     if not falls:
-        return _not("sensor_falloff", "no flats tell the fall of light towards the corners")
+        return _not("sensor_falloff", "no flats measure the fall of light towards the corners")
     worst = max(falls, key=lambda fall: fall.corner_error)
     return Rung(
         name="sensor_falloff",
@@ -204,7 +206,7 @@ def _falloff(measured: Mapping[str, MeasuredSensor]) -> Rung:
         gain=100 * sum(worst.vignetting),
         standard_error=100 * worst.corner_error,
         unit="% at the corner",
-        reason="vignetting as the flats show it, in place of what overlaps tell",
+        reason="vignetting as the flats show it, in place of that from overlaps",
     )
 
 

@@ -62,7 +62,7 @@ def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFi
     places = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
     different = len(np.unique(places, axis=0)) if len(views) else 0
     if different < FEWEST:
-        return f"photographs with a pose tell {different} positions with height, and {FEWEST} are needed"
+        return f"photographs with a pose have {different} positions with height, and {FEWEST} are needed"
     latitude, longitude, height = np.median(places, axis=0).tolist()
     origin = round(latitude, 5), round(longitude, 5), float(round(height))
     there = east_north_up(places, origin)
@@ -100,14 +100,14 @@ def place_by_gps(model: SceneModel, fit: GpsFit | str) -> tuple[SceneModel, Coor
     if not fit.sure:
         size = "" if scale is None else f"the scale to {100 * scale:.2g} % and "
         reason = (
-            f"the positions of {fit.used} photographs tell {size}the turn to {turn:.2g} degrees only: they "
-            f"scatter by {fit.rms:.2g} m"
+            f"the positions of {fit.used} photographs determine {size}the rotation to {turn:.2g} degrees "
+            f"only: they scatter by {fit.rms:.2g} m"
         )
         return model, None, Rung(name=NAME, taken=False, reason=reason)
     coordinates = CoordinateSystem(
         source="gps", system=ENU, origin=fit.origin, rms=fit.rms, scale_error=scale,
         rotation_error=turn, position_error=place, used=fit.used, left_out=fit.left_out,
     )  # fmt: skip
-    of = "turn and place" if model.metric else "scale, turn and place"
-    reason = f"the positions of {fit.used} photographs tell {of}; they scatter by {fit.rms:.2g} m (rms)"
+    of = "rotation and place" if model.metric else "scale, rotation and place"
+    reason = f"the positions of {fit.used} photographs determine {of}; they scatter by {fit.rms:.2g} m (rms)"
     return transformed(model, fit.similarity.sim3d), coordinates, Rung(name=NAME, taken=True, reason=reason)

@@ -111,7 +111,7 @@ def place_onto(
         used=int(fits.sum()), left_out=int((~fits).sum()), onto=str(target.folder),
     )  # fmt: skip
     reason = (
-        f"{int(fits.sum())} of {len(fits)} scene points that are shared with {target.folder} tell scale, "
+        f"{int(fits.sum())} of {len(fits)} scene points that are shared with {target.folder} give scale, "
         f"turn and place in its coordinates; they miss by {rms:.3g} {'m' if metric else 'of its units'} (rms)"
     )
     rung = Rung(name=NAME, taken=True, reason=reason)

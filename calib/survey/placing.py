@@ -117,9 +117,8 @@ def place_by_survey(
     hint = _exchanged(points, fits, noise, stated) if not fits.all() else ""
     out = [name for name, good in zip(points.names, fits, strict=True) if not good]
     rms = float(np.sqrt((misses[fits] ** 2).sum(1).mean()))
-    reason = (
-        f"{int(fits.sum())} surveyed points tell scale, turn and place; they miss by {length_text(rms)} (rms)"
-    )
+    count = int(fits.sum())
+    reason = f"{count} surveyed points give scale, rotation and place; they miss by {length_text(rms)} (rms)"
     if out:
         reason += (
             f"; {_listed(out)} {'does' if len(out) == 1 else 'do'} not fit and {_is(out)} left out{hint}"

@@ -104,7 +104,7 @@ def consensus(
             free = 3 * int(used.sum()) - (6 if rigid else 7)
             beyond = float((residual[used] ** 2).sum()) / free - float((noise[used] ** 2).mean())
             scatter = float(np.sqrt(max(beyond, 0.0)))
-            # A scatter that few points tell is itself unsure: Student's t, for which scipy.stats would take a
+            # A scatter of few points is itself unsure: Student's t, for which scipy.stats would take a
             # second to load.
             surely = float(-stdtrit(free, ndtr(-TOO_FAR)))
     return similarity, keep, float(scatter)

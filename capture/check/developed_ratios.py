@@ -122,7 +122,7 @@ def curves(brackets: Sequence[BracketCodes]) -> ToneCurves | None:
     """The curve of a camera from its brackets; None where no three different exposures overlap."""
     if not brackets:
         return None
-    # Every shot has an exposure of its own: shutters that scatter tell more of the curve, not less.
+    # Every shot has an exposure of its own: shutters that scatter show more of the curve, not less.
     labels = np.concatenate([codes.labels for codes in brackets])
     first = np.cumsum([0, *(len(codes.labels) for codes in brackets)])
     pairs = [_pairs(codes, int(start)) for codes, start in zip(brackets, first, strict=False)]

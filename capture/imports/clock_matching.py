@@ -69,11 +69,11 @@ def match_frames(
     alike = ordered and len(set(sizes)) == 1
     if together != "order" and not alike:
         why = (
-            f"Not all files tell their time, so that {names} share no frame; --together order takes the n-th "
+            f"Not all files have a time, so that {names} share no frame; --together order takes the n-th "
             "of each for one instant."
         )
         return replace(_apart(sizes), why=(why,))
-    lacking = "since not all files tell their time, " if together != "order" else ""
+    lacking = "since not all files have a time, " if together != "order" else ""
     short = "" if len(set(sizes)) == 1 else ", although they have different numbers of them"
     why = (
         f"Frames of {names}: {lacking}the n-th of each camera are taken for one instant{short}; "

@@ -217,6 +217,6 @@ def _light(place: Place) -> tuple[bytes, float]:
 
 def take_back(out: Path) -> None:
     """Remove an import that failed: the folder was vacant before, and the originals are untouched."""
-    with suppress(StorageError):  # the failure that led here is the one to tell
+    with suppress(StorageError):  # the failure that led here is the one to report
         for entry in out.iterdir():
             store.discard(entry)

@@ -23,7 +23,7 @@ def depths_note(depths: Depths, photos: int) -> str:
     whole = f"{units.pop():g} units of the poses, as stated" if len(units) == 1 else "millimetres"
     return (
         f"{len(depths)} of {photos} photos have a depth map, whole numbers in {whole}, others in units of "
-        "the poses; scene points tell rig reconstruct the scale."
+        "the poses; rig reconstruct finds the scale by scene points."
     )
 
 

@@ -156,11 +156,11 @@ def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list
         if not without or not (mixed or any(original.path not in listed for original in without)):
             continue
         count = (
-            f"1 photo tells no {name}, which counts"
+            f"1 photo has no {name}, which counts"
             if len(without) == 1
-            else (f"{len(without)} photos tell no {name}, which counts")
+            else (f"{len(without)} photos have no {name}, which counts")
         )
-        rest = "although others tell theirs" if mixed else "and has to be the same in all"
+        rest = "although others have one" if mixed else "and has to be the same in all"
         notes.append(f"{count} as {counts}, {rest}; --exposures FILE gives it.")
     return notes
 

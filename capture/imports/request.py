@@ -22,7 +22,7 @@ class ImportRequest(Request):
         "Layout of the folder; recognised by its files if not given. Lenses, poses and scene points of a "
         "layout become the calibration of the session.",
     ] = None
-    cameras: Annotated[Identity | None, "What tells cameras apart; guessed if not given."] = None
+    cameras: Annotated[Identity | None, "What distinguishes cameras; guessed if not given."] = None
     bracket: Annotated[int | None, "Exposures in each bracket; guessed if not given."] = None
     together: Annotated[
         Together | None, "How brackets of several cameras are matched to a frame; guessed if not given."

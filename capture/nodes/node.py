@@ -282,7 +282,7 @@ class Node:
     def _stored(self, frame: RawMosaic | CameraFile, serial: str, number: int) -> NodeFrame:
         """Write a frame: a camera's file as it is, a mosaic as DNG. CameraRefused: the disk refuses it."""
         name = f"{SHOT}{number:06d}-{hashlib.sha256(serial.encode()).hexdigest()[:8]}"
-        # Where the camera has no clock, ours tells when; its file then says nothing, as without nodes.
+        # Where the camera has no clock, ours gives the time; its file then says nothing, as without nodes.
         metadata = replace(frame.metadata, captured_at=frame.metadata.captured_at or datetime.now(UTC))
         try:
             if isinstance(frame, RawMosaic):

@@ -55,7 +55,7 @@ class ReducedPicture:
 
 def of_raw(frame: LinearFrame, cfa: Cfa | None) -> ReducedPicture:
     """Reduce a RAW frame; the greens of each cell are one sample. Invalid photosites do not count. What is
-    not valid in it tells nothing.
+    not valid in it counts for nothing.
     """
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
     useless = frame.saturated | ~frame.valid

@@ -189,7 +189,7 @@ def _must_have_nodes(rig: RigFile) -> None:
 def _must_differ(rig: RigFile, key: str, values: Iterable[str]) -> None:
     first: dict[str, int] = {}
     for index, value in enumerate(values):
-        folded = value.casefold() if key == "name" else value  # some disks do not tell A from a
+        folded = value.casefold() if key == "name" else value  # some disks do not distinguish A from a
         if folded in first:
             before = line_of(rig.lines, ("camera", first[folded], key))
             raise InputError(

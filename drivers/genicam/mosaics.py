@@ -71,8 +71,8 @@ class Mosaics:
     def _no_black(self) -> str:
         nodes = self._session.nodes
         unit = nodes.unit("BlackLevel") if nodes.available("BlackLevel") else None
-        says = {None: "does not tell its black level", "": "tells its black level without a unit"}.get(
-            unit, f"tells a black level that rig cannot read, in {unit!r}"
+        says = {None: "does not state its black level", "": "states its black level without a unit"}.get(
+            unit, f"states a black level that rig cannot read, in {unit!r}"
         )
         return (
             f"camera {self._serial} {says}: its files say 0; measure it by dark frames (rig capture --darks)"

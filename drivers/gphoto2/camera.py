@@ -92,7 +92,9 @@ class Gphoto2Camera:
         self._armed, ordered = False, self._clock.now()
         try:
             self._shot = self._body.do(Body.shoot)
-        except CameraError:  # libgphoto2 tells a missed focus from a broken link by few bodies: begin anew
+        except (
+            CameraError
+        ):  # libgphoto2 distinguishes a missed focus from a broken link on few bodies: begin anew
             self.close()
             raise
         return ordered

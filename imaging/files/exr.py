@@ -172,7 +172,7 @@ def write_exr(
         try:
             with quiet():
                 image.write(str(part))
-        except RuntimeError as error:  # so the library tells of a full disk, in its last sentence
+        except RuntimeError as error:  # the library reports a full disk so, in its last sentence
             raise OSError(errno.EIO, str(error).rstrip(".").rpartition(". ")[2]) from error
 
 

@@ -31,7 +31,7 @@ def transforms(pictures: Sequence[Picture], coordinates: dict[str, Any]) -> dict
     Instant NGP takes an `offset` for its own.
     """
     frames = [_frame(picture) for picture in pictures]
-    # One model for all, as nerfstudio reads it; in a rig with lenses of both kinds each frame tells its own.
+    # One model for all, as nerfstudio reads it; in a rig with lenses of both kinds each frame names its own.
     models = {frame["camera_model"] for frame in frames}
     if len(models) == 1:
         for frame in frames:

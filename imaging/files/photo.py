@@ -306,5 +306,10 @@ def _said_by(shell: Shell) -> FrameMetadata:
 def _heif_metadata(data: bytes) -> FrameMetadata:
     try:
         return heif_metadata(data)
-    except (ValueError, RuntimeError, OSError, EOFError):  # of a damaged file, which its pixels tell of
+    except (
+        ValueError,
+        RuntimeError,
+        OSError,
+        EOFError,
+    ):  # of a damaged file, which decoding its pixels reports
         return FrameMetadata()

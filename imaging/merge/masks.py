@@ -39,7 +39,7 @@ def read_mask(path: Path, height: int, width: int) -> Mask:
     """Read the mask of pixels that count, bool [height, width]: neither black, as COLMAP and nerfstudio have
     it, nor fully transparent.
 
-    InputError when the file is missing, is no JPEG, PNG or TIFF, is damaged or not of the photograph's size.
+    InputError when the file is missing, is not a JPEG, PNG or TIFF, is damaged or of another size.
     """
     try:
         data = path.read_bytes()

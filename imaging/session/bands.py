@@ -63,5 +63,5 @@ def false_colour(bands: Sequence[Band]) -> Array:
     matrix = REC709_FROM_XYZ @ matching(waves).T
     white = matrix.sum(axis=1)
     if len(bands) < 3 or (white < 0.05 * white.max()).any():
-        return np.full((3, len(bands)), 1 / len(bands))  # too few to tell colours from: grey
+        return np.full((3, len(bands)), 1 / len(bands))  # too few for colours: grey
     return np.asarray(matrix / white[:, None], np.float64)

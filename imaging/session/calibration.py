@@ -301,7 +301,7 @@ def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
     if not known:
         reason = (
             "the colour of the cameras is not known, so that their light stays camera RGB: their files name "
-            "no matrix; a chart would tell it"
+            "no matrix; a colour chart measures it"
         )
     return Rung(name=COLOUR, taken=known > 0, reason=reason)
 

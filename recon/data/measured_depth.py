@@ -93,7 +93,7 @@ class DepthFit:
         maps = f"{self.views} training view{'' if self.views == 1 else 's'} with a depth map"
         if self.looks < FEWEST_LOOKS:
             return (
-                f"{maps} look at {self.looks} scene points, and {FEWEST_LOOKS} are needed to tell their scale"
+                f"{maps} look at {self.looks} scene points, and {FEWEST_LOOKS} are needed to find their scale"
             )
         agreed = f"{maps}, {self.scale:.4g} times what their unit says by {self.looks} looks at scene points"
         return f"{agreed}, which scatter by {100 * self.scatter:.2g} %"

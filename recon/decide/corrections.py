@@ -153,7 +153,7 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
     if name == "exposures":
         percent = _exposure_error_percent(calibration, dataset.train)
         if percent is not None and percent < KNOWN_PERCENT:
-            return _rung(name, False, f"overlapping exposures tell their ratios to {percent:.2g} %")
+            return _rung(name, False, f"overlapping exposures determine their ratios to {percent:.2g} %")
         return None
     measured = next((rung for rung in calibration.rungs if rung.name == "vignetting" and rung.gain), None)
     if measured is not None:

@@ -64,7 +64,7 @@ def depth_for(
     if asked == 0:
         return 0.0, (Rung(name=START, taken=False, reason="left out, as asked for"),)
     if not fitted.fits:
-        reason = f"{fitted.summary()}: they tell another scene, or units of their own"
+        reason = f"{fitted.summary()}: they are of another scene, or in units of their own"
         return 0.0, (Rung(name=START, taken=False, reason=reason),)
     first = Rung(name=START, taken=True, reason=f"in place of a sweep: {fitted.summary()}")
     if asked is not None:

@@ -131,7 +131,9 @@ def gaussians_for(
     else:
         reason = f"at most {most:,}, {against_trials}"
         if most < settings.max_gaussians:
-            reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
+            reason += (
+                f"; one for every {SAMPLES} samples of the training views, which can distinguish no more"
+            )
     taken = most < settings.max_gaussians
     return most, Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most)
 

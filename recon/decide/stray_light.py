@@ -69,7 +69,7 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
     gains = np.concatenate([_gains(sights, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)])
     shares = _solved(sights, len(cameras)).clip(0.0).tolist()
     share = float(np.median(shares))
-    what = f"{len(points)} dark scene points tell that {100 * share:.2g} % of the light is scattered"
+    what = f"{len(points)} dark scene points show that {100 * share:.2g} % of the light is scattered"
     error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
     rung = Rung.judged(name, float(gains.mean()), error, UNIT, what, len(cameras))
     return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
@@ -113,7 +113,7 @@ def _gains(sights: DarkSights, held: Mask, cameras: int) -> Array:
     shares, test = _solved(sights.part(~held), cameras), sights.part(held)
     after = _residual(test, shares)
     scale = max(robust_scale(after), 1e-6)
-    # As if errors were of a Cauchy distribution: where something stands before a point, it tells nothing.
+    # As if errors were of a Cauchy distribution: where something stands before a point, it shows nothing.
     less = [np.log1p((one / scale) ** 2) for one in (_residual(test, np.zeros(cameras)), after)]
     sights_of = np.bincount(test.point)
     return np.asarray((np.bincount(test.point, less[0] - less[1]) / np.maximum(sights_of, 1))[sights_of > 0])

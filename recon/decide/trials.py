@@ -26,7 +26,7 @@ from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
 FEWEST_VIEWS = 4
-"""Held out of a trial; with fewer there is no telling a gain from luck."""
+"""Held out of a trial; with fewer a gain cannot be distinguished from luck."""
 HELD_OUT = 4
 """Stride of the training views held out of a trial; those of the session are left for the end."""
 SAMPLES = 2

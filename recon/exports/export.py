@@ -153,4 +153,4 @@ def format_of(out: Path) -> FormatName:
         if out.suffix.lower() in format.suffixes:
             return name
     ends = ", ".join(suffix for format in FORMATS.values() for suffix in format.suffixes)
-    raise InputError(f"{out} does not tell a format by its end ({ends}): name one with --format.")
+    raise InputError(f"{out} does not name a format by its suffix ({ends}): name one with --format.")

@@ -12,7 +12,7 @@ FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh"
 class ExportRequest(Request):
     """Options of an export: the command line, Python and the benches each make one."""
 
-    format: Annotated[FormatName | None, "What to write, where the end of FILE does not tell it."] = None
+    format: Annotated[FormatName | None, "What to write, where the suffix of FILE does not name it."] = None
     linear: Annotated[
         bool | None,
         "Linear light, or sRGB as displays show it, clipped at white. [default: what programs expect of the "

@@ -60,11 +60,11 @@ def read_camera_path(
     path_read, placement = given.path, given.placement
     if not 1 <= len(path_read.cameras) <= MOST_FRAMES:
         raise InputError(f"{path} has {len(path_read.cameras)} cameras, not 1 to {MOST_FRAMES}: correct it.")
-    coordinates = f"in the coordinates that {path} itself tells"
+    coordinates = f"in the coordinates that {path} itself states"
     if placement is None and within is not None:
         placement, coordinates = placement_of(within), f"in the coordinates of {within}"
     if placement is None:
-        coordinates = f"{path} tells no coordinates: taken for those of the calibration"
+        coordinates = f"{path} states no coordinates: taken for those of the calibration"
     else:
         shifted = not scene.folder.is_file()  # else the world is that of the file
         moved = (placement.in_world(one, given.axes, shifted=shifted) for one in path_read.cameras)

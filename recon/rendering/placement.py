@@ -104,7 +104,7 @@ def placement_of(path: Path) -> Placement:
         placement = _in_ply(path)
     if placement is None:
         raise InputError(
-            f"{path} does not tell where the scene lies in it: name a USD, glb or PLY file of rig export."
+            f"{path} does not state where the scene lies in it: name a USD, glb or PLY file of rig export."
         )
     return placement
 

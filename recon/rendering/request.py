@@ -31,7 +31,7 @@ class RenderRequest(Request):
     path_in: Annotated[
         str | PathLike[str] | None,
         "The file of rig export (USD, glb, PLY) in whose coordinates the path is, where the path does not "
-        "tell them, as CSV of Blender or Nuke. [default: those of the calibration]",
+        "state them, as CSV of Blender or Nuke. [default: those of the calibration]",
     ] = None
     path_camera: Annotated[
         str | None,

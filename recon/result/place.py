@@ -43,7 +43,7 @@ def place_for(
 def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings) -> str:
     """Return how a training differs from what is wanted, in words."""
     if checkpoint is None:
-        return "without the checkpoint that would tell its settings"
+        return "without the checkpoint that has its settings"
     there, asked = parse(Settings, checkpoint.facts["asked"], path).words(), wanted.words()
     other = [f"{key} {value}" for key, value in there.items() if value != asked[key]]
     if other:

@@ -131,7 +131,7 @@ def points_of_poses(
     for depth_map in plane_sweep(
         dataset.train, images, None, dimmest=dimmest, most=MOST_FIRST, progress=progress
     ):
-        # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
+        # Beyond the middle of the image's depths by so much, a match gives a direction and no place.
         near = depth_map.trusted & depth_map.lit & (depth_map.depth < 20 * np.median(depth_map.depth))
         points.append(lift(depth_map.view.lens, depth_map.centres[near], depth_map.depth[near]))
     return np.concatenate(points)

@@ -33,7 +33,7 @@ def export(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The file to write; its end tells the format.")
+        Path | None, typer.Option(metavar="FILE", help="The file to write; its suffix names the format.")
     ] = None,
     request: Annotated[ExportRequest, OPTIONS] = NO_OPTIONS,
     vfx: Annotated[

@@ -68,7 +68,7 @@ METRICS = (
         "Median error of light",
         "stops",
         "Half of all values are nearer to the true light than this; of real photographs, to the light that "
-        "held-out ones tell, noise included. Where they clip only less is an error, where noise hides the "
+        "held-out ones show, noise included. Where they clip only less is an error, where noise hides the "
         "light only more. 0.15 stops are 11 %.",
         in_line="median error",
         on_tile="median error of light in held-out views",

@@ -61,6 +61,6 @@ class TensorBoardLog:
         if self._writer is None:
             from torch.utils.tensorboard import SummaryWriter
 
-            # A training that is gone on with tells all its lines again: those of before are dropped.
+            # A training that is continued reports all its lines again: those of before are dropped.
             self._writer = SummaryWriter(str(self.folder), purge_step=0)
         return self._writer

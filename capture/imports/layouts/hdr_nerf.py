@@ -252,6 +252,6 @@ def _times_of(folder: Path, root: Path, views: dict[str, list[Path]]) -> tuple[d
         listed = ", ".join(f"{time:g}" for time in RENDERED_TIMES)
         return (
             times,
-            f"The exposures are taken to be {listed} s, as in HDR-GS; --exposures FILE tells others.",
+            f"The exposures are taken to be {listed} s, as in HDR-GS; --exposures FILE states others.",
         )
-    return {}, "No file tells the exposures; --exposures FILE does."
+    return {}, "No file states the exposures; --exposures FILE does."

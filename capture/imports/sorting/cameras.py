@@ -228,10 +228,10 @@ def _guesses(keys: Sequence[_Key], series: Sequence[PhotoSeries], by: Identity |
 def _reason(body: _Body, by: Identity | None) -> str:
     what = {
         "serial": f"the serial number {body.identity}",
-        "model": "make and model, since the files tell no serial number,",
+        "model": "make and model, since the files have no serial number,",
         "folder": "their folder" if by == "folder" else "their folder, where counts and times agree,",
         "layout": f"their lens, number {body.identity} of the layout,",
-        "one": "their kind" if by == "one" else "their kind, since the files tell no camera,",
+        "one": "their kind" if by == "one" else "their kind, since the files name no camera,",
     }
     return what[body.source]
 
@@ -250,9 +250,9 @@ def _ways(keys: Sequence[_Key], by: Identity | None) -> str:
         "one": "their kind",
     }
     why = {
-        "model": ", since the files tell no serial number",
+        "model": ", since the files have no serial number",
         "folder": "" if by else ", where counts and times agree",
-        "one": "" if by else ", since the files tell no camera",
+        "one": "" if by else ", since the files name no camera",
     }
     ways = [what[source]]
     settings = list(dict.fromkeys(key.setting for key in keys if key.setting.known))

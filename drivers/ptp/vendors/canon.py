@@ -84,7 +84,7 @@ class CanonBody(StandardBody):
         self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
         self._listen()
         self.write(CanonProperty.CAPTURE_DESTINATION, TO_HOST)
-        with suppress(CameraBusy):  # libgphoto2 goes on too; the shot would tell
+        with suppress(CameraBusy):  # libgphoto2 goes on too; the shot would show it
             self.session.run(CanonOperation.PC_HDD_CAPACITY, *_CAPACITY, repeatable=True)
         self._listen()
         if self._description(CanonProperty.AEB).current != _AEB_OFF:  # a bracket that broke off left it so

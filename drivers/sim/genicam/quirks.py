@@ -14,7 +14,7 @@ from drivers.sim.genicam import xml
 class Quirk(Enum):
     """A way of being otherwise."""
 
-    CHUNK_PAYLOAD = "payload type 4: chunks, and a leader that tells neither size nor format"
+    CHUNK_PAYLOAD = "payload type 4: chunks, and a leader that states neither size nor format"
     EXTENDED_CHUNK_PAYLOAD = "payload type 5: chunks, and a leader as of an image"
     NO_EXPOSURE_CHUNK = "chunks, but none of the exposure time"
     PERCENT_BLACK = "BlackLevel in percent"

@@ -94,7 +94,7 @@ class Sony(Manner):
         if self._connected < 3:
             return Reply(ResponseCode.ACCESS_DENIED)
         result = self.properties.set(request.parameter(0), request.data)
-        # What is not on the list changes nothing and is no error: only reading back tells. gphoto2
+        # What is not on the list changes nothing and is no error: only reading back shows it. gphoto2
         # relies on that, when it sends a 0 after it has turned the shutter by steps.
         ignored = result == ResponseCode.INVALID_DEVICE_PROP_VALUE
         return Reply(ResponseCode.OK if ignored else result)

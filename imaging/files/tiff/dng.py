@@ -188,7 +188,7 @@ def _geometry(raw: RawMosaic) -> dict[int, Entry]:
 def _colour(raw: RawMosaic) -> dict[int, Entry]:
     """Return what the numbers mean: levels, colour and noise."""
     meta = raw.metadata
-    # Noise tells mosaics apart in some rows as in all; a hash of all took longer than the disk.
+    # Noise distinguishes mosaics by some rows as well as by all; a hash of all took longer than the disk.
     samples = 3 if raw.cfa is None else 1
     identity = hashlib.md5(_as_stored(raw.pixels[::_IDENTIFYING]).data, usedforsecurity=False)
     entries = {

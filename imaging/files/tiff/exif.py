@@ -228,7 +228,7 @@ def _exposure(tags: Directory) -> Exposure | None:
     speed, aperture = (numbers(tags, tag)[:1] for tag in (SHUTTER_SPEED_VALUE, APERTURE_VALUE))
     if EXPOSURE_TIME not in tags and speed and abs(speed[0]) < _MOST_APEX:
         time = 2.0 ** -speed[0]
-    if F_NUMBER not in tags and aperture and 0 < aperture[0] < _MOST_APEX:  # 0 is a lens that tells nothing
+    if F_NUMBER not in tags and aperture and 0 < aperture[0] < _MOST_APEX:  # 0 is a lens that reports nothing
         f_number = 2.0 ** (aperture[0] / 2)
     return None if time is None else Exposure(time=time, f_number=f_number, iso=_iso(tags))
 

@@ -56,7 +56,7 @@ def read_reference(merged: Path, shot: Path, ratio: float) -> Reference:
     if raw.cfa is None or raw.cfa.letters != "RGB":
         raise InputError(f"{shot} is no mosaic of red, green and blue: copy the scene again.")
     if raw.neutral is None or raw.camera_from_xyz is None:
-        raise InputError(f"{shot} tells no white balance or no colour matrix of RGB: copy the scene again.")
+        raise InputError(f"{shot} has no white balance or no colour matrix of RGB: copy the scene again.")
     black = raw.black_map()
     signal = (clean.pixels / 2.0**MERGED_BITS - black) / (raw.white - black) * ratio
     matrix = rec709_from_camera(raw.neutral, raw.camera_from_xyz)

@@ -61,7 +61,7 @@ def turntable(
     reach = np.maximum(np.max([np.ptp(group, axis=0) for group in spots], axis=0), 1e-9)
     factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
     names = sorted({view.camera for view in poses})
-    # Many small frusta tell more than many that cover each other.
+    # Many small frusta show more than many that cover each other.
     depth = 36.0 * min(1.0, math.sqrt(40 / len(shown))) / factor
     frusta = [(view, _frustum(pose, lenses.get(view.camera), depth) @ axes.T) for view, pose in shown.items()]
     joined = _joined(shown, centres)

@@ -133,7 +133,7 @@ def _against_shots(opened: Opened, view: View) -> Iterable[tuple[ComparedPicture
         render = _photo(_as_shown(predicted, view), f"Render{name}")
         errors.append(_map(_shot_error(shot, predicted, view), f"Error{name}"))
         yield from [(photograph,), (render,)] if count == 1 else [(photograph, render)]
-    # The shortest exposure tells of little but the highlights.
+    # The shortest exposure shows little but the highlights.
     yield tuple(errors[-2:])
 
 

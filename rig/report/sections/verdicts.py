@@ -117,7 +117,7 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         doubt = camera.lens_error.fx / camera.lens.fx
         grades += ["warn"] * (doubt >= FOCAL)
         words.append(
-            "the photographs do not tell the focal length, and the one that is used is known to "
+            "the photographs do not determine the focal length, and the one that is used is known to "
             f"{100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
             if camera.lens_error.focal_untold
             else f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"

@@ -71,4 +71,4 @@ def test_a_middle_aside_is_not_taken_for_a_tilt_over_flat_ground():
     assert chosen.model in ("SIMPLE_RADIAL", "RADIAL")
     (middle,) = [rung for rung in rungs if rung.name == "lens_principal_point"]
     assert not middle.taken
-    assert "does not tell the middle" in middle.reason
+    assert "does not determine the principal point" in middle.reason

@@ -184,7 +184,7 @@ def test_no_chart_and_no_use_of_one_are_refused(charted: Path, tmp_path: Path) -
     with pytest.raises(CalibrationError, match=r"no colour chart found \(views searched: 1; nothing looks"):
         calibrate(blank, only="colour", chart=True, on_progress=unreported)
     assert not (blank / "calibration").exists()
-    with pytest.raises(InputError, match="not of response"):
+    with pytest.raises(InputError, match="not the response"):
         calibrate(charted, only="response", chart=True, on_progress=unreported)
     photos = make_session(
         tmp_path / "photos",

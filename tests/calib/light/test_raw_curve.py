@@ -105,7 +105,7 @@ def test_two_exposures_are_enough(tmp_path: Path) -> None:
     light = measured(tmp_path, [Body(lambda x: x**0.8)], EXACT[1:3], EXACT[1:3])
     (said,) = doubts(light)
     assert "power 0.80" in said
-    assert "or mend the exposure times if it is they that are wrong" in said
+    assert "or correct the exposure times if those are wrong" in said
 
 
 def test_a_curve_of_pictures_is_named_as_well(tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def test_a_reading_of_pictures_that_were_taken_again_is_lost_and_said_to_be(sess
     assert record.luminance is None
     (lost,) = (rung for rung in record.rungs if rung.name == "luminance")
     assert not lost.taken
-    assert lost.reason.startswith("the shots of 0000/cam, which showed what was read, are others now")
+    assert lost.reason.startswith("the shots of 0000/cam, where the reading was taken, have changed")
 
 
 REFUSED: dict[str, tuple[Callable[[], LuminanceReading], str]] = {

@@ -95,4 +95,4 @@ def test_both_cameras_are_placed_and_how_is_told(tmp_path: Path, monkeypatch: py
     assert towards @ true > np.cos(np.radians(3.0))
     (rung,) = (rung for rung in record.rungs if rung.name == MOTION)
     assert rung.taken
-    assert "in 6 frames tells how they are mounted" in rung.reason
+    assert "in 6 frames shows how they are mounted" in rung.reason

@@ -94,7 +94,11 @@ def test_one_pose_that_is_wrong_does_not_turn_the_cameras() -> None:
 @pytest.mark.parametrize(
     ("turns", "places", "cause"),
     [
-        (np.zeros((1, 3)), None, "without turning, which tells no shift: turn it to the sides and up and"),
+        (
+            np.zeros((1, 3)),
+            None,
+            "without turning, which does not determine the shift: turn it to the sides and up and",
+        ),
         (np.array([[0.0, 1.0, 0.0]]), None, "about one axis only"),
         (np.ones((1, 3)), np.zeros(3), "about one point, as on a tripod"),
     ],

@@ -203,7 +203,7 @@ def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
     marks = write_marks(
         tmp_path / "marks.csv", {n: by_view for n, by_view in staked.marks(CLICK).items() if n in few}
     )
-    with pytest.raises(PartialError, match=r"coordinates of its own.*exchanged"):
+    with pytest.raises(PartialError, match=r"arbitrary coordinates.*exchanged"):
         calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
     record = read_calibration(session)
     assert len(record.views) == 12

@@ -96,7 +96,7 @@ def test_without_times_cameras_share_no_frame_and_it_is_told(ordered, counts):
     matched = match_frames(cameras("ab"), pair, None, ordered=ordered)
     assert matched.frames == (tuple(range(counts[0])), tuple(range(counts[0], sum(counts))))
     assert matched.rigs == (None, None)
-    assert "Not all files tell their time" in matched.why[0]
+    assert "Not all files have a time" in matched.why[0]
     assert "--together order" in matched.why[0]
 
 
@@ -104,7 +104,7 @@ def test_without_times_the_order_counts_where_somebody_said_that_as_many_were_th
     matched = match_frames(cameras("ab"), [brackets([None] * 3), brackets([None] * 3)], None, ordered=True)
     assert matched.frames == ((0, 1, 2), (0, 1, 2))
     assert matched.rigs == (None, None)
-    assert "not all files tell their time" in matched.why[0]
+    assert "not all files have a time" in matched.why[0]
 
 
 def test_what_is_asked_for_wins():

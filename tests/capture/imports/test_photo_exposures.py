@@ -87,13 +87,13 @@ def test_an_exposure_without_iso_or_aperture_is_told(tmp_path):
         said[name] = [guess for guess in result.guesses if " counts as " in guess]
     assert said == {
         "none": [
-            "2 photos tell no ISO, which counts as ISO 100, and has to be the same in all; "
+            "2 photos have no ISO, which counts as ISO 100, and has to be the same in all; "
             "--exposures FILE gives it."
         ],
         "some": [
-            "2 photos tell no ISO, which counts as ISO 100, although others tell theirs; "
+            "2 photos have no ISO, which counts as ISO 100, although others have one; "
             "--exposures FILE gives it.",
-            "1 photo tells no f-number, which counts as f/1, although others tell theirs; "
+            "1 photo has no f-number, which counts as f/1, although others have one; "
             "--exposures FILE gives it.",
         ],
         "all": [],

@@ -93,7 +93,7 @@ def test_a_camera_is_a_serial_number_else_make_and_model_else_one_and_sizes_do_n
     assert mine["photos"] == {"left/1.jpg", "right/1.jpg", "2.jpg"}
     assert result.cameras == 5
     assert any("by the serial numbers 7, 8:" in guess for guess in result.guesses)
-    assert any("tell no serial number" in guess for guess in result.guesses)
+    assert any("have no serial number" in guess for guess in result.guesses)
 
 
 def test_of_a_raw_and_a_jpeg_of_one_name_the_raw_counts(tmp_path):

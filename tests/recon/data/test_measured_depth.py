@@ -69,7 +69,7 @@ def test_what_fits_no_scene_is_told_so(exact, toy_dataset):
     assert fit(toy_dataset.train, *dataset.tracks()) is None
     few = fit(dataset.train[:1], dataset.points().xyz[:5], {})
     assert not few.fits
-    assert "and 30 are needed to tell their scale" in few.summary()
+    assert "and 30 are needed to find their scale" in few.summary()
     mixed = [
         replace(view, depth=other.depth if number % 2 else replace(other.depth, unit=3 * other.depth.unit))
         for number, (view, other) in enumerate(zip(dataset.train, dataset.train[::-1], strict=True))

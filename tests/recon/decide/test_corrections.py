@@ -53,7 +53,9 @@ def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
     assert "0.2 %" in judged[1].reason
 
 
-@pytest.mark.parametrize(("judged", "known"), [(True, "tell their ratios to 0.5 %"), (False, "are too few")])
+@pytest.mark.parametrize(
+    ("judged", "known"), [(True, "determine their ratios to 0.5 %"), (False, "are too few")]
+)
 def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, known):
     """3 % between exposures is noise, where the calibration has asked for other exposures in vain."""
     dataset = load(toy_ldr)

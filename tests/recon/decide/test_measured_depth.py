@@ -88,7 +88,7 @@ def test_maps_of_another_scene_are_left_out_and_told(deep, session_copy):
     evidence, decided, rungs = decided_of(load(session_copy))
     assert list(rungs) == [START]
     assert not rungs[START].taken
-    assert "they tell another scene, or units of their own" in rungs[START].reason
+    assert "they are of another scene, or in units of their own" in rungs[START].reason
     assert decided.settings.depth == 0
     assert all(view.depth is None for view in evidence.dataset.views)
 

@@ -206,9 +206,9 @@ def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
     Usd.Stage.CreateNew(str(tmp_path / "a.usda")).Save()
     for name, words in (
         ("none.usda", "is not there"),
-        ("a.glb", "does not tell where"),
-        ("a.txt", "does not tell where"),
-        ("a.usda", "does not tell where"),
+        ("a.glb", "does not state where"),
+        ("a.txt", "does not state where"),
+        ("a.usda", "does not state where"),
     ):
         with pytest.raises(InputError, match=words):
             camera_path(scene, shot, within=tmp_path / name)

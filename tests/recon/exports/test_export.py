@@ -135,7 +135,7 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
 def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="usd is scene-linear: leave --display out"):
         export(scene, tmp_path / "a.usdc", linear=False)
-    with pytest.raises(InputError, match="does not tell a format by its end"):
+    with pytest.raises(InputError, match="does not name a format by its suffix"):
         export(scene, tmp_path / "a.obj")
     with pytest.raises(InputError, match="is in the folder of the scene"):
         export(scene, made / "a.ply")

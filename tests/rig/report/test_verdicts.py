@@ -171,7 +171,7 @@ def test_what_points_ask_for_against_the_files_is_named_with_how_to_leave_it_out
 def test_parts_to_leave_out_that_are_none_or_need_poses_are_refused(toy: Path) -> None:
     with pytest.raises(InputError, match="there is no part 'colour' to leave out: choose from exposure, "):
         calibrate(toy, CalibrationRequest(without=["colour"]))  # type: ignore[list-item]
-    with pytest.raises(InputError, match="--without leaves out what poses tell, not the response"):
+    with pytest.raises(InputError, match="--without leaves out what scene points show, not the response"):
         calibrate(toy, CalibrationRequest(only="response", without=["falloff"]))
 
 

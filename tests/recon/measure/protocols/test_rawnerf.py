@@ -107,5 +107,5 @@ def test_a_merged_mosaic_is_read_by_the_levels_and_the_exposure_of_the_shot(tmp_
     with pytest.raises(InputError, match=r"merged\.dng and .*small\.dng differ in size"):
         read_reference(tmp_path / "merged.dng", tmp_path / "small.dng", 1.0)
     write_dng(tmp_path / "grey.dng", RawMosaic(codes, Cfa.RGGB, black, 4095))
-    with pytest.raises(InputError, match=r"grey\.dng tells no white balance"):
+    with pytest.raises(InputError, match=r"grey\.dng has no white balance"):
         read_reference(tmp_path / "merged.dng", tmp_path / "grey.dng", 1.0)
