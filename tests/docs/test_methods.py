@@ -38,7 +38,7 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"\\tau = ([\d.]+)", lambda: (TAU,)),
     (r"\$\$10\^\{(-\d+)\} \\bigl", lambda: (np.log10(COLOURS.pull),)),
     (r"Y_\{00\}\)_c - ([\d.]+)", lambda: (COLOURS.anchor,)),
-    (r"shown within (\d+) stops", lambda: (COLOURS.stops,)),
+    (r"clamped to within (\d+) stops", lambda: (COLOURS.stops,)),
     (r"\\mu = (\d+)\$ for signals of a sensor and (\d+) for", lambda: (linear.SIGNAL_MU, linear.LIGHT_MU)),
     (r"\\qquad w = ([\d.]+)", lambda: (Photometric().ssim_weight,)),
     (r"grid of \$(-\d+) \\dots (\d+)\$", lambda: (tone_grid.Grid().low, tone_grid.Grid().high)),
@@ -65,7 +65,7 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"s' = s / ([\d.]+)", lambda: (RULES.shrink,)),
     (r"o = ([\d.]+) \\min\(1", lambda: (RULES.opacity,)),
     (r"share missing at white is above ([\d.]+) %", lambda: (100 * linearity.DEVIATES,)),
-    (r"exceeds one standard error and ([\d.]+) an observation", lambda: (lens_ladder.MATERIAL,)),
+    (r"exceeds one standard error and ([\d.]+) per observation", lambda: (lens_ladder.MATERIAL,)),
     (r"have to move by \$(\d) \\cdot 10\^\{-5\}", lambda: (focal_evidence.DETERMINED * 1e5,)),
     (r"in common, \$(\d) \\cdot 10\^\{-6\}", lambda: (place_priors.COMMON * 1e6,)),
     (r"are those of (\d+) resamplings", lambda: (response_band.REPLICAS,)),
@@ -87,7 +87,7 @@ def test_words_for_numbers_are_those_of_the_code() -> None:
     assert "in three rounds" in FLOWING
     assert "within three standard deviations" in FLOWING
     assert (RULES.every, RULES.growth) == (1 / 40, 1 / 4)
-    assert "Every fortieth" in FLOWING
+    assert "every fortieth" in FLOWING
     assert "at most a quarter at once" in FLOWING
     assert LEARNED["fixed"] == 1 / 5
     assert "first fifth" in FLOWING
