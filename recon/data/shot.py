@@ -50,13 +50,17 @@ class Planes(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class HeldPlanes:
-    """Planes in memory."""
+    """Planes in memory.
+
+    held: for as long as the shot is; else they were made for one look.
+    """
 
     pixels: Array32
     saturated: Mask
     dark: Mask
     valid: Mask
     alpha: Array32 | None = None
+    held: bool = True
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -67,11 +71,6 @@ class HeldPlanes:
     def transparent(self) -> bool:
         """True if it has alpha."""
         return self.alpha is not None
-
-    @property
-    def held(self) -> bool:
-        """Always True."""
-        return True
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ steps by the frequencies of the pictures.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 
 from recon.data.dataset import View
@@ -27,17 +27,16 @@ def begins_halved(pixels: float, gaussians: int) -> bool:
 
 
 def halves(views: Sequence[View], gaussians: int) -> bool:
-    """Return whether a training on these views does.
-
-    Not where their shots are on the disk, since each look would read and halve the whole of them.
-    """
-    return begins_halved(fmean(map(pixels_of, views)), gaussians) and all(view.held for view in views)
+    """Return whether a training on these views does."""
+    return begins_halved(fmean(map(pixels_of, views)), gaussians)
 
 
 @dataclass
 class HalfSize:
-    """Training views at the size in which they are looked at; halved ones are made once, and let go when
-    their time is over.
+    """Training views at the size in which they are looked at.
+
+    Halved ones are made once, and let go when their time is over; of views whose shots memory does not hold
+    they are made at each look, so that the scene is the same.
     """
 
     on: bool
@@ -49,6 +48,10 @@ class HalfSize:
         if not self.on or done >= UNTIL:
             self._views.clear()
             return view
-        if view.name not in self._views:
-            self._views[view.name] = narrower(view, view.lens.width // 2, self._falloffs)
-        return self._views[view.name]
+        if view.name in self._views:
+            return self._views[view.name]
+        small = narrower(view, view.lens.width // 2, self._falloffs)
+        if view.held:
+            self._views[view.name] = small
+            return small
+        return replace(small, shots=tuple(shot.showing(held=False) for shot in small.shots))

@@ -12,10 +12,6 @@ from bench.support.enlarged import enlarged
 from bench.support.oracle import oracle_session
 from drivers.sim import rigs
 from imaging.files import store
-from recon.decide.overrides import Overrides
-from recon.decide.request import TrainingRequest
-from recon.measure.evaluate import evaluate
-from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from tests.conftest import MadeOnce
 
@@ -25,6 +21,7 @@ LIMIT = 410 << 20
 128 MB of them."""
 LIMITED = f"""
 import resource, sys
+from dataclasses import replace
 from pathlib import Path
 import recon.decide.memory_need as deciding
 import recon.reconstruct as stage
@@ -35,17 +32,20 @@ from recon.measure.evaluate import evaluate
 from recon.train.warm_up import warm_up
 warm_up(lambda *told: None)
 first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
+before = resource.getrlimit(resource.RLIMIT_AS)
+resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT}, before[1]))
 needs = []
 deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
-request = TrainingRequest(quality="draft", overrides=overrides, name="limited")
-folder = stage.reconstruct(sys.argv[1], request, on_message=print)
+request = TrainingRequest(quality="draft", overrides=overrides)
+folder = stage.reconstruct(sys.argv[1], replace(request, name="limited"), on_message=print)
 evaluate(folder)
 peak = 1024 * int(next(
     line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")
 ).split()[1])
 print(len(needs), needs[0].images, needs[-1].total, peak)
+resource.setrlimit(resource.RLIMIT_AS, before)
+evaluate(stage.reconstruct(sys.argv[1], replace(request, name="whole")))
 """
 
 
@@ -75,11 +75,8 @@ def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> No
     assert images > LIMIT - (128 << 20)
     assert any("images stay on the disk" in line and str(large / "decoded") in line for line in lines)
     assert peak < forecast
-    overrides = Overrides(iterations=ITERATIONS, gaussians=1000, width=640, refine="none", environment=False)
-    whole = reconstruct(large, TrainingRequest(quality="draft", overrides=overrides, name="whole"))
-    limited = whole.with_name("limited")
+    whole, limited = (large / "reconstructions" / name for name in ("whole", "limited"))
     assert (whole / SPLATS).read_bytes() == (limited / SPLATS).read_bytes()
-    evaluate(whole)
     in_memory, from_disk = (store.read_json(folder / "metrics.json")["views"] for folder in (whole, limited))
     # Sums of arrays that lie elsewhere in memory may differ in their last bit.
     for one, other in zip(in_memory, from_disk, strict=True):

@@ -38,11 +38,9 @@ def toys_too(monkeypatch):
 )
 def test_where_a_training_begins_at_half_size(pixels, gaussians, half):
     assert begins_halved(pixels, gaussians) == half
-    view = SimpleNamespace(lens=SimpleNamespace(width=pixels, height=1), held=True, shots=[])
+    view = SimpleNamespace(lens=SimpleNamespace(width=pixels, height=1), shots=[])
     assert halves([view], gaussians) == half
     assert (slowdown([view], gaussians) > 1) == half
-    view.held = False  # each look would read and halve the whole of it
-    assert not halves([view], gaussians)
 
 
 @pytest.fixture(scope="module")
