@@ -18,7 +18,7 @@ from calib.light.parts import LightPart
 from calib.light.radiometry import LIGHT_RUNGS, light_of
 from calib.luminance.area import require_places
 from calib.luminance.measure import RUNG
-from calib.place_views import with_luminance, with_poses
+from calib.place_views import with_poses, with_scales
 from calib.request import CalibrationRequest, Part
 from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
@@ -139,7 +139,7 @@ def calibrate(
         record = _with_part(evidence, measures, earlier)
         if only == "colour" and earlier is not None:
             record = rebalanced(record)
-        record = with_luminance(record, evidence)
+        record = with_scales(record, evidence)
         missing = _missing_luminance(record, readings)
         if missing and only == "luminance":
             raise CalibrationError(f"{session}: {missing}.")
@@ -153,7 +153,7 @@ def calibrate(
     elif evidence.board is None and not evidence.has_sensor_frames:
         raise CalibrationError(refused)
     else:
-        record = with_luminance(assemble(evidence), evidence)
+        record = with_scales(assemble(evidence), evidence)
         write_calibration(opened, record, (), None, on_progress)
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")

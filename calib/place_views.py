@@ -31,6 +31,7 @@ from calib.survey.locate import located
 from calib.survey.stated import stated_places
 from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError, InputError, PartialError
+from imaging.plates.middle_grey import lasting_factor
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import Rung
@@ -72,7 +73,7 @@ def with_poses(
         measured = _measured_without_poses(evidence)
         if not measured or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
-        write_calibration(session, with_luminance(assemble(evidence), evidence), (), None, progress)
+        write_calibration(session, with_scales(assemble(evidence), evidence), (), None, progress)
         also = f" The board was left out: {board_refused}" if board_refused else ""
         raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
@@ -124,7 +125,7 @@ def with_poses(
     record = with_balance(assemble(evidence, Placement(model, falloff, by_rig, coordinates)), white)
     if photographs:
         record = with_development(record, development, evidence.views)
-    record = with_luminance(record, evidence)
+    record = with_scales(record, evidence)
     factor = pictures.exposure(brightness)
     sizes = {view: (summary.width, summary.height) for view, summary in summaries.items()}
     shown = all_views.shown(evidence, record, sizes, factor)
@@ -144,14 +145,17 @@ def _check_sizes(evidence: Evidence) -> None:
             )
 
 
-def with_luminance(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:
+def with_scales(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:
     """Add the scale of the light to the record, by the readings of the evidence, else by those of the earlier
-    calibration.
+    calibration, and the factor that shows it as middle grey.
     """
-    earlier = None
-    if evidence.readings is None and (evidence.session.folder / "calibration" / "calibration.json").exists():
-        earlier = read_calibration(evidence.session.folder).luminance
-    return scaled(evidence.session, record, evidence.readings, earlier)
+    session, earlier = evidence.session, None
+    if (session.folder / "calibration" / "calibration.json").exists():
+        earlier = read_calibration(session.folder)
+    factor = lasting_factor(session, record, earlier and earlier.exposure_factor)
+    record = record.model_copy(update={"exposure_factor": factor})
+    before = None if evidence.readings is not None else earlier and earlier.luminance
+    return scaled(session, record, evidence.readings, before)
 
 
 def _question(evidence: Evidence) -> list[object]:

@@ -57,6 +57,11 @@ class Lens(Record):
         return FISHEYE_TERMS if self.fisheye else BROWN_TERMS
 
     @property
+    def matrix(self) -> Array:
+        """Focal lengths and principal point, float64 [3, 3]: the K of OpenCV, but for its pixel centres."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
+
+    @property
     def terms(self) -> tuple[float, ...]:
         """`fx fy cx cy k1 k2 p1 p2`, or of a fisheye `fx fy cx cy k1 k2 k3 k4`: COLMAP's order."""
         return tuple(float(getattr(self, name)) for name in self.names)

@@ -5,6 +5,14 @@ import numpy as np
 from imaging.arrays import Array
 from imaging.record import Record
 
+OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Camera axes: x right, y up, z back from x right, y down, z ahead; its own inverse."""
+
+
+def world_from_opengl(cam_from_world: Array) -> Array:
+    """Camera to world, float64 [4, 4], of camera axes x right, y up, z back, as OpenGL and USD have them."""
+    return np.asarray(np.linalg.inv(cam_from_world) @ OPENGL_FROM_OPENCV)
+
 
 class Pose(Record):
     """A rigid motion `x_to = R(quaternion) x_from + translation`; quaternion wxyz, unit."""

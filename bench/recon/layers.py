@@ -25,7 +25,7 @@ from imaging.session.session import Session
 from recon.data.geometry import inside, project, rays
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.rendering.data_layers import DataLayers
+from recon.result.data_layers import DataLayers
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import drawn_values

@@ -16,16 +16,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from imaging.files.nerfstudio import Picture, transforms
+from imaging.files.opencv_lens import HALF, write_opencv_lens
 from imaging.lens import Lens
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import CameraRecord
 
-HALF = 0.5
-"""Offset of OpenCV's pixel coordinates from ours."""
 _POINTS = "sparse_pc.ply"
 """File name of the points, as ns-process-data has it."""
 _COLOURS = ("red", "green", "blue")
@@ -55,7 +53,9 @@ def write_exports(
     if known:
         (folder / "opencv").mkdir()
     for camera in known:
-        _write_opencv(folder / "opencv" / f"{camera.name}.yaml", camera)
+        assert camera.lens is not None
+        mounted_at = None if camera.cam_from_rig is None else camera.cam_from_rig.matrix()
+        write_opencv_lens(folder / "opencv" / f"{camera.name}.yaml", camera.lens, mounted_at)
     mounted = {camera.name: camera.rig for camera in cameras if camera.rig is not None}
     for rig in dict.fromkeys(mounted.values()):
         chain = [c for c in known if mounted.get(c.name) == rig and c.cam_from_rig is not None]
@@ -99,26 +99,6 @@ def _ply(model: Any, note: str) -> bytes:
         "end_header",
     ]
     return "\n".join([*header, ""]).encode() + table.tobytes()
-
-
-def _write_opencv(path: Path, camera: CameraCalibration) -> None:
-    lens = camera.lens
-    assert lens is not None
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    if not storage.isOpened():
-        raise OSError(f"{path} could not be opened")
-    storage.write("image_width", lens.width)
-    storage.write("image_height", lens.height)
-    storage.write("camera_matrix", _matrix(lens))
-    storage.write("distortion_model", "fisheye" if lens.fisheye else "plumb_bob")
-    storage.write("distortion_coefficients", np.array([list(lens.terms[4:])]))
-    if camera.cam_from_rig is not None:
-        storage.write("cam_from_rig", camera.cam_from_rig.matrix())
-    storage.release()
-
-
-def _matrix(lens: Lens) -> "np.ndarray[Any, np.dtype[np.float64]]":
-    return np.array([[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]])
 
 
 def _camchain(chain: Sequence[CameraCalibration]) -> str:

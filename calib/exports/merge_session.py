@@ -4,27 +4,25 @@
     OUT/<frame>/<camera>.<band>.exr    the same, grey, of each band where a filter wheel changes them
 
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
-gains and the vignetting of the calibration divided out. Values are light times one factor for the whole
-session, whatever part of it is merged, so that its median opens as middle grey; header and merge.json state
-it, and `light = value / factor`. Each file stands for itself: see `calib.exports.merged_view`.
+gains and the vignetting of the calibration divided out. Values are light times the one factor of the session
+(`imaging.plates.middle_grey`), which renders of its scenes have too; header and merge.json state it, and
+`light = value / factor`. Each file stands for itself: see `imaging.plates.merged_view`.
 """
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from calib.exports.merged_view import UNIT, MergedView, assumed_response, exposure_scales, merge_view
-from calib.exports.middle_grey import exposure_factor
 from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.plates.merged_view import UNIT, MergedView, merge_view
+from imaging.plates.middle_grey import exposure_factor
 from imaging.progress import Progress, unreported
-from imaging.session.calibration import CalibrationRecord, Response, is_stale, read_calibration
+from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
-from imaging.session.view_id import ViewId
 from imaging.spaces import Space
 
 SUMMARY = "merge.json"
@@ -73,8 +71,8 @@ def merge(
         frame: Frame to merge; None: all.
         camera: Camera to merge; None: all.
         space: Primaries of the files.
-        exposure: Stops of the values above the light; None: as many as show the median of the session as
-            middle grey, to the nearest stop.
+        exposure: Stops of the values above the light; None: those of the session, which show its median as
+            middle grey.
         on_progress: Callback for the current step, the steps done, and all of them.
 
     Returns:
@@ -88,13 +86,12 @@ def merge(
     """
     if exposure is not None and not abs(exposure) <= STOPS_MOST:
         raise InputError(f"light cannot be written {exposure} stops brighter: give -60 to 60.")
-    calibration = _calibration(Path(session))
+    calibration = current_calibration(Path(session))
     session, out = Path(session), Path(out)
     opened = Session.open(session)
-    every = brackets(opened.shots("scene"))
     groups = {
         view: shots
-        for view, shots in every.items()
+        for view, shots in brackets(opened.shots("scene")).items()
         if frame in (None, view.frame) and camera in (None, view.camera)
     }
     if not groups:
@@ -108,46 +105,22 @@ def merge(
     if exposure is not None:
         factor = 2.0**exposure
     else:
-        factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, on_progress)
-    placed = () if calibration is None else calibration.views
-    developed = {view.id: view.white_balance for view in placed}
+        factor = exposure_factor(opened, calibration, on_progress)
     results = []
     parts = [
         (view, out / f"{view}{suffix}.exr", band_shots)
         for view, shots in groups.items()
-        for suffix, band_shots in _of_one_band(shots).items()
+        for suffix, band_shots in of_one_band(shots).items()
     ]
     for done, (view, path, shots) in enumerate(parts):
         on_progress("merging", done, len(parts))
-        band_shots = None if calibration is None else calibration.camera(view.camera)
-        white = developed.get(view) if opened.camera(view.camera).kind == "ldr" else None
-        scales = None if calibration is None else calibration.exposure_scale
-        scale = None if calibration is None else calibration.luminance
-        absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
-        results.append(
-            merge_view(opened, path, view, shots, band_shots, scales, space, factor, absolute, white)
-        )
+        results.append(merge_view(opened, path, view, shots, calibration, space, factor))
     on_progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
     return Merged(out, tuple(results), factor, calibration)
 
 
-def _exposed(
-    session: Session, groups: Mapping[ViewId, Sequence[ShotRecord]], calibration: CalibrationRecord | None
-) -> dict[ViewId, list[tuple[ShotRecord, float, Response]]]:
-    """Brackets with the exposure scale and the response of each shot."""
-    scales = None if calibration is None else calibration.exposure_scale
-    exposed = {}
-    for view, shots in groups.items():
-        kind = session.camera(view.camera).kind
-        response = assumed_response(kind) if calibration is None else calibration.camera(view.camera).response
-        with suppress(InputError):  # what has no exposure has no light, and is refused where it is merged
-            k = exposure_scales(session, shots, scales)
-            exposed[view] = [(shot, scale, response) for shot, scale in zip(shots, k, strict=True)]
-    return exposed
-
-
-def _of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:
+def of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:
     """A bracket by what its file's name ends with: nothing, or the band where there are several."""
     bands = dict.fromkeys(shot.band for shot in shots)
     if len(bands) == 1:
@@ -155,7 +128,7 @@ def _of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:
     return {f".{band}": [shot for shot in shots if shot.band == band] for band in bands}
 
 
-def _calibration(session: Path) -> CalibrationRecord | None:
+def current_calibration(session: Path) -> CalibrationRecord | None:
     """The calibration of a session if it has one; InputError if it is damaged or older than the shots."""
     if not (session / "calibration" / "calibration.json").exists():
         return None

@@ -21,6 +21,8 @@ from imaging.files.silence import quiet
 Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
+ExrValue = str | float | AnyArray
+"""Value of an attribute that is written, beside types of OpenEXR's own: an array is a matrix [4, 4]."""
 
 _ASPECT = "pixelAspectRatio"
 _STRUCTURE = {
@@ -40,6 +42,8 @@ _STRUCTURE = {
 }
 _MOST_BEYOND = 1 << 12
 """Pixels by which a tile may be larger than the window that it is of."""
+EXPOSURE_FACTOR = "rig:exposureFactor"
+"""Attribute of every file of ours: its values are light in the unit of the calibration times this."""
 LIGHT = "light"
 """The part of a file of several that is no data."""
 _AS_LINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -114,7 +118,7 @@ def write_exr(
     half: bool = False,
     primaries: str | None = "rec709",
     exposure: Exposure | None = None,
-    attributes: Mapping[str, str | float] | None = None,
+    attributes: Mapping[str, ExrValue] | None = None,
     data: Mapping[str, Planes] | None = None,
 ) -> None:
     """Write linear light, ZIP compressed, whole or not at all.
@@ -128,7 +132,7 @@ def write_exr(
         primaries: Entry of `imaging.files.exr_colour.IDS` for R, G, B; None: unknown, which the file states.
         exposure: Exposure to write as `expTime`, `aperture` and `isoSpeed`.
         attributes: Values by name (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become
-            float32.
+            float32, and matrices too.
         data: Channels other than light, of the same size, by the name of the part that holds them; the light
             is then in a part `light` before them.
 
@@ -146,7 +150,7 @@ def write_exr(
     for name, value in (attributes or {}).items():
         if name in _STRUCTURE:
             raise ValueError(f"{name!r} belongs to the structure of an EXR")
-        header[name] = value if isinstance(value, str) else float(value)
+        header[name] = float(value) if isinstance(value, int | float | np.number) else value
     parts = {LIGHT: (header, light)} | {
         name: ({INTEROP_ID: DATA}, planes) for name, planes in (data or {}).items()
     }

@@ -8,13 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from imaging.arrays import Array
 from imaging.lens import Lens
-
-OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Camera axes: x right, y up, z back from x right, y down, z ahead; its own inverse."""
+from imaging.pose import world_from_opengl
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +42,6 @@ def transforms(pictures: Sequence[Picture], coordinates: dict[str, Any]) -> dict
 
 def _frame(picture: Picture) -> dict[str, Any]:
     lens = picture.lens
-    world_from_cam = np.linalg.inv(picture.cam_from_world) @ OPENGL_FROM_OPENCV
     return {
         "file_path": picture.path,
         "w": lens.width,
@@ -58,5 +53,5 @@ def _frame(picture: Picture) -> dict[str, Any]:
         **dict(zip(lens.names[4:], lens.terms[4:], strict=True)),
         "camera_model": "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
         "is_fisheye": lens.fisheye,
-        "transform_matrix": world_from_cam.tolist(),
+        "transform_matrix": world_from_opengl(picture.cam_from_world).tolist(),
     }

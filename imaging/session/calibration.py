@@ -272,6 +272,10 @@ class CalibrationRecord(Record):
     """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
     luminance: LuminanceScale | None = None
     """Scale of the light in cd/m2; None if it is relative."""
+    exposure_factor: float | None = Field(default=None, gt=0)
+    """Factor on light that shows the session as middle grey, of plates, renders and the viewer; None: it is
+    measured where it is needed (`imaging.plates.middle_grey`).
+    """
     rungs: tuple[Rung, ...] = ()
 
     @property

@@ -3,26 +3,32 @@
 Renders are drawn by pinholes without distortion, as USD has cameras, so that they line up with those.
 """
 
+import re
+from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 import PyOpenColorIO as OCIO
 
 from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import white_luminance, write_exr
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
 from recon.exports.cameras import write_cameras
-from recon.exports.formats import usd
+from recon.exports.formats import nuke, usd
 from recon.exports.hand_over_page import page
 from recon.exports.job import Job, lens_note
 from recon.exports.loss import Loss, loss_of
 from recon.exports.place import pinhole, place_of
+from recon.exports.plates import AS_SHOT, LENSES, PLATES, Plates, write_plates
 from recon.exports.splats import sound
+from recon.rendering.light_files import header_of, seen_by, write_light
 from recon.result.display import in_colour
+from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene, open_scene
 
 SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"
@@ -31,6 +37,8 @@ BUILTIN = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
 2022 read."""
 LINEAR = "Linear Rec.709 (sRGB)"
 """Name there of the colour space of the renders and of the USD file."""
+NAMES = {LINEAR: "lin_rec709_scene", "ACEScg": "lin_ap1_scene", "ACES2065-1": "lin_ap0_scene", "Raw": "data"}
+"""Colour spaces of the configuration, and the names of the Color Interop Forum, which our files state."""
 
 
 @dataclass(frozen=True)
@@ -87,46 +95,74 @@ def hand_over(
         assert written.held is not None
         assert written.truth is not None
         loss = loss_of(finite, written.truth, written.held, on_progress)
-        renders = _write_renders(part / RENDERS, finite, job.factor, on_progress)
-        cameras = write_cameras(part / CAMERAS, finite, job.place)[0] if finite.views else []
-        store.write_bytes(part / CONFIG, configuration().encode())
-        text = page(finite, job, loss, notes, [*written.files, *renders])
+        plates = write_plates(part, finite, job.exposure_factor, on_progress)
+        renders = _write_renders(part / RENDERS, finite, job.exposure_factor, plates, on_progress)
+        notes = (*notes, *plates.notes)
+        cameras = _write_cameras(part, job, plates) if finite.views else []
+        store.write_bytes(part / CONFIG, configuration([view.camera for view in finite.views]).encode())
+        text = page(finite, job, loss, notes, [*written.files, *renders, *plates.files])
         store.write_bytes(part / PAGE, text.encode())
-        files = [*written.files, *renders, *cameras, part / CONFIG, part / PAGE]
+        files = [*written.files, *renders, *plates.files, *cameras, part / CONFIG, part / PAGE]
         names = [path.relative_to(part) for path in files]
-    return HandOver(folder, [folder / name for name in names], len(written.held), job.factor, loss, notes)
+    return HandOver(
+        folder, [folder / name for name in names], len(written.held), job.exposure_factor, loss, notes
+    )
 
 
-def _write_renders(folder: Path, scene: Scene, factor: float, progress: Progress) -> list[Path]:
-    """renders/CAMERA.FRAME.exr of every view, in the unit of the USD file."""
+def _write_renders(
+    folder: Path, scene: Scene, factor: float, plates: Plates, progress: Progress
+) -> list[Path]:
+    """renders/CAMERA.FRAME.exr of every view, in the unit of the USD file, as large as its plate."""
     record, files = scene.record, []
-    absolute = {}
-    if record.luminance is not None:
-        absolute = white_luminance(*(part / factor for part in record.luminance))
     for done, view in enumerate(scene.views):
         progress("rendering", done, len(scene.views))
-        light, alpha = scene.layer(pinhole(view.splat_camera))
-        shown = in_colour(light, record.bands) * factor
-        planes = {name: shown[..., index] for index, name in enumerate("RGB")}
-        if alpha is not None:
-            planes["A"] = alpha
+        camera = pinhole(view.splat_camera)
+        camera = camera.resized(plates.widths.get(view.camera, camera.width))
+        light, alpha = scene.layer(camera)
         path = folder / f"{view.camera}.{view.frame:04d}.exr"
-        header: dict[str, str | float] = {
-            **absolute,
-            "rig:view": view.name,
-            "rig:values": f"linear radiance {record.radiance}, times {factor:.9g}",
-        }
-        write_exr(path, planes, attributes=header)
+        header = header_of(record, view.name, factor) | seen_by(camera)
+        write_light(path, in_colour(light, record.bands) * np.float32(factor), header, alpha=alpha)
         files.append(path)
     return files
 
 
-def configuration() -> str:
-    """An OpenColorIO configuration that takes EXR files for linear Rec.709, else OpenColorIO's own."""
-    config = OCIO.Config.CreateFromFile(BUILTIN)
-    rules = config.getFileRules()
-    rules.insertRule(0, "rig", LINEAR, "*", "exr")
+def _write_cameras(folder: Path, job: Job, plates: Plates) -> list[Path]:
+    """cameras/ for other programs, a .chan of each, and the script of Nuke where there are plates."""
+    scene = job.scene
+    files = write_cameras(folder / CAMERAS, scene, job.place)[0]
+    texts = {f"{CAMERAS}/{name}.chan": text for name, text in nuke.chan_files(scene, job.place).items()}
+    named = {path.name.rsplit(".", 2)[0] for path in plates.files if path.parent.name == PLATES}
+    if named:
+        texts[nuke.SCRIPT] = nuke.script(scene, sorted(named))
+    for name, text in texts.items():
+        store.write_bytes(folder / name, text.encode())
+    return [*files, *(folder / name for name in texts)]
+
+
+def configuration(cameras: Sequence[str]) -> str:
+    """OpenColorIO's own configuration, with the names of colour spaces that our files state, and rules for
+    the files of a hand-over of these cameras, by folder and name; for any other those of OpenColorIO.
+    """
+    before = OCIO.GetLoggingLevel()
+    OCIO.SetLoggingLevel(OCIO.LOGGING_LEVEL_WARNING)  # it names displays of its own that it has switched off
+    try:
+        return _configured(OCIO.Config.CreateFromFile(BUILTIN), cameras)
+    finally:
+        OCIO.SetLoggingLevel(before)
+
+
+def _configured(config: OCIO.Config, cameras: Sequence[str]) -> str:
+    for name, alias in NAMES.items():
+        space = deepcopy(config.getColorSpace(name))
+        if not config.hasRole(alias):  # by which it is known already
+            space.addAlias(alias)
+        config.addColorSpace(space)
+    rules, named = config.getFileRules(), "|".join(map(re.escape, sorted(set(cameras))))
+    frame = rf"({named})\.\d+\.exr"
+    rules.insertRule(0, "rig", LINEAR, rf"(.*[/\\])?({RENDERS}|{PLATES}|{AS_SHOT})[/\\]{frame}")
+    rules.insertRule(1, "rig lens", "Raw", rf"(.*[/\\])?{LENSES}[/\\]({named})\.(un|re)distort\.exr")
+    rules.insertRule(2, "rig far", LINEAR, rf"(.*[/\\])?{Path(SCENE).stem}\.{re.escape(ENVIRONMENT)}")
     config.setFileRules(rules)
-    config.setDescription(f"{BUILTIN}, with EXR files read as {LINEAR}, which the renders of rig are in.")
+    config.setDescription(f"{BUILTIN}, with the files of this hand-over read as {LINEAR}.")
     config.validate()
     return str(config.serialize())

@@ -28,7 +28,7 @@ code { font: .9em ui-monospace, monospace; background: #f3f3f3; padding: .1em .3
 
 def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequence[Path]) -> str:
     """The whole page, which loads nothing."""
-    record, factor = scene.record, job.factor
+    record, factor = scene.record, job.exposure_factor
     sky = next((path.name for path in files if path.suffix == ".exr" and path.parent == job.out.parent), None)
     absolute = "not known: it was not measured"
     if record.luminance is not None:
@@ -38,7 +38,8 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
     cameras = sorted({view.camera for view in scene.views})
     facts = {
         "Light": f"{what_is_shown(record.bands)}, scene-referred (<code>lin_rec709_scene</code>), "
-        f"{escape(record.radiance)}, times {factor:.6g} ({math.log2(factor):+.2f} stops)",
+        f"{escape(record.radiance)}, times {factor:.6g} ({math.log2(factor):+.2f} stops), "
+        "which EXR state as <code>rig:exposureFactor</code>",
         "Absolute": absolute,
         "Lengths": "metres"
         if job.place.metres
@@ -57,10 +58,20 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
         "cameras (<code>/World/Cameras</code>, animated by frame)",
         "renders/": "each view as the USD's camera sees it, EXR, float32, named "
         "<code>CAMERA.FRAME.exr</code>; without lens distortion, so that it lines up",
-        "cameras/": "lenses with their distortion: <code>transforms.json</code> and a COLMAP model, with "
-        "pictures and points",
-        "config.ocio": "OpenColorIO: the ACES configuration for CG, which reads EXR as Linear Rec.709 (sRGB)",
+        "plates/, plates_as_shot/": "the merged photographs in the same light and under the same names: "
+        "without the lens, so that they lie under the renders, and as shot, with standard deviation and mask",
+        "lenses/": "an STMap of each camera both ways (<code>undistort</code> takes the lens out of a plate, "
+        "<code>redistort</code> puts it into a render), and the lens as OpenCV's YAML",
+        "handover.nk": "a script of Nuke that reads plates and renders through them",
+        "cameras/": "a <code>.chan</code> each, in the coordinates of the USD; lenses with their distortion: "
+        "<code>transforms.json</code> and a COLMAP model, with pictures and points",
+        "config.ocio": "OpenColorIO: the ACES configuration for CG, which reads the EXR of this folder as "
+        "Linear Rec.709 (sRGB), STMaps as data, and other files as it always does",
     }
+    there = {path.parent.name for path in files}
+    if "plates" not in there:
+        for name in ("plates/, plates_as_shot/", "lenses/", "handover.nk"):
+            del contents[name]
     if sky is not None:
         contents[sky] = "the light from far away, a map of latitude and longitude: the USD's dome light"
     name = escape(scene.folder.resolve().name)

@@ -26,6 +26,12 @@ class Job:
         usual = self.scene.exposure if self.scene.record.display is None else 1.0
         return usual if self.stops is None else 2.0**self.stops
 
+    @property
+    def exposure_factor(self) -> float:
+        """Factor on the light of `Scene.render` that gives values of the file, where these are linear."""
+        display = self.scene.record.display
+        return self.factor if display is None else self.factor * display.k
+
     def splats(self, *, with_dome: bool = True) -> Splats:
         """The Gaussians as they are to be written, before the format's numbers hold them."""
         if self.linear:

@@ -24,7 +24,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.light import Images
 from recon.measure.flip import Flips, LightPair, Pair
-from recon.rendering.light_files import stem, write_light
+from recon.rendering.light_files import header_of, stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened
 
@@ -85,12 +85,12 @@ def _compare(
     folder: Path, opened: Opened, view: View, light: Array32, truth: Array32 | None, scale: float
 ) -> _Compared:
     """Write the pictures of one view."""
-    write_light(folder / RENDERS / f"{stem(view)}.exr", light, opened.record, view.name)
+    header, bands = header_of(opened.record, view.name), opened.record.bands
+    write_light(folder / RENDERS / f"{stem(view)}.exr", light, header, bands)
     goal = None
     if truth is not None:
         goal = np.asarray(truth / np.float32(scale), np.float32)
-        write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, opened.record, view.name)
-    bands = opened.record.bands
+        write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, header, bands)
     shown, goal = in_colour(light, bands), None if goal is None else in_colour(goal, bands)
     pairs = list(_pairs(opened, view, shown, goal))
     for pair in pairs:

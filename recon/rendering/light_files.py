@@ -1,6 +1,7 @@
 """Light of a scene as EXR, with layers of data in parts of their own."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
@@ -8,11 +9,14 @@ import numpy as np
 
 from imaging.arrays import Array32
 from imaging.colour import space_from_rec709
-from imaging.files.exr import white_luminance, write_exr
+from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
+from imaging.files.exr_camera import camera_attributes
 from imaging.session.bands import LAYOUT, channels
+from imaging.session.records import Band
 from imaging.spaces import SPACE_PRIMARIES, Space
-from recon.rendering.request import Layer
+from recon.result.layer_names import Layer
 from recon.result.model import ModelRecord
+from recon.splat import SplatCamera
 
 CHANNELS: dict[Layer, tuple[str, ...]] = {
     "depth": ("Z",),
@@ -51,25 +55,23 @@ def stem(view: Named) -> str:
 def write_light(
     path: Path,
     light: Array32,
-    record: ModelRecord,
-    name: str,
+    header: Mapping[str, ExrValue],
+    bands: Sequence[Band] = (),
     space: Space = "rec709",
     alpha: Array32 | None = None,
     layers: Mapping[Layer, Array32] | None = None,
-    attributes: Mapping[str, str | float] | None = None,
 ) -> None:
     """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
 
-    name: of what is seen, for the header. alpha [H, W]: written as channel A, by which the light is
-    premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name. attributes: more of
-    the header.
+    light: Rec.709, in the unit of `header` (`header_of`). alpha [H, W]: written as channel A, by which the
+    light is premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name.
     """
-    header, primaries = _header(record, name) | dict(attributes or {}), None
-    if record.bands:
+    header, primaries = dict(header), None
+    if bands:
         header |= LAYOUT
     else:
         light, primaries = light @ space_from_rec709(space).astype(np.float32).T, SPACE_PRIMARIES[space]
-    planes = {channel: light[..., index] for index, channel in enumerate(channels(record.bands))}
+    planes = {channel: light[..., index] for index, channel in enumerate(channels(bands))}
     if alpha is not None:
         planes["A"] = alpha
     data: dict[str, dict[str, Array32]] = {}
@@ -80,13 +82,20 @@ def write_light(
     write_exr(path, planes, primaries=primaries, attributes=header, data=data)
 
 
-def _header(record: ModelRecord, name: str) -> dict[str, str | float]:
-    """Return what the header of an EXR says of its values."""
-    absolute = {} if record.luminance is None else white_luminance(*record.luminance)
+def header_of(record: ModelRecord, name: str, factor: float = 1.0) -> dict[str, ExrValue]:
+    """Return what the header of an EXR says of light times `factor`; name: of what is seen."""
+    absolute = (
+        {} if record.luminance is None else white_luminance(*(part / factor for part in record.luminance))
+    )
     return {
         **absolute,
+        "software": f"rig {version('hdr-rig')}",
         "rig:view": name,
-        "rig:values": f"linear radiance {record.radiance}",
-        "rig:exposure": record.exposure,
-        "rig:exposureNote": "values times rig:exposure show the median of the scene as middle grey, 0.18",
+        "rig:units": f"light times {EXPOSURE_FACTOR}; light is linear radiance {record.radiance}",
+        EXPOSURE_FACTOR: factor,
     }
+
+
+def seen_by(camera: SplatCamera) -> dict[str, ExrValue]:
+    """Return what the header of an EXR says of its camera, as a pinhole."""
+    return camera_attributes(camera.cam_from_world, camera.K, (camera.width, camera.height))

@@ -1,6 +1,5 @@
 """Pictures of a scene on disk: linear EXR, and PNG as a display would show it."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,20 +13,22 @@ from imaging.arguments import checked
 from imaging.arrays import Array
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
+from imaging.files.exr_camera import film_attributes
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
 from imaging.spaces import Space
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
-from recon.rendering.data_layers import DataLayers
-from recon.rendering.light_files import stem, write_light
+from recon.rendering.light_files import header_of, seen_by, stem, write_light
 from recon.rendering.light_probe import light_probe
-from recon.rendering.request import LAYERS, RenderRequest
+from recon.rendering.request import RenderRequest
 from recon.rendering.simulated_raw import RawCamera
 from recon.rendering.video import Video
+from recon.result.data_layers import DataLayers
 from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
+from recon.result.layer_names import LAYERS
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera
 
@@ -40,11 +41,15 @@ _DEFAULTS = RenderRequest()
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture to be drawn: the name of its files without suffix, that of its header, and the camera."""
+    """One picture to be drawn: the name of its files without suffix, that of its header, and the camera.
+
+    number: of a frame of a film; None of a view.
+    """
 
     stem: str
     name: str
     camera: SplatCamera
+    number: int | None = None
 
 
 @checked
@@ -59,8 +64,8 @@ def render(
 ) -> list[Path]:
     """Render views of a reconstruction, or a path through it.
 
-    Each picture is an EXR of linear radiance in the units of the calibration (of a scene of bands a spectral
-    EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`. Where the
+    Each picture is an EXR of linear radiance times the exposure of the session (of a scene of bands a
+    spectral EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`. Where the
     photographs had alpha, the EXR has it as A with the light premultiplied, the PNG as straight alpha.
 
     Args:
@@ -87,7 +92,7 @@ def render(
     scene = open_scene(folder)
     _check_space(scene, request.space)
     bands = scene.record.bands
-    factor = math.log2(scene.exposure) if request.exposure is None else request.exposure
+    factor = scene.exposure if request.exposure is None else 2.0**request.exposure
     path = _path(scene, request, on_message)
     frames = list(_frames(scene, request, path))
     data = DataLayers(scene, on_progress)
@@ -108,7 +113,11 @@ def render(
                 empty.append(frame.name)
             file = out / f"{frame.stem}.exr"
             planes = {layer: data.layer(layer, frame.camera) for layer in request.layers}
-            write_light(file, image, scene.record, frame.name, request.space, alpha, planes)
+            header = header_of(scene.record, frame.name, factor) | seen_by(frame.camera)
+            if frame.number is not None:
+                header |= film_attributes(frame.number, request.rate)
+            values = image * np.float32(factor)
+            write_light(file, values, header, bands, request.space, alpha, planes)
             files.append(file)
             for index, mosaic in enumerate(() if sensor is None else sensor.bracket(image, seed=done)):
                 file = out / f"{frame.stem}_{index}.dng"
@@ -118,9 +127,7 @@ def render(
                 file = out / (
                     f"{frame.stem}.png" if len(request.stops) == 1 else f"{frame.stem}_{step:+g}ev.png"
                 )
-                shot = picture(
-                    in_colour(image, bands), alpha, 2.0 ** (factor + step), request.shown or displayed
-                )
+                shot = picture(in_colour(image, bands), alpha, factor * 2.0**step, request.shown or displayed)
                 store.write_bytes(file, encode_png(shot))
                 pictures.append(file)
                 if film is not None and index == 0:
@@ -171,7 +178,8 @@ def render_probe(
     centre = _place(scene, place)
     probe = light_probe(scene, centre, max(1, (request.width or PROBE_WIDTH) // 2))
     side, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
-    header: dict[str, str | float] = {
+    factor = scene.exposure if request.exposure is None else 2.0**request.exposure
+    header = header_of(scene.record, "probe", factor) | {
         "rig:known": probe.known,
         "rig:place": " ".join(f"{part:.9g}" for part in centre),
         "rig:layout": LAYOUT,
@@ -179,10 +187,10 @@ def render_probe(
         "rig:middle": middle,
         "rig:longitude90": side,
     }
-    factor = scene.exposure if request.exposure is None else 2.0**request.exposure
     store.make_folder(out)
     files = [out / "probe.exr", out / "probe.png"]
-    write_light(files[0], probe.light, scene.record, "probe", request.space, probe.alpha, attributes=header)
+    values = probe.light * np.float32(factor)
+    write_light(files[0], values, header, scene.record.bands, request.space, probe.alpha)
     shot = picture(
         in_colour(probe.light, scene.record.bands), probe.alpha, factor, request.shown or displayed
     )
@@ -231,7 +239,7 @@ def _frames(scene: Scene, request: RenderRequest, path: CameraPath | None) -> It
     start = first if first is not None else FIRST_FRAME
     for index, camera in enumerate(path.cameras):
         number = start + index if first is not None or not path.numbers else path.numbers[index]
-        yield Frame(f"{path.name}.{number:04d}", f"{path.name} {number}", _resized(camera, width))
+        yield Frame(f"{path.name}.{number:04d}", f"{path.name} {number}", _resized(camera, width), number)
 
 
 def camera_path(

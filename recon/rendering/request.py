@@ -3,16 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 from imaging.request import Request
 from imaging.spaces import Space
+from recon.result.layer_names import Layer
 
 if TYPE_CHECKING:
     from recon.rendering.camera_paths import CameraPath
-
-Layer = Literal["depth", "alpha", "normal", "trust"]
-LAYERS: tuple[Layer, ...] = get_args(Layer)
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,8 @@ class RenderRequest(Request):
     )
     exposure: Annotated[
         float | None,
-        "The light times 2^STOPS. If it is not given, the median of each scene is middle grey; the EXR "
-        "states the factor as rig:exposure.",
+        "The light times 2^STOPS, 0 for the light itself. If it is not given, the one exposure of the "
+        "session counts, which rig merge has too; EXR state the factor as rig:exposureFactor.",
     ] = None
     shown: Annotated[
         Callable[..., Any] | None,

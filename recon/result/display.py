@@ -8,9 +8,12 @@ import torch
 
 from imaging.arrays import AnyArray, Array32, Bytes
 from imaging.colour import srgb_encode
+from imaging.plates.middle_grey import MIDDLE_GREY, exposure_factor
 from imaging.session.bands import false_colour
 from imaging.session.records import Band
+from imaging.session.session import Session
 from recon.data.dataset import Dataset
+from recon.observe.photographs import ToneCurve
 from recon.scene.gaussians import Renderer
 from recon.scene.sampling import Sampling
 from recon.splat import SplatCamera
@@ -18,7 +21,6 @@ from recon.train.training import Training
 
 Shown = Callable[[Array32, float], Bytes]
 """Linear Rec.709 [H, W, 3] times a factor as a display shows it, uint8 of the same shape."""
-MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
 """Most views that determine the exposure of a scene."""
 _FAINT = 1 / 255
@@ -56,11 +58,16 @@ def in_colour(light: Array32, bands: Sequence[Band]) -> Array32:
 
 
 def exposure_of(training: Training, dataset: Dataset) -> float:
-    """`display_scale` of a scene in training, from renders of some of the views, evenly chosen.
+    """Factor on light that shows a scene in training as middle grey: that of its session, as plates have it.
 
-    Drawn as the scene that is stored: of held-out views nearer than all that trained it, with other blur.
+    Of light in another unit, by a learned curve, and of objects without a background: `display_scale` of
+    renders of some of the views, evenly chosen, drawn as the scene that is stored: of held-out views nearer
+    than all that trained it, with other blur.
     """
-    views = dataset.views
+    observation, views = training.method.observation, dataset.views
+    curved = isinstance(observation, ToneCurve) and observation.learned
+    if not curved and not any(view.transparent for view in views):
+        return exposure_factor(Session.open(dataset.session), dataset.calibration)
     chosen = sorted({round(place) for place in np.linspace(0, len(views) - 1, MOST_VIEWS)})
     means = training.gaussians.parameters["means"].detach()
     sampling = Sampling.of(means, [view.lens for view in dataset.train])

@@ -130,7 +130,7 @@ class ModelRecord(Record):
     offset: Vector
     """World coordinates are those of the PLY files plus this: zeros, where float32 holds them as they are."""
     exposure: float = Field(gt=0)
-    """Factor on linear radiance that shows the median of its views as middle grey, 0.18."""
+    """Factor on linear radiance that shows it as middle grey: that of its session (`exposure_of`)."""
     display_db: float | None
     """PSNR of splats.ply as a viewer draws it, against the light as a display shows it; None of a scene that
     was trained on display values, which are in splats.ply as they are."""

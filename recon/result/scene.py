@@ -3,8 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import torch
@@ -12,7 +14,7 @@ from PIL import Image
 
 from imaging.arguments import checked
 from imaging.arrays import Array, Array32, Bytes
-from imaging.errors import ReconstructionError
+from imaging.errors import InputError, ReconstructionError
 from imaging.files.photo import encode_png
 from imaging.notebook import gallery
 from imaging.progress import Progress, unreported
@@ -26,15 +28,20 @@ from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
 from recon.result.display import in_colour, picture
 from recon.result.foreign import read_splats
+from recon.result.layer_names import LAYERS
+from recon.result.layer_names import Layer as LayerName
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.scene.sampling import Sampling
-from recon.splat import Render, SplatCamera
+from recon.splat import Limits, Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
+
+if TYPE_CHECKING:
+    from recon.result.data_layers import DataLayers
 
 Layer = tuple[Array32, Array32 | None]
 """Light [H, W, C], and alpha [H, W] where a scene has any."""
@@ -72,7 +79,7 @@ class Scene:
 
     @property
     def exposure(self) -> float:
-        """Factor on what `render` returns that shows the median of the views as middle grey, 0.18."""
+        """Factor on what `render` returns that shows the session as middle grey, 0.18: that of its plates."""
         return self.record.exposure
 
     @property
@@ -123,14 +130,62 @@ class Scene:
         """Coverage of a picture by the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
         return self._rendered(camera).alpha.clamp(0, 1)
 
+    @overload
+    def render(self, camera: SplatCamera | SceneView | str) -> Array32: ...
+
+    @overload
+    def render(
+        self, camera: SplatCamera | SceneView | str, *, layers: Sequence[LayerName]
+    ) -> tuple[Array32, ...]: ...
+
     @checked
-    def render(self, camera: SplatCamera | SceneView | str) -> Array32:
+    def render(
+        self, camera: SplatCamera | SceneView | str, *, layers: Sequence[LayerName] | None = None
+    ) -> Array32 | tuple[Array32, ...]:
         """Render linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
+
+        layers: data that is wanted too, by name (`DataLayers`): the light and each of them is returned.
 
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
         """
-        return self.in_units(self.drawn(self.record.world.camera(self._camera(camera))))
+        camera = self._camera(camera)
+        light = self.in_units(self.drawn(self.record.world.camera(camera)))
+        if layers is None:
+            return light
+        for layer in layers:
+            if layer not in LAYERS:
+                raise InputError(f"There is no layer {layer!r:.60}: name any of {', '.join(LAYERS)}.")
+        return light, *(self._data.layer(layer, camera) for layer in layers)
+
+    @cached_property
+    def _data(self) -> "DataLayers":
+        from recon.result.data_layers import DataLayers
+
+        return DataLayers(self)
+
+    @property
+    def limits(self) -> Limits:
+        """The cut-offs that it is drawn by, for `rig.rasterize` of its `colours`."""
+        limits = self.renderer.limits
+        if limits.luminance_reference is None:
+            return limits
+        return replace(limits, luminance_reference=limits.luminance_reference * self.record.normaliser)
+
+    @checked
+    def colours(self, camera: SplatCamera | SceneView | str) -> torch.Tensor:
+        """Colours of the Gaussians for a camera, [N, C], in the unit of `render`.
+
+        Differentiable in the tensors of `gaussians` that require gradients. ReconstructionError for a scene
+        of display values.
+        """
+        if self.record.display is not None:
+            raise ReconstructionError(
+                f"{self.folder} was trained on display values, which its Gaussians have for colours: "
+                "reconstruct it with another method for light."
+            )
+        place = self.record.world.camera(self._camera(camera))
+        return self.renderer.colours(self.gaussians, place, self.record.degree) * self.record.normaliser
 
     @checked
     def at(self, exposure: float = 0.0, camera: SplatCamera | SceneView | str | None = None) -> Image.Image:

@@ -122,21 +122,19 @@ class Renderer:
         camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too, but for how
         the environment and the depth change with it. depth: whether `ln_depth` is drawn, too.
         """
-        parameters = gaussians.parameters
         if camera_delta is not None:
             camera_delta = camera_delta.to("cpu")  # once: it is read here and by `rasterize`
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
         with torch.no_grad():
-            away = away_from(parameters["means"], place)
-            directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
+            away = away_from(gaussians.parameters["means"], place)
         shapes = self._shapes(gaussians, place, away)
 
         def drawn(colours: Tensor, stats: SplatStats | None) -> Render:
             return rasterize(*shapes, colours, camera, None, self.limits, stats, camera_delta)
 
-        colours = self.appearance.colours(parameters, directions, degree)
+        colours = self._colours(gaussians, away, degree)
         if depth:
-            render = self._with_depth(drawn, colours, parameters["means"], place, stats)
+            render = self._with_depth(drawn, colours, gaussians.parameters["means"], place, stats)
         else:
             render = drawn(colours, stats)
         if self.environment is None:
@@ -146,6 +144,14 @@ class Renderer:
     def shapes(self, gaussians: Gaussians, camera: SplatCamera) -> Shapes:
         """Shapes and opacities of the Gaussians for a camera: the first arguments of `rasterize`."""
         return self._shapes(gaussians, camera, away_from(gaussians.parameters["means"], camera))
+
+    def colours(self, gaussians: Gaussians, camera: SplatCamera, degree: int) -> Tensor:
+        """Light of the Gaussians towards a camera, [N, C], scene units; differentiable in their colours."""
+        return self._colours(gaussians, away_from(gaussians.parameters["means"].detach(), camera), degree)
+
+    def _colours(self, gaussians: Gaussians, away: Tensor, degree: int) -> Tensor:
+        directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
+        return self.appearance.colours(gaussians.parameters, directions, degree)
 
     def _shapes(self, gaussians: Gaussians, camera: SplatCamera, away: Tensor) -> Shapes:
         quats, scales, opacities = gaussians.parameters["quats"], gaussians.scales(), gaussians.opacities()

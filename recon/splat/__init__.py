@@ -59,13 +59,13 @@ def rasterize(
         Image [H, W, C], alpha [H, W] and the depth that was requested.
 
     Raises:
-        ValueError: Shapes, dtypes or devices do not agree.
+        InputError: Shapes, dtypes or devices do not agree.
     """
     _check(means, quats, scales, opacities, colours, camera, background, stats)
     view = None
     if camera_delta is not None:
         if tuple(camera_delta.shape) != (DELTA,):
-            raise ValueError(f"camera_delta has shape {tuple(camera_delta.shape)}, not {(DELTA,)}")
+            raise InputError(f"camera_delta has shape {tuple(camera_delta.shape)}, not {(DELTA,)}")
         camera, view = moved(camera, camera_delta)
     rasterizer = _rasterizer(means.device.type, means.dtype)
     return rasterizer(
@@ -101,7 +101,7 @@ def _check(
     background: torch.Tensor | None,
     stats: SplatStats | None,
 ) -> None:
-    """Shapes, dtypes and devices; ValueError names the one that does not fit.
+    """Shapes, dtypes and devices; InputError names the one that does not fit.
 
     InputError for what is no tensor.
     """
@@ -119,11 +119,11 @@ def _check(
         if not isinstance(value, kind):
             raise InputError(f"{name} is a {type(value).__name__}: give it as a {kind.__name__}.")
     if not means.ndim:
-        raise ValueError("means has shape (), not (N, 3)")
+        raise InputError("means has shape (), not (N, 3)")
     n = len(means)
     channels = colours.shape[1] if colours.ndim == 2 else 0
     if not 1 <= channels <= CHANNELS_MOST:
-        raise ValueError(
+        raise InputError(
             f"colours has shape {tuple(colours.shape)}, not (N, C) with 1 to {CHANNELS_MOST} channels"
         )
     shapes = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "colours": (n, channels)}
@@ -132,22 +132,22 @@ def _check(
         shapes["background"], tensors["background"] = (channels,), background
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != shapes[name]:
-            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")
+            raise InputError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")
         if tensor.device != means.device:
-            raise ValueError(
+            raise InputError(
                 f"{name} is on {tensor.device} and means on {means.device}: move them to one device"
             )
         if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
-            raise ValueError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
+            raise InputError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
     if means.device.type not in ("cpu", "cuda"):
-        raise ValueError(f"the tensors are on {means.device}: move them to the CPU or to a CUDA GPU")
+        raise InputError(f"the tensors are on {means.device}: move them to the CPU or to a CUDA GPU")
     if means.device.type == "cuda" and means.dtype == torch.float64:
-        raise ValueError(
+        raise InputError(
             f"the float64 reference runs on the CPU, and the tensors are on {means.device}: move them"
         )
     if background is not None and not torch.isfinite(background).all():
-        raise ValueError("background is not finite")
+        raise InputError("background is not finite")
     if stats is not None and stats.count != n:
-        raise ValueError(f"stats counts {stats.count} Gaussians, but there are {n}")
+        raise InputError(f"stats counts {stats.count} Gaussians, but there are {n}")
     if stats is not None and stats.weight.device != means.device:
-        raise ValueError(f"stats is on {stats.weight.device} and means on {means.device}: make it there")
+        raise InputError(f"stats is on {stats.weight.device} and means on {means.device}: make it there")

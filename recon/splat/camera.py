@@ -10,9 +10,9 @@ import numpy as np
 
 from imaging import lens as optics
 from imaging.arrays import Array
-from imaging.errors import ReconstructionError
+from imaging.errors import InputError, ReconstructionError
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens
-from imaging.pose import Pose
+from imaging.pose import Pose, world_from_opengl
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class SplatCamera:
     fisheye: bool = False
 
     def __post_init__(self) -> None:
-        """ValueError for values that are not finite, and for no pixels or focal length."""
+        """InputError for values that are not finite, and for no pixels or focal length."""
         for name in ("cam_from_world", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4"):
             if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"SplatCamera.{name} is not finite")
+                raise InputError(f"SplatCamera.{name} is not finite")
         for name in ("fx", "fy", "width", "height"):
             if getattr(self, name) <= 0:
-                raise ValueError(f"SplatCamera.{name} must be positive, not {getattr(self, name)}")
+                raise InputError(f"SplatCamera.{name} must be positive, not {getattr(self, name)}")
 
     @classmethod
     def of(cls, lens: Lens, cam_from_world: Pose) -> "SplatCamera":
@@ -82,6 +82,21 @@ class SplatCamera:
     def lens(self) -> tuple[float, ...]:
         """`fx fy cx cy k1 k2 p1 p2`, or of a fisheye `fx fy cx cy k1 k2 k3 k4`."""
         return tuple(getattr(self, name) for name in self._names)
+
+    @property
+    def K(self) -> Array:
+        """Focal lengths and principal point, float64 [3, 3], px; pixel centres at +0.5."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
+
+    @property
+    def world_from_cam(self) -> Array:
+        """Camera to world, float64 [4, 4], camera axes as those of `cam_from_world`."""
+        return np.asarray(np.linalg.inv(self.cam_from_world))
+
+    @property
+    def world_from_opengl(self) -> Array:
+        """Camera to world, float64 [4, 4], camera axes x right, y up, z back: nerfstudio's."""
+        return world_from_opengl(self.cam_from_world)
 
     def with_lens(self, values: Sequence[float]) -> "SplatCamera":
         """The camera with other numbers of its `lens`."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from imaging.errors import InputError
 from recon.splat.camera import SplatCamera
 
 DELTA = 14
@@ -19,11 +20,11 @@ def moved(camera: SplatCamera, delta: torch.Tensor) -> tuple[SplatCamera, torch.
     delta: a motion in camera axes, applied after `cam_from_world`: the exponential of the twist of
     translation (3, world units) and rotation (3, rotation vector, radians); then what is added to fx,
     fy, cx, cy (pixels) and k1, k2, p1, p2, of a fisheye k1, k2, k3, k4. Zeros leave the camera as
-    it is. ValueError for values that are not finite.
+    it is. InputError for values that are not finite.
     """
     change = delta.to("cpu", torch.float64)
     if not torch.isfinite(change).all():
-        raise ValueError("camera_delta is not finite")
+        raise InputError("camera_delta is not finite")
     motion = torch.from_numpy(np.array(camera.cam_from_world, np.float64))
     motion = torch.linalg.matrix_exp(_twist(change[:6])) @ motion
     lens = change[6:] + torch.tensor(camera.lens, dtype=torch.float64)

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calib.exports import merge_session, merged_view
+from calib.exports import merge_session
+from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
 from imaging.spaces import SPACE_NAMES
@@ -29,8 +30,8 @@ def merge(
             metavar="STOPS",
             min=-60,
             max=60,
-            help="Values are the light times 2^STOPS, 0 for the light itself. If it is not given, the median "
-            "of the whole session is middle grey, to the nearest stop.",
+            help="Values are the light times 2^STOPS, 0 for the light itself. If it is not given, the one "
+            "exposure of the session counts, which shows its median as middle grey; renders have it too.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -38,13 +39,12 @@ def merge(
     """Merge brackets to linear EXR files.
 
     Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files of a session share
-    one scale, whichever part of it is merged: the light times one factor, chosen so that the median of the
-    session opens as middle grey. Headers (rig:exposureFactor) and OUT/merge.json state the factor, and
-    light = value / factor; after rig calibrate --luminance, whiteLuminance in the header makes values
-    absolute. Exposures and response are those of rig calibrate; without it, those of the files' labels, and
-    sRGB. What a mask of the session hides in one exposure is taken from the others; what it hides in all of
-    them is merged all the same, and has 16 added in the mask. RAW of a camera without calibrated colour stays
-    camera RGB.
+    one scale, whichever part of it is merged: the light times the one factor of the session, which rig render
+    and rig export have too. Headers (rig:exposureFactor) and OUT/merge.json state it, and light = value /
+    factor; after rig calibrate --luminance, whiteLuminance in the header makes values absolute. Exposures and
+    response are those of rig calibrate; without it, those of the files' labels, and sRGB. What a mask of the
+    session hides in one exposure is taken from the others; what it hides in all of them is merged all the
+    same, and has 16 added in the mask. RAW of a camera without calibrated colour stays camera RGB.
 
     Example: rig merge S merged/ --frame 0
     """
@@ -90,7 +90,7 @@ def _scale_line(
 ) -> str:
     """Meaning of a value in the files."""
     stops = f"{math.log2(factor):+g}".replace("-", "−")
-    why = ", which shows the median of the session as middle grey, to the nearest stop" if middle_grey else ""
+    why = ", the exposure of the session, which shows its median as middle grey" if middle_grey else ""
     values = f"Values are light times {number(factor)} ({stops} stops){why}"
     if calibration is None or calibration.luminance is None:
         return values

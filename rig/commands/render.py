@@ -12,9 +12,10 @@ from imaging.errors import InputError
 from imaging.files import exr
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
-from recon.rendering.request import LAYERS, Layer, RenderRequest
+from recon.rendering.request import RenderRequest
 from recon.result import display
 from recon.result import scene as opening
+from recon.result.layer_names import LAYERS, Layer
 from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.options.request import Asked, Shown
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
@@ -112,11 +113,12 @@ def render(
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 scene = opening.open_scene(folder)
+                scale = scene.exposure if asked.exposure is None else 2.0**asked.exposure
                 if place is not None:
                     status("drawing the light probe", 0, 0)
                     files = rendering.render_probe(scene, target, place, asked)
                     return CommandResult(
-                        _scene_data(folder, target, files, scene.exposure),
+                        _scene_data(folder, target, files, scale),
                         [
                             f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
                             *_unknown(exr.read_exr_header(files[0]).attributes),
@@ -124,7 +126,7 @@ def render(
                     )
                 said: list[str] = []
                 files = rendering.render(scene, target, asked, on_progress=status, on_message=said.append)
-            scale = scene.exposure
+            usual = ", the exposure of the session" if asked.exposure is None else ""
             kind = "frame" if asked.path else "view"
             count = sum(file.suffix == ".exr" for file in files)
             return CommandResult(
@@ -132,8 +134,7 @@ def render(
                 [
                     f"{target}: {counted(count, kind)} of {folder}, as EXR and PNG"
                     f"{', and ' + files[-1].name if asked.video else ''}",
-                    f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
-                    "of the scene as middle grey",
+                    f"EXR values are light times {number(scale)} ({math.log2(scale):+.1f} stops){usual}",
                     *said,
                 ],
             )
@@ -179,7 +180,7 @@ def _scene_data(folder: Path, target: Path, files: Sequence[Path], scale: float)
     return {
         "reconstruction": str(folder),
         "out": str(target),
-        "exposure": scale,
+        "exposure_factor": scale,
         "files": [str(file) for file in files],
     }
 

@@ -139,17 +139,16 @@ def test_cameras_are_found_and_say_what_they_are() -> None:
 
 
 def test_the_guide_does_what_it_says(opened: rig.Scene, scene: Path, tmp_path: Path, monkeypatch) -> None:
-    """Its section on scenes, line by line."""
+    """Its sections on photographs and scenes, line by line."""
     text = (Path(__file__).parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
-    section = text.partition("## A scene\n")[2].partition("\n## ")[0]
+    section = text.partition("## Photographs as linear light\n")[2].partition("\n## Training\n")[0]
     code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
     scene.rename(tmp_path / "S")
     monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {"rig": rig}
+    names: dict[str, Any] = {"rig": rig, "session": rig.Session.open("S")}
     exec(code, names)
     darker = np.asarray(Image.open("darker.png"))
     assert np.array_equal(darker, np.asarray(opened.at(-2, "0001/cam1")))
-    assert names["light"].shape[1] == 1920
     # A camera that rose sees the same place lower in its picture: its centre has moved up, against y.
     before, after = opened.view("0001/cam1").splat_camera.cam_from_world, names["camera"].cam_from_world
     centres = [-motion[:3, :3].T @ motion[:3, 3] for motion in (before, after)]
@@ -157,3 +156,14 @@ def test_the_guide_does_what_it_says(opened: rig.Scene, scene: Path, tmp_path: P
     depth = names["mean_depth"]
     assert torch.isfinite(depth).all()
     assert float(depth[names["drawn"].alpha > 0.9].min()) > 0
+    np.testing.assert_allclose(names["image"].detach(), opened.render(opened.views[0]), rtol=1e-4, atol=1e-3)
+    assert names["gaussians"].parameters["ln_luminance"].grad.abs().sum() > 0
+    view = names["session"].views[-1]
+    camera = opened.view(view.name).splat_camera
+    np.testing.assert_allclose(view.K, camera.K)
+    np.testing.assert_allclose(view.world_from_cam, camera.world_from_cam, atol=1e-9)
+    np.testing.assert_allclose(names["nerf"] @ np.diag([1, -1, -1, 1]), view.world_from_cam, atol=1e-12)
+    truth = rig.read_exr(Path("S") / "truth" / f"{view.name}.exr").rgb()
+    lit = names["measured"] & (truth > 0.1 * np.median(truth)).all(-1)
+    assert abs(np.median(np.log2(names["light"][lit] / truth[lit]))) < 0.02
+    assert (names["sigma"][lit] > 0).all()

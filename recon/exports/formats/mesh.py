@@ -21,7 +21,7 @@ from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
 from recon.exports.place import pinhole
-from recon.rendering.data_layers import DataLayers
+from recon.result.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.splat import SplatCamera

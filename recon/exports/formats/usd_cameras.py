@@ -3,9 +3,7 @@
 from itertools import groupby
 from typing import Any
 
-import numpy as np
-
-from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
+from imaging.pose import world_from_opengl
 from recon.data.world import Vector
 from recon.result.model import SceneView
 from recon.result.scene import Scene
@@ -71,7 +69,7 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
     for view in views:
         lens = view.lens
         focal = FILM * lens.fx / lens.width
-        motion = np.linalg.inv(view.cam_from_world.matrix()) @ OPENGL_FROM_OPENCV
+        motion = world_from_opengl(view.cam_from_world.matrix())
         motion[:3, 3] -= offset
         row = (
             focal,

@@ -11,8 +11,8 @@ import numpy as np
 
 from imaging.arrays import Array32
 from imaging.files.exr import read_exr
-from recon.rendering.data_layers import DataLayers
 from recon.rendering.light_files import stem
+from recon.result.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera

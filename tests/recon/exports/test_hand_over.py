@@ -6,10 +6,10 @@ import numpy as np
 import OpenEXR
 import PyOpenColorIO as OCIO
 import pytest
-from pxr import Usd
+from pxr import Gf, Usd, UsdGeom
 
 from imaging.errors import InputError
-from recon.exports.hand_over import HandOver, hand_over
+from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
 from recon.exports.place import pinhole
 from recon.result.scene import open_scene
 from tests.rig.report.pages import Page, assert_self_contained
@@ -47,11 +47,30 @@ def test_renders_are_the_light_of_the_scene_as_the_pinholes_of_the_usd_see_it(
     assert custom["whiteLuminance"] == pytest.approx(125.0)
 
 
+def test_a_chan_is_the_camera_of_the_usd(handed: HandOver) -> None:
+    """Turned as Nuke does by its order ZXY: z first, then x, then y."""
+    stage = Usd.Stage.Open(str(handed.folder / "scene.usdc"))
+    for line in (handed.folder / "cameras" / "a-1.chan").read_text().splitlines():
+        frame, *place, x, y, z, angle = map(float, line.split())
+        camera = UsdGeom.Camera.Get(stage, "/World/Cameras/a_1")
+        turn = Gf.Rotation((0, 0, 1), z) * Gf.Rotation((1, 0, 0), x) * Gf.Rotation((0, 1, 0), y)
+        made = Gf.Matrix4d(turn, Gf.Vec3d(*place))
+        in_stage = camera.ComputeLocalToWorldTransform(frame)
+        assert np.allclose(np.array(made), np.array(in_stage), atol=1e-5)
+        assert angle == pytest.approx(camera.GetCamera(frame).GetFieldOfView(Gf.Camera.FOVVertical), abs=1e-3)
+
+
 def test_opencolorio_takes_the_renders_for_linear_rec709(handed: HandOver) -> None:
     config = OCIO.Config.CreateFromFile(str(handed.folder / "config.ocio"))
     config.validate()
-    assert config.getColorSpaceFromFilepath("renders/a-1.0000.exr")[0] == "Linear Rec.709 (sRGB)"
-    assert config.getColorSpaceFromFilepath("somewhere/plate.dpx")[0] == "ACES2065-1"
+    assert config.getColorSpaceFromFilepath("renders/a-1.0000.exr")[0] == LINEAR
+    assert config.getColorSpaceFromFilepath("/show/handover/plates/a-1.1001.exr")[0] == LINEAR
+    assert config.getColorSpaceFromFilepath("C:\\show\\lenses\\a-1.undistort.exr")[0] == "Raw"
+    assert config.getColorSpaceFromFilepath("handover/scene.environment.exr")[0] == LINEAR
+    for other in ("somewhere/plate.dpx", "/show/plates/bg.1001.exr", "/show/renders/beauty.1001.exr"):
+        assert config.getColorSpaceFromFilepath(other)[0] == "ACES2065-1"
+    for name, alias in NAMES.items():
+        assert config.getColorSpace(alias).getName() == name
 
 
 def test_the_page_says_units_and_coordinates(handed: HandOver) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.errors import InputError
 from recon.splat import SplatCamera, rasterize
 
 NAMES = ("means", "quats", "scales", "opacities", "colours")
@@ -92,7 +93,7 @@ def test_background_that_is_not_finite_is_refused(scene_of: Any, dtype: torch.dt
     """It is no Gaussian that could be left out: every pixel that sees it would be lost."""
     scene = scene_of("background")
     scene.background = torch.tensor([0.1, value, 0.2]).double()
-    with pytest.raises(ValueError, match="background is not finite"):
+    with pytest.raises(InputError, match="background is not finite"):
         scene.render(scene.tensors(dtype))
 
 
@@ -114,18 +115,18 @@ def test_background_of_any_finite_value(scene_of: Any, dtype: torch.dtype, value
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_camera_that_is_not_finite_is_refused(scene_of: Any, field: str, value: float) -> None:
     camera = scene_of("lens").camera
-    with pytest.raises(ValueError, match=field):
+    with pytest.raises(InputError, match=field):
         replace(camera, **{field: value})
     pose = camera.cam_from_world.copy()
     pose[1, 3] = value
-    with pytest.raises(ValueError, match="cam_from_world"):
+    with pytest.raises(InputError, match="cam_from_world"):
         replace(camera, cam_from_world=pose)
 
 
 def test_camera_without_pixels_or_focal_length_is_refused(scene_of: Any) -> None:
     camera = scene_of("lens").camera
     for field, value in (("fx", 0.0), ("fy", -3.0), ("width", 0), ("height", -1)):
-        with pytest.raises(ValueError, match=field):
+        with pytest.raises(InputError, match=field):
             replace(camera, **{field: value})
 
 

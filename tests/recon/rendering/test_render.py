@@ -18,10 +18,10 @@ from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.rendering.camera_paths import named_path
-from recon.rendering.data_layers import DataLayers
 from recon.rendering.render import render, render_probe
-from recon.rendering.request import LAYERS
 from recon.rendering.video import Video
+from recon.result.data_layers import DataLayers
+from recon.result.layer_names import LAYERS
 from recon.result.scene import open_model, open_scene
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.errors import InputError
 from recon.splat import Limits, Render, rasterize
 
 COUNTS = (1, 3, 4, 7, 16)
@@ -96,5 +97,5 @@ def test_what_cannot_be_drawn_is_counted_in_any_channel(scene_of: Callable[[str]
 @pytest.mark.parametrize("channels", [0, 17])
 def test_no_channel_and_too_many_are_refused(scene_of: Callable[[str], Any], channels: int) -> None:
     scene = coloured(scene_of("plain"), channels)
-    with pytest.raises(ValueError, match="not \\(N, C\\) with 1 to 16 channels"):
+    with pytest.raises(InputError, match="not \\(N, C\\) with 1 to 16 channels"):
         scene.render(scene.tensors(torch.float32))

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import imaging.compute.threads as threads
+from imaging.errors import InputError
 from recon.splat import Render, SplatCamera, SplatStats, rasterize
 from recon.splat.cpu.buffers import Buffers
 
@@ -179,13 +180,13 @@ def test_no_gradient_keeps_no_memory(scene_of: Any) -> None:
 def test_wrong_shapes_and_dtypes_are_named(scene_of: Any) -> None:
     scene = scene_of("plain")
     tensors = scene.tensors(torch.float32, grad=False)
-    with pytest.raises(ValueError, match="quats has shape"):
+    with pytest.raises(InputError, match="quats has shape"):
         scene.render([tensors[0], tensors[1][:, :3], *tensors[2:]])
-    with pytest.raises(ValueError, match=r"opacities is torch\.float64"):
+    with pytest.raises(InputError, match=r"opacities is torch\.float64"):
         scene.render([*tensors[:3], tensors[3].double(), tensors[4]])
-    with pytest.raises(ValueError, match="stats counts 3"):
+    with pytest.raises(InputError, match="stats counts 3"):
         scene.render(tensors, SplatStats(3))
-    with pytest.raises(ValueError, match="stats is on meta and means on cpu"):
+    with pytest.raises(InputError, match="stats is on meta and means on cpu"):
         scene.render(tensors, SplatStats(len(tensors[0]), torch.device("meta")))
 
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import recon.splat as splat
-from imaging.errors import ReconstructionError
+from imaging.errors import InputError, ReconstructionError
 from recon.splat import Render, SplatCamera, SplatStats, rasterize
 
 pytest.importorskip("triton", reason="Triton is for Linux")
@@ -217,9 +217,9 @@ def test_constants_are_those_of_the_cpu_kernels() -> None:
 def test_tensors_are_told_where_to_go(scene_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     tensors = scene_of("plain").tensors(torch.float32, grad=False)
     assert splat._rasterizer("cuda", torch.float32) is rasterize_gpu
-    with pytest.raises(ValueError, match="opacities is on meta and means on cpu: move them to one device"):
+    with pytest.raises(InputError, match="opacities is on meta and means on cpu: move them to one device"):
         rasterize(*tensors[:3], tensors[3].to("meta"), tensors[4], CAMERA)
-    with pytest.raises(ValueError, match="the tensors are on meta"):
+    with pytest.raises(InputError, match="the tensors are on meta"):
         rasterize(*(t.to("meta") for t in tensors), CAMERA)
     for name in [name for name in sys.modules if name.startswith("recon.splat.gpu")]:
         monkeypatch.delitem(sys.modules, name)

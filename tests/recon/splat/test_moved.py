@@ -9,6 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import imaging.compute.threads as threads
+from imaging.errors import InputError
 from recon.splat import Limits, Render, rasterize
 from recon.splat.moved import DELTA, moved
 
@@ -199,9 +200,9 @@ def test_nothing_seen_gives_zeros(scene_of: Any, name: str) -> None:
 def test_wrong_deltas_are_named(scene_of: Any) -> None:
     scene = scene_of("plain")
     tensors = scene.tensors(torch.float32, grad=False)
-    with pytest.raises(ValueError, match="camera_delta has shape"):
+    with pytest.raises(InputError, match="camera_delta has shape"):
         drawn(scene, tensors, torch.zeros(6))
-    with pytest.raises(ValueError, match="camera_delta is not finite"):
+    with pytest.raises(InputError, match="camera_delta is not finite"):
         drawn(scene, tensors, torch.full((DELTA,), float("nan")))
 
 

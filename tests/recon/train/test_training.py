@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -72,11 +73,25 @@ def test_it_learns_the_held_out_view(begun, toy_dataset):
     assert len(training.gaussians) == CAP
 
 
+def of_the_guide(heading: str) -> str:
+    """Code of a section of docs/python.md."""
+    text = (Path(__file__).parents[3] / "docs" / "python.md").read_text(encoding="utf-8")
+    section = re.split(r"\n##+ ", text.partition(f"### {heading}\n")[2])[0]
+    return "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
+
+
+def test_a_training_takes_the_loss_of_the_guide(begun, toy_dataset, capsys):
+    training, plan = begun(), Plan(20, DensityRules(CAP), log_every=5)
+    names = {"training": training, "dataset": toy_dataset, "plan": plan}
+    exec(of_the_guide("Custom loss"), names)
+    lines = [ast.literal_eval(line) for line in capsys.readouterr().out.splitlines()]
+    assert training.method.loss is names["loss"]
+    assert lines[-1]["loss"] < lines[0]["loss"] < 0.1  # squares of the signal, and no L1 or SSIM
+
+
 def test_a_training_takes_the_density_control_of_the_guide(begun, toy_dataset, capsys):
     """docs/python.md halves the Gaussians in the middle; the rules of the plan would have grown them."""
-    text = (Path(__file__).parents[3] / "docs" / "python.md").read_text(encoding="utf-8")
-    section = text.partition("### Density control of your own\n")[2].partition("\n## ")[0]
-    code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
+    code = of_the_guide("Custom density control")
     training, plan = begun(), Plan(20, DensityRules(CAP), log_every=5)
     before = training.gaussians.parameters["means"].detach().clone()
     exec(code, {"training": training, "dataset": toy_dataset, "plan": plan})

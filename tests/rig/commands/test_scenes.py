@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imaging.files import store
@@ -77,21 +78,23 @@ def test_render_says_which_scene_of_a_session_it_took_and_how_bright_it_is(
     assert code == 0
     assert entry["reconstruction"] in two
     exr = read_exr(Path(entry["files"][0]))
-    assert exr.attributes["rig:exposure"] == pytest.approx(entry["exposure"], rel=1e-6)
-    assert entry["exposure"] == store.read_json(Path(two[0]) / "model.json")["exposure"]
+    assert exr.attributes["rig:exposureFactor"] == pytest.approx(entry["exposure_factor"], rel=1e-6)
+    assert entry["exposure_factor"] == store.read_json(Path(two[0]) / "model.json")["exposure"]
 
 
-def test_an_exposure_brightens_the_pngs_and_leaves_the_light(rig, two: list[str], tmp_path: Path) -> None:
+def test_an_exposure_brightens_light_and_pngs_alike(rig, two: list[str], tmp_path: Path) -> None:
     from imaging.files.photo import read_photo
 
-    def rendered(*words: str) -> tuple[Path, Path]:
+    def rendered(*words: str) -> tuple[np.ndarray, np.ndarray]:
         out = tmp_path / "".join(words or ("plain",))
         assert rig("render", two[0], "--out", str(out), *words)[0] == 0
-        return out / DRAFT / "0000_cam0.exr", out / DRAFT / "0000_cam0.png"
+        exr, png = out / DRAFT / "0000_cam0.exr", out / DRAFT / "0000_cam0.png"
+        return read_exr(exr).rgb(), read_photo(png).pixels
 
-    (plain, usual), (same, dark) = rendered(), rendered("--exposure", "-20")
-    assert plain.read_bytes() == same.read_bytes()
-    assert read_photo(dark).pixels.max() < 0.1 < read_photo(usual).pixels.mean()
+    (plain, usual), (faint, dark) = rendered(), rendered("--exposure", "-20")
+    exposure = store.read_json(Path(two[0]) / "model.json")["exposure"]
+    np.testing.assert_allclose(plain / exposure, faint * 2.0**20, rtol=1e-5)
+    assert dark.max() < 0.1 < usual.mean()
 
 
 def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_path: Path) -> None:

@@ -13,31 +13,33 @@ not be filled again.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from calib.exports.merge_warnings import warnings_of
 from imaging.arrays import Array32, Mask
-from imaging.dial_settings import meant
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import read_exr_header, white_luminance, write_exr
+from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, read_exr_header, white_luminance, write_exr
+from imaging.files.exr_camera import camera_attributes, capture_date
 from imaging.merge import alignment
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.ghosts import TOLERANCE, without_ghosts
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
-from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
-from imaging.session.calibration import CameraCalibration, Response
+from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, Picture, picture_of
+from imaging.plates.exposures import exposure_scales, response_of
+from imaging.plates.warnings import warnings_of
+from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from imaging.spaces import SPACE_NAMES, SPACE_PRIMARIES, Space
 
-VERSION = 6
+VERSION = 7
 """Version of the format; another number makes every file anew."""
 UNIT = (
     "light times rig:exposureFactor; light is signal (1 = white) per second of exposure scale "
@@ -69,36 +71,47 @@ class MergedView:
     warnings: tuple[str, ...]
 
 
-def merge_view(
+@dataclass(frozen=True, eq=False)
+class ViewLight:
+    """A merged bracket in memory: its picture, and what was found out on the way.
+
+    The picture is in the unit of the calibration, its mask has HIDDEN too. noise: factor on the noise model.
+    """
+
+    picture: Picture
+    noise: float
+    clipped: float
+    dark: float
+    ghost: float
+    hidden: float
+    shift: float | None
+    warnings: tuple[str, ...]
+
+
+def view_light(
     session: Session,
-    path: Path,
     view: ViewId,
     shots: Sequence[ShotRecord],
-    camera: CameraCalibration | None,
-    scales: Mapping[str, float] | None,
-    space: Space,
-    factor: float,
-    absolute: tuple[float, float] | None,
-    white_balance: tuple[float, float, float] | None,
-) -> MergedView:
-    """Merge a bracket; absolute: cd/m2 of light of 1, and its standard error, where they are known."""
-    kind = session.camera(view.camera).kind
+    calibration: CalibrationRecord | None,
+    space: Space = "rec709",
+) -> ViewLight:
+    """Merge a bracket: light, its standard deviation and a mask, by a calibration or without one.
+
+    InputError if a file is missing or damaged, an exposure unknown, or the colour of the camera where a space
+    other than Rec.709 needs it.
+    """
+    camera = None if calibration is None else calibration.camera(view.camera)
+    scales = None if calibration is None else calibration.exposure_scale
+    kind, response = session.camera(view.camera).kind, response_of(session, view.camera, calibration)
     if kind == "raw" and space != "rec709" and (camera is None or camera.camera_from_rec709 is None):
         raise InputError(
             f"{session.folder}: the colour of camera {view.camera} is not known, so it cannot become "
             f"{space}: run `rig calibrate`, or leave --space out."
         )
-    k = exposure_scales(session, shots, scales)
-    response = camera.response if camera is not None else assumed_response(kind)
-    key = _key(session, shots, k, response, camera, [space, factor, absolute, white_balance])
-    reused = _finished(path, key)
-    if reused is not None:
-        clipped, dark, ghost, hidden, shift, said = reused
-        return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
     sensors = () if camera is None else camera.sensors
     frames = [
         read_linear(session.file(shot), kind, scale, response, sensors)
-        for shot, scale in zip(shots, k, strict=True)
+        for shot, scale in zip(shots, exposure_scales(session, shots, scales), strict=True)
     ]
     if any(one.signal.shape != frames[0].signal.shape for one in frames):
         raise InputError(
@@ -107,41 +120,98 @@ def merge_view(
     frames, usable, behind = _masked(session, shots, frames)
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
-    picture = picture_of(best, frames[0].cfa, camera, space, white_balance)
-    moved = alignment.shifts(usable)
-    shift = max((one.size for one in moved), default=None)
+    white = _white_balance(session, view, calibration)
+    picture = picture_of(best, frames[0].cfa, camera, space, white)
+    shift = max((one.size for one in alignment.shifts(usable)), default=None)
     shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
-    clipped, dark, ghost = (float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
-    hidden = 0.0 if behind is None else float(behind.mean())
-    shares = (clipped, dark, ghost)
+    clipped, dark, ghost = shares = [float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST)]
     warnings = warnings_of(usable, shares, shift, check_labels=scales is None)
-    attributes: dict[str, str | float] = {
+    hidden = 0.0
+    if behind is not None:
+        picture, hidden = replace(picture, mask=picture.mask | (HIDDEN * behind)), float(behind.mean())
+    return ViewLight(picture, best.noise, clipped, dark, ghost, hidden, shift, warnings)
+
+
+def merge_view(
+    session: Session,
+    path: Path,
+    view: ViewId,
+    shots: Sequence[ShotRecord],
+    calibration: CalibrationRecord | None,
+    space: Space,
+    factor: float,
+) -> MergedView:
+    """Merge a bracket into a file of light times `factor`; one with the same inputs stays as it is."""
+    camera = None if calibration is None else calibration.camera(view.camera)
+    scales = None if calibration is None else calibration.exposure_scale
+    response, k = response_of(session, view.camera, calibration), exposure_scales(session, shots, scales)
+    absolute = None
+    if calibration is not None and (known := calibration.luminance) and view.camera in known.cameras:
+        absolute = known.value / factor, known.error / factor
+    made = [space, factor, absolute, _white_balance(session, view, calibration)]
+    key = _key(session, shots, k, response, camera, made)
+    reused = _finished(path, key)
+    if reused is not None:
+        clipped, dark, ghost, hidden, shift, said = reused
+        return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
+    merged = view_light(session, view, shots, calibration, space)
+    picture, numbers = (
+        merged.picture,
+        (merged.clipped, merged.dark, merged.ghost, merged.hidden, merged.shift),
+    )
+    attributes: dict[str, ExrValue] = {
         "rig:key": key,
         "rig:view": str(view),
         "rig:units": UNIT,
-        "rig:exposureFactor": factor,
+        EXPOSURE_FACTOR: factor,
         "rig:mask": BITS,
         "rig:exposures": "labels" if scales is None else "calibration",
         "rig:k": json.dumps(sorted(k)),
         "rig:response": response.evidence,
-        "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{best.noise:.3g} times its model",
+        "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{merged.noise:.3g} times its model",
         "rig:sigma": SIGMA,
         "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
-        "rig:result": json.dumps([*shares, hidden, shift, warnings]),
+        "rig:result": json.dumps([*numbers, merged.warnings]),
+        "software": f"rig {version('hdr-rig')}",
+        **_camera_of(view, shots, calibration),
     }
     if absolute is not None and picture.known_colour:
-        attributes |= white_luminance(absolute[0] / factor, absolute[1] / factor)
+        attributes |= white_luminance(*absolute)
     exposed = np.float32(factor)
     channels = {letter: exposed * picture.light[..., index] for index, letter in enumerate("RGB")}
     data: dict[str, dict[str, Array32]] = {}
     if picture.sigma is not None:
         sigmas = exposed * picture.sigma
         data["sigma"] = {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
-    flags = picture.mask if behind is None else picture.mask | (HIDDEN * behind)
-    data["mask"] = {"mask": flags.astype(np.float32)}
+    data["mask"] = {"mask": picture.mask.astype(np.float32)}
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
     write_exr(path, channels, primaries=primaries, attributes=attributes, data=data)
-    return MergedView(view, path, len(shots), *shares, hidden, shift, False, warnings)
+    return MergedView(view, path, len(shots), *numbers, False, merged.warnings)
+
+
+def _camera_of(
+    view: ViewId, shots: Sequence[ShotRecord], calibration: CalibrationRecord | None
+) -> dict[str, ExrValue]:
+    """Attributes of the camera, where its pose is known, and the date of the first shot, where that is."""
+    taken = next((shot.captured_at for shot in shots if shot.captured_at is not None), None)
+    dated = {} if taken is None else capture_date(taken)
+    lens = None if calibration is None else calibration.camera(view.camera).lens
+    if lens is None or calibration is None:
+        return dated
+    for placed in calibration.views:
+        if placed.id == view:
+            motion = placed.cam_from_world.matrix()
+            return dated | camera_attributes(motion, lens.matrix, (lens.width, lens.height))
+    return dated
+
+
+def _white_balance(
+    session: Session, view: ViewId, calibration: CalibrationRecord | None
+) -> tuple[float, float, float] | None:
+    """White balance that a photograph was developed with; None of RAW, and of views without a pose."""
+    if calibration is None or session.camera(view.camera).kind != "ldr":
+        return None
+    return next((placed.white_balance for placed in calibration.views if placed.id == view), None)
 
 
 def _masked(
@@ -161,37 +231,6 @@ def _masked(
         for frame, counted in zip(frames, counts, strict=True)
     ]
     return merged, visible, hidden
-
-
-def assumed_response(kind: str) -> Response:
-    """Response of a camera without a calibration."""
-    if kind == "ldr":
-        return Response(kind="srgb", evidence="sRGB assumed: there is no calibration")
-    return Response(kind="linear", evidence="taken as linear: there is no calibration")
-
-
-def exposure_scales(
-    session: Session, shots: Sequence[ShotRecord], scales: Mapping[str, float] | None
-) -> list[float]:
-    """Exposure scales of a bracket: of the calibration, else of the labels; 1 where a single shot has
-    none.
-
-    Nominal shutter times of a still camera count as the exact powers of two.
-    """
-    if scales is not None and all(shot.file in scales for shot in shots):
-        return [scales[shot.file] for shot in shots]
-    exposures = [shot.exposure for shot in shots]
-    known = [exposure for exposure in exposures if exposure is not None]
-    if len(known) == len(shots):
-        exact = meant(known)
-        return [exact[exposure].scale for exposure in known]
-    if len(shots) == 1:
-        return [1.0]
-    blank = shots[exposures.index(None)]
-    raise InputError(
-        f"{session.folder}: {blank.file} has no exposure, so its bracket cannot be merged: run "
-        "`rig calibrate`, or import it with a list of exposures."
-    )
 
 
 def _key(

@@ -7,6 +7,7 @@ place where there is nothing.
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -15,13 +16,15 @@ from torch.nn.functional import normalize
 
 from imaging.arrays import Array32
 from imaging.progress import Progress, unreported
-from recon.rendering.median_depth import median_depth
-from recon.rendering.request import Layer
-from recon.rendering.trust import photographs_that_saw
-from recon.result.scene import Scene
+from recon.result.layer_names import Layer
+from recon.result.median_depth import median_depth
+from recon.result.trust import photographs_that_saw
 from recon.scene.gaussians import Shapes, drawn_values
 from recon.scene.sampling import away_from
 from recon.splat import SplatCamera
+
+if TYPE_CHECKING:
+    from recon.result.scene import Scene
 
 _FAINT = 1e-4
 """Opacity of a pixel below which its Gaussians do not define a surface."""
@@ -34,7 +37,7 @@ class DataLayers:
     progress: called while `trust` reads the views of the scene, once, at its first use.
     """
 
-    scene: Scene
+    scene: "Scene"
     progress: Progress = field(default=unreported, repr=False)
 
     def layer(self, name: Layer, camera: SplatCamera) -> Array32:

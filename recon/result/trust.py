@@ -8,17 +8,20 @@ place. Nothing of this reads a photograph: it is in model.json.
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from imaging.progress import Progress, unreported
 from recon.result.model import SceneView
-from recon.result.scene import Scene
 from recon.scene.gaussians import drawn_values
 from recon.scene.sampling import away_from, footprint
 from recon.splat import SplatCamera, SplatStats
 from recon.splat.torch_threads import torch_on_one_thread
+
+if TYPE_CHECKING:
+    from recon.result.scene import Scene
 
 SHARE = 0.15
 """Share of its light that has to reach the picture. Surfaces are made of several layers, of which the rear
@@ -28,7 +31,7 @@ WIDTH = 480
 """Pixels across at which views are drawn for this, at most."""
 
 
-def photographs_that_saw(scene: Scene, progress: Progress = unreported) -> Tensor:
+def photographs_that_saw(scene: "Scene", progress: Progress = unreported) -> Tensor:
     """Count the training views in which each Gaussian was seen and measured, float32 [N]."""
     views = [view for view in scene.views if view.use == "training"]
     counts = torch.zeros(len(scene.gaussians))
@@ -43,7 +46,7 @@ def photographs_that_saw(scene: Scene, progress: Progress = unreported) -> Tenso
     return counts
 
 
-def visible(scene: Scene, camera: SplatCamera) -> Tensor:
+def visible(scene: "Scene", camera: SplatCamera) -> Tensor:
     """Mask of the Gaussians that a camera in scene coordinates sees, bool [N]: not those outside and those
     hidden.
     """
@@ -61,7 +64,7 @@ def visible(scene: Scene, camera: SplatCamera) -> Tensor:
         return (added[:, 0] > SHARE * alone.clamp_min(1e-12)) | (stats.weight > SHARE * opacities)
 
 
-def measured(scene: Scene, view: SceneView, camera: SplatCamera) -> Tensor:
+def measured(scene: "Scene", view: SceneView, camera: SplatCamera) -> Tensor:
     """Mask of the Gaussians whose light a shot of a view measures, bool [N]; camera: of the view, in the
     scene.
     """

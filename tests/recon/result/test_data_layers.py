@@ -6,7 +6,7 @@ import pytest
 from imaging.pose import Pose
 from recon.data.geometry import rays
 from recon.data.world import WorldTransform
-from recon.rendering.data_layers import DataLayers
+from recon.result.data_layers import DataLayers
 from recon.splat import SplatCamera
 from tests.recon.rendering.scenes import LENS, axis_of, scene, sheet, shot, view
 

@@ -1,0 +1,1 @@
+"""A view as a picture of linear light: its bracket merged, its exposure, its lens taken out of it."""

@@ -1,0 +1,91 @@
+"""Files of Nuke beside a hand-over: a .chan of each camera, and a script that reads plates through STMaps.
+
+A .chan has a line a frame: its number, x y z, turns about x, y, z in degrees, applied in the order z, x, y
+(Nuke's ZXY), and the angle from bottom to top, degrees. Axes are those of the USD stage.
+"""
+
+from collections.abc import Sequence
+from itertools import groupby
+from math import atan, degrees
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from imaging.pose import world_from_opengl
+from recon.exports.place import Place
+from recon.result.model import SceneView
+from recon.result.scene import Scene
+
+SCRIPT = "handover.nk"
+
+
+def chan_files(scene: Scene, place: Place) -> dict[str, str]:
+    """The text of CAMERA.chan by the name of the camera, of the cameras as USD has them."""
+    views = sorted(scene.views, key=lambda view: (view.camera, view.frame))
+    return {
+        name: "".join(f"{_line(view, scene, place)}\n" for view in camera_views)
+        for name, camera_views in groupby(views, key=lambda view: view.camera)
+    }
+
+
+def _line(view: SceneView, scene: Scene, place: Place) -> str:
+    motion = world_from_opengl(view.cam_from_world.matrix())
+    centre = place.turn @ (motion[:3, 3] - np.asarray(scene.record.offset))
+    # Turns about fixed axes, z first, are one about moving axes, y first.
+    y, x, z = Rotation.from_matrix(place.turn @ motion[:3, :3]).as_euler("YXZ", degrees=True)
+    angle = 2 * degrees(atan(view.lens.height / (2 * view.lens.fy)))
+    return " ".join([str(view.frame), *(f"{part:.9g}" for part in (*centre, x, y, z, angle))])
+
+
+def script(scene: Scene, cameras: Sequence[str]) -> str:
+    """A script of Nuke beside which the folders of the hand-over lie; cameras: those with plates.
+
+    Plates as shot go through the STMap that takes the lens out, renders through the one that puts it in.
+    """
+    frames = [view.frame for view in scene.views]
+    first, last = min(frames), max(frames)
+    lines = [
+        "Root {",
+        " inputs 0",
+        f" first_frame {first}",
+        f" last_frame {last}",
+        "}",
+    ]
+    for column, name in enumerate(cameras):
+        for row, (kind, picture, stmap) in enumerate(
+            (("plate", "plates_as_shot", "undistort"), ("render", "renders", "redistort"))
+        ):
+            across, down = 300 * column, 400 * row
+            # The last of the two is the first input, the picture.
+            lens = f"lenses/{name}.{stmap}.exr"
+            lines += _read(f"{stmap}_{name}", lens, (1, 1), (across + 110, down), raw=True)
+            lines += _read(f"{kind}_{name}", f"{picture}/{name}.####.exr", (first, last), (across, down))
+            lines += [
+                "STMap {",
+                " inputs 2",
+                " channels rgba",
+                " uv rgb",
+                f" name {stmap}ed_{name}",
+                f" xpos {across}",
+                f" ypos {down + 150}",
+                "}",
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def _read(
+    name: str, file: str, frames: tuple[int, int], place: tuple[int, int], *, raw: bool = False
+) -> list[str]:
+    first, last = frames
+    return [
+        "Read {",
+        " inputs 0",
+        f' file "\\[file dirname \\[value root.name]]/{file}"',
+        f" first {first}",
+        f" last {last}",
+        *([" raw true"] if raw else []),
+        f" name {name}",
+        f" xpos {place[0]}",
+        f" ypos {place[1]}",
+        "}",
+    ]
