@@ -152,9 +152,9 @@ def with_scales(record: CalibrationRecord, evidence: Evidence) -> CalibrationRec
     session, earlier = evidence.session, None
     if (session.folder / "calibration" / "calibration.json").exists():
         earlier = read_calibration(session.folder)
-    factor = lasting_factor(session, record, earlier and earlier.exposure_factor)
+    factor = lasting_factor(session, record, None if earlier is None else earlier.exposure_factor)
     record = record.model_copy(update={"exposure_factor": factor})
-    before = None if evidence.readings is not None else earlier and earlier.luminance
+    before = None if earlier is None or evidence.readings is not None else earlier.luminance
     return scaled(session, record, evidence.readings, before)
 
 

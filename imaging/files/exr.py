@@ -3,6 +3,7 @@
 import errno
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from imaging.files.silence import quiet
 Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
-ExrValue = str | float | AnyArray
+ExrValue = str | float | Fraction | AnyArray
 """Value of an attribute that is written, beside types of OpenEXR's own: an array is a matrix [4, 4]."""
 
 _ASPECT = "pixelAspectRatio"
@@ -40,6 +41,8 @@ _STRUCTURE = {
     "name",
     "chunkCount",
 }
+_OF_ALL_PARTS = "timeCode"
+"""Attribute that the format wants alike in every part of a file."""
 _MOST_BEYOND = 1 << 12
 """Pixels by which a tile may be larger than the window that it is of."""
 EXPOSURE_FACTOR = "rig:exposureFactor"
@@ -150,9 +153,13 @@ def write_exr(
     for name, value in (attributes or {}).items():
         if name in _STRUCTURE:
             raise ValueError(f"{name!r} belongs to the structure of an EXR")
-        header[name] = float(value) if isinstance(value, int | float | np.number) else value
+        if isinstance(value, np.ndarray):
+            header[name] = np.ascontiguousarray(value, np.float32)
+        else:
+            header[name] = float(value) if isinstance(value, int | float | np.number) else value
+    shared = {name: value for name, value in header.items() if name == _OF_ALL_PARTS}
     parts = {LIGHT: (header, light)} | {
-        name: ({INTEROP_ID: DATA}, planes) for name, planes in (data or {}).items()
+        name: ({INTEROP_ID: DATA, **shared}, planes) for name, planes in (data or {}).items()
     }
     stored = {
         name: (

@@ -1,6 +1,7 @@
 """OpenEXR's own attributes of the camera that took, or drew, a picture."""
 
 from datetime import datetime
+from fractions import Fraction
 
 import numpy as np
 import OpenEXR
@@ -21,8 +22,8 @@ def camera_attributes(cam_from_world: Array, K: Array, size: tuple[int, int]) ->
     onto = np.zeros((4, 4))
     onto[:2, :3], onto[2:, 2] = K[:2] / np.array(size)[:, None], 1
     return {
-        "worldToCamera": (np.diag([1.0, -1.0, 1.0, 1.0]) @ cam_from_world).T.astype(np.float32),
-        "worldToNDC": (onto @ cam_from_world).T.astype(np.float32),
+        "worldToCamera": (np.diag([1.0, -1.0, 1.0, 1.0]) @ cam_from_world).T,
+        "worldToNDC": (onto @ cam_from_world).T,
         "pinholeFocalLength": FILM_MM * K[0, 0] / size[0],
     }
 
@@ -30,7 +31,7 @@ def camera_attributes(cam_from_world: Array, K: Array, size: tuple[int, int]) ->
 def film_attributes(frame: int, rate: float) -> dict[str, ExrValue]:
     """Frame rate and time code of a numbered frame; a rate that is no whole number, or above 60, has none."""
     whole = round(rate)
-    attributes = {"framesPerSecond": OpenEXR.Rational(round(rate * 1000), 1000)}
+    attributes: dict[str, ExrValue] = {"framesPerSecond": Fraction(rate).limit_denominator(1001)}
     if whole == rate <= 60:
         seconds, part = divmod(frame, whole)
         hours, rest = divmod(seconds, 3600)

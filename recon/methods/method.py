@@ -1,9 +1,6 @@
 """Parts of a method; `recon.methods` has one small module for each."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-
-from torch import Tensor
 
 from recon.observe.linear import Observation
 from recon.observe.losses import Photometric
@@ -15,16 +12,16 @@ from recon.scene.gaussians import GeometryRates
 class Method:
     """An appearance, an observation model, a loss, and when harmonics are switched on.
 
-    loss: a scalar of predicted and recorded planes, [P, H, W] each. degrees: the share of training after
-    which each further degree of the harmonics is in use. opacity_weight: pull of the mean opacity towards
-    zero, which clears what nothing needs (luminance times opacity is known, each of them alone only through
-    occlusion). depth_weight: of what measured depth differs by, where views have any.
+    loss: or any other scalar of predicted and recorded planes, [P, H, W] each. degrees: the share of training
+    after which each further degree of the harmonics is in use. opacity_weight: pull of the mean opacity
+    towards zero, which clears what nothing needs (luminance times opacity is known, each of them alone only
+    through occlusion). depth_weight: of what measured depth differs by, where views have any.
     """
 
     name: str
     appearance: Appearance
     observation: Observation
-    loss: Callable[[Tensor, Tensor], Tensor] = field(default_factory=Photometric)
+    loss: Photometric = field(default_factory=Photometric)
     geometry: GeometryRates = field(default_factory=GeometryRates)
     degrees: tuple[float, ...] = (0.3, 0.6)
     opacity_weight: float = 0.0

@@ -31,13 +31,14 @@ def test_the_comp_of_the_page(
             assert (code, err) == (0, ""), out
     names: dict = {}
     exec(fences("python"), names)
-    assert float(re.search(r"render over plate: ([+-][\d.]+)", capsys.readouterr().out)[1]) < 0.5
+    # The scene at hand was trained for a moment.
+    assert abs(float(re.search(r"render over plate: ([+-][\d.]+)", capsys.readouterr().out)[1])) < 0.5
     shot = toolkit.read_exr("handover/plates_as_shot/cam0.0000.exr")
     truth = toolkit.read_exr("S/truth/0000/cam0.exr").rgb() * shot.attributes["rig:exposureFactor"]
     lit = (truth > 0.1 * np.median(truth)).all(-1)
     lit[:6] = lit[-6:] = lit[:, :6] = lit[:, -6:] = False  # the corners came from the render
     # Warped twice, a picture of 64x48 pixels is softer than the truth; in the median it is the same light.
-    assert abs(np.median(np.log2(names["delivered"][lit] / truth[lit]))) < 0.03
+    assert abs(np.median(np.log2(np.maximum(names["delivered"][lit], 1e-6) / truth[lit]))) < 0.03
     frames = sorted(Path("move").rglob("orbit.*.exr"))
     assert len(frames) == 2
     header = toolkit.read_exr(frames[0]).attributes

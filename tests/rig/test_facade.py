@@ -165,5 +165,5 @@ def test_the_guide_does_what_it_says(opened: rig.Scene, scene: Path, tmp_path: P
     np.testing.assert_allclose(names["nerf"] @ np.diag([1, -1, -1, 1]), view.world_from_cam, atol=1e-12)
     truth = rig.read_exr(Path("S") / "truth" / f"{view.name}.exr").rgb()
     lit = names["measured"] & (truth > 0.1 * np.median(truth)).all(-1)
-    assert abs(np.median(np.log2(names["light"][lit] / truth[lit]))) < 0.02
+    assert abs(np.median(np.log2(names["light"][lit] / truth[lit]))) < 0.05
     assert (names["sigma"][lit] > 0).all()

@@ -189,7 +189,9 @@ def test_a_model_twice_too_bright_is_right_after_alignment(trained, tmp_path, mo
 
 
 def test_renders_of_named_views_at_several_exposures(trained, tmp_path):
-    files = render(trained, tmp_path / "out", views=["0000/cam0", "0002/cam1"], stops=(-3, 0, 3))
+    files = render(
+        trained, tmp_path / "out", views=["0000/cam0", "0002/cam1"], stops=(-3, 0, 3), exposure=0.0
+    )
     assert [file.name for file in files if file.suffix == ".exr"] == ["0000_cam0.exr", "0002_cam1.exr"]
     assert {file.name for file in files if "0000" in file.name and file.suffix == ".png"} == {
         "0000_cam0_-3ev.png", "0000_cam0_+0ev.png", "0000_cam0_+3ev.png"

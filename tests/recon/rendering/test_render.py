@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 
 import recon.reconstruct as stage
@@ -56,7 +57,9 @@ def test_pictures_of_a_cut_out_object_are_layers(cut_out: Path, tmp_path: Path) 
     exr, png = render(cut_out, tmp_path, views=[view.name])
     planes = read_exr(exr).channels
     np.testing.assert_array_equal(planes["A"], alpha)
-    np.testing.assert_array_equal(np.dstack([planes[name] for name in "RGB"]), light)
+    np.testing.assert_array_equal(
+        np.dstack([planes[name] for name in "RGB"]), light * np.float32(scene.exposure)
+    )
     picture = cv2.cvtColor(cv2.imread(str(png), cv2.IMREAD_UNCHANGED), cv2.COLOR_BGRA2RGBA) / 255.0
     np.testing.assert_allclose(picture[..., 3], alpha, atol=0.5 / 255 + 1e-6)
     straight = (light * scene.exposure / np.maximum(alpha, 1 / 255)[..., None]).clip(0, 1)
@@ -140,7 +143,17 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     image = read_exr(files[1])
     assert image.attributes["colorInteropID"] == "lin_ap1_scene"
     light, alpha = scene.layer(camera)
-    assert image.rgb() == pytest.approx(light, rel=1e-4, abs=1e-5)
+    assert image.rgb() == pytest.approx(light * scene.exposure, rel=1e-4, abs=1e-5)
+    with OpenEXR.File(str(files[1]), separate_channels=True, header_only=True) as exr:
+        header = dict(exr.parts[0].header)
+    assert header["framesPerSecond"] == 12
+    assert (header["timeCode"].seconds, header["timeCode"].frame) == (0, 8)
+    far = np.array([*scene.views[0].splat_camera.world_from_cam[:3, 3] + camera.world_from_cam[:3, 2], 1.0])
+    in_camera = camera.cam_from_world @ far
+    x, y, _, w = far @ header["worldToNDC"]
+    pixel = camera.K @ in_camera[:3]
+    np.testing.assert_allclose([x / w * camera.width, y / w * camera.height], pixel[:2] / pixel[2], rtol=1e-4)
+    np.testing.assert_allclose(far @ header["worldToCamera"], [1, -1, 1, 1] * in_camera, rtol=1e-4, atol=1e-5)
     np.testing.assert_array_equal(image.channels["A"], alpha)
     np.testing.assert_array_equal(image.channels["alpha.A"], alpha)
     np.testing.assert_array_equal(image.channels["Z"], data.depth(camera))
@@ -190,7 +203,7 @@ def test_a_light_probe_stands_where_a_view_did(cut_out: Path, tmp_path: Path) ->
     # What the map has in the direction of the view's axis is what the view sees there.
     axes = [[float(part) for part in str(image.attributes[f"rig:{name}"]).split()]
             for name in ("longitude90", "up", "middle")]  # fmt: skip
-    fine = read_exr(render_probe(cut_out, tmp_path / "fine", centre, width=256)[0]).rgb()
+    fine = read_exr(render_probe(cut_out, tmp_path / "fine", centre, width=256, exposure=0)[0]).rgb()
     light = scene.layer(view.splat_camera)[0]
     x, y = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
     ahead = rays(view.splat_camera, np.stack([x, y], -1)) @ motion[:3, :3] @ np.transpose(axes)
