@@ -1,21 +1,24 @@
 """`rig capture RIG.toml` from Python: a session shot by the cameras that a rig file names."""
 
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from capture.bracket.planner import BracketGoals
+from usb.backend import IBackend  # noqa: F401
+
 from capture.connected_rig import Unattended, connected_source
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Say, shoot
-from capture.record.source import RigRequest
+from capture.request import RigRequest
 from capture.rig_of_nodes import ray_source
 from capture.rigfile.rigfile import RigFile
+from drivers.gige import Network  # noqa: F401
 from imaging.arguments import checked
+from imaging.files.tiff.dng import Compression  # noqa: F401
 from imaging.progress import Progress, unreported
+from imaging.session.records import Subject  # noqa: F401
 
-_DEFAULTS = RigRequest()
+_DEFAULTS = RigRequest()  # its quoted types, checked by `checked`, are imported above
 
 
 @checked
@@ -24,7 +27,6 @@ def capture_rig(
     out: str | PathLike[str],
     request: RigRequest = _DEFAULTS,
     *,
-    auto: BracketGoals | None = None,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
     **options: Any,
@@ -35,7 +37,6 @@ def capture_rig(
         rig: Rig file, as `read_rig_file` returns it.
         out: Session folder: vacant, or a session of the same cameras.
         request: Options.
-        auto: Goals of a bracket that is planned, in place of that of `request`.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines that a person should read.
         options: Options by name, in place of those of `request`.
@@ -49,7 +50,6 @@ def capture_rig(
         CaptureError: A camera or a node is missing, or the scene cannot be metered.
         StorageError: The disk refuses; finished shots stay.
     """
-    request = request if auto is None else replace(request, bracket=auto)
     if request.backend is None and rig.tables.nodes:
         person = request.operator or Unattended()
         described = ray_source(rig, request, request.ray, person=person, clock=request.clock, say=on_message)

@@ -8,7 +8,8 @@ from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
 from capture.record.shooting import Say, nothing_beside
-from capture.record.source import CaptureRequest, Operator, Source
+from capture.record.source import Operator, Source
+from capture.request import CaptureRequest
 from capture.rigfile.network_address import gige_hosts, ptpip_places
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity, HardwareTriggered

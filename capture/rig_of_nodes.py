@@ -10,7 +10,8 @@ from capture.nodes.clocks import Release
 from capture.nodes.cluster import ray_links
 from capture.nodes.node import Assignment, NodeReport, Scene, Wire
 from capture.nodes.remote import Link, RemoteCamera, RemoteNode, Say, Stage
-from capture.record.source import CaptureRequest, Operator, Source
+from capture.record.source import Operator, Source
+from capture.request import CaptureRequest
 from capture.rigfile.rigfile import RigFile
 from capture.rigfile.tables import CameraTable
 from drivers.camera import Camera, CameraIdentity

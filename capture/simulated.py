@@ -3,16 +3,15 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from capture.bracket.planner import BracketGoals
 from capture.record.capture_run import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
-from capture.record.source import CaptureRequest, Source
+from capture.record.source import Source
+from capture.request import CaptureRequest
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -20,9 +19,10 @@ from drivers.sim.truth import write_truth
 from imaging.arguments import checked
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
+from imaging.files.tiff.dng import Compression  # noqa: F401, quoted by CaptureRequest
 from imaging.progress import Progress, unreported
 from imaging.session.bands import in_order
-from imaging.session.records import Board, PlanRecord
+from imaging.session.records import Board, PlanRecord, Subject  # noqa: F401, quoted by CaptureRequest
 from imaging.session.session import Session
 
 _DEFAULTS = CaptureRequest()
@@ -35,7 +35,6 @@ def capture_simulated(
     request: CaptureRequest = _DEFAULTS,
     *,
     seed: int = 0,
-    auto: BracketGoals | None = None,
     mix: Mix | None = None,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
@@ -48,7 +47,6 @@ def capture_simulated(
         out: Session folder: vacant, or a session of the same rig.
         request: Options; with `resume` the RAW files are byte for byte those of an uninterrupted capture.
         seed: Seed of lenses, colours, sensors and noise.
-        auto: Goals of a bracket that is planned, in place of that of `request`.
         mix: Random faults of the bus; truth/faults.jsonl lists those that occurred.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines that a person should read.
@@ -62,7 +60,6 @@ def capture_simulated(
         CaptureError: The scene cannot be metered.
         StorageError: The disk refuses; finished shots stay.
     """
-    request = request if auto is None else replace(request, bracket=auto)
     with simulated_source(name, seed, mix) as source:
         return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 

@@ -13,8 +13,8 @@ from capture.imports.photos import ImportResult as ImportResult
 from capture.imports.photos import import_photos as import_photos
 from capture.imports.request import ImportRequest as ImportRequest
 from capture.record.capture_run import CaptureResult as CaptureResult
-from capture.record.source import CaptureRequest as CaptureRequest
-from capture.record.source import RigRequest as RigRequest
+from capture.request import CaptureRequest as CaptureRequest
+from capture.request import RigRequest as RigRequest
 from capture.rigfile.rigfile import read_rig_file as read_rig_file
 from capture.simulated import capture_simulated as capture_simulated
 from drivers.discovery import ConnectedCamera as ConnectedCamera

@@ -30,7 +30,7 @@ from capture.nodes.joining import joined_as
 from capture.nodes.place import VARIABLE, NodeSettings, place_of
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from imaging.session.session import Session

@@ -23,7 +23,8 @@ from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, no
 from bench.support.record import arguments, deliver, machine, words
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
-from capture.bracket.planner import SLACK, BracketGoals, BracketPlan, plan_bracket
+from capture.bracket.planner import SLACK, BracketPlan, plan_bracket
+from capture.request import BracketGoals
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor

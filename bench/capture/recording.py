@@ -33,7 +33,6 @@ from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 
 CAMERAS, SHOTS, QUICK_SHOTS, PART = 8, 25, 5, 5
 WIDTH, HEIGHT = 6000, 4000
-MEBIBYTE = 1 << 20
 
 
 class Buffers:

@@ -22,11 +22,6 @@ def brackets(dataset: Dataset) -> Dataset:
     return dataset
 
 
-def one_exposure(dataset: Dataset, index: int) -> Dataset:
-    """Only one exposure of each bracket, the darkest first."""
-    return _with(dataset, lambda view: replace(view, shots=view.shots[index : index + 1]))
-
-
 def merged(dataset: Dataset, picture: Picture = radiance_image) -> Dataset:
     """Each bracket merged (at the Cramer-Rao bound) and demosaicked: linear Rec.709, as in an EXR."""
     return _with(dataset, lambda view: _merged(view, picture))

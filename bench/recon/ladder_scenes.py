@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.support.oracle import calibrate_from_truth
 from calib.calibrate import calibrate
-from capture.bracket.planner import BracketGoals
+from capture.request import BracketGoals
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import pose_of
@@ -175,9 +175,8 @@ def session(scene: Scene, work: Path) -> Path:
     settings = {**PLAIN, "scene": "gallery" if seed % 2 else "table", **kind.settings}
     with mock.patch("capture.simulated.simulate", partial(simulate, **settings)):
         if not (folder / "truth" / "truth.json").exists():
-            auto = BracketGoals(snr=SNR) if kind.stops == "auto" else None
-            stops = None if isinstance(kind.stops, str) else kind.stops
-            capture_simulated(kind.rig, folder, seed=seed, bracket=stops, auto=auto)
+            bracket = BracketGoals(snr=SNR) if isinstance(kind.stops, str) else kind.stops
+            capture_simulated(kind.rig, folder, seed=seed, bracket=bracket)
     if (folder / "calibration" / "calibration.json").exists():
         return folder
     if kind.altered is None:

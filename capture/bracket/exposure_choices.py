@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 from capture.bracket.deviation import deviates
-from capture.bracket.planner import SLACK, BracketGoals, Target
+from capture.bracket.planner import SLACK, Target
+from capture.request import BracketGoals
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure

@@ -19,6 +19,7 @@ import numpy as np
 from capture.bracket.balance import Reach, balance
 from capture.bracket.code_noise import CodeNoise
 from capture.bracket.raw_noise import RawNoise
+from capture.request import BracketGoals
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 
@@ -30,19 +31,6 @@ BALANCE = 1.25
 """Most time that a bracket may take for better hand-overs, relative to the quickest: less than the next
 longer exposure would.
 """
-
-
-@dataclass(frozen=True)
-class BracketGoals:
-    """Goals and limits of a bracket; None: the cameras' own limits.
-
-    snr: dB; slowest: of one exposure, s; total: of all exposures of a bracket together, s.
-    """
-
-    snr: float = 20.0
-    slowest: float | None = None
-    total: float | None = None
-    highest_iso: float | None = None
 
 
 @dataclass(frozen=True)

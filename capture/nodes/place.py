@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import Field, ValidationError
 from usb.backend import IBackend
 
+from capture.nodes.request import NodeRequest
 from capture.rigfile.network_address import NetworkAddress
 from drivers.clock import Clock, SystemClock
 from drivers.sim.bus_rig import BusRig
@@ -24,6 +25,8 @@ from imaging.session.records import Name
 VARIABLE = "RIG_NODE"
 """The environment variable that holds the settings of a node, for the processes that Ray starts there."""
 
+_DEFAULTS = NodeRequest()
+
 
 class NodeSettings(Record):
     """Command-line settings of `rig node`.
@@ -36,9 +39,9 @@ class NodeSettings(Record):
     disk: Path
     addresses: tuple[NetworkAddress, ...] = ()
     sim: str | None = None
-    profile: str = "generic"
-    seed: int = 0
-    rough: bool = False
+    profile: str = _DEFAULTS.profile
+    seed: int = _DEFAULTS.seed
+    rough: bool = _DEFAULTS.rough
     changes: Mapping[str, Any] = Field(default_factory=dict)
 
 
@@ -69,9 +72,7 @@ def place_of(settings: NodeSettings) -> Place:
 
 
 def settings_of(**given: Any) -> NodeSettings:
-    """Read settings from the command line. InputError for an unknown name. InputError: a name that is
-    none.
-    """
+    """Read settings from the command line. InputError for a value that cannot be used."""
     try:
         return NodeSettings(**given)
     except ValidationError as error:
@@ -83,9 +84,7 @@ def settings_of(**given: Any) -> NodeSettings:
 
 
 def settings_here() -> NodeSettings:
-    """Settings of the node that this process runs on. InputError outside a node. InputError if it runs on
-    none.
-    """
+    """Settings of the node that this process runs on. InputError outside a node."""
     with suppress(KeyError, ValidationError):
         return NodeSettings.model_validate_json(os.environ[VARIABLE])
     raise InputError("this host is no node of a rig: start one with rig node.")

@@ -14,8 +14,8 @@ from capture.bracket.fixed_exposures import (
     single_exposures,
 )
 from capture.bracket.metering import Metering
-from capture.bracket.planner import BracketGoals
-from capture.record.source import CaptureRequest, Source, Stops
+from capture.record.source import Source
+from capture.request import BracketGoals, CaptureRequest, Stops
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import PlanRecord, Subject

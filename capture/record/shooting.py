@@ -14,7 +14,8 @@ from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import record
 from capture.record.resume import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
-from capture.record.source import CaptureRequest, Source
+from capture.record.source import Source
+from capture.request import CaptureRequest
 from imaging.errors import CaptureError, InputError
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer

@@ -3,23 +3,15 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Protocol
 
-from usb.backend import IBackend
-
-from capture.bracket.planner import BracketGoals
+from capture.request import BracketGoals, Stops
 from drivers.camera import Camera
 from drivers.clock import Clock
-from drivers.gige import Network
 from imaging.exposure import Exposure
-from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress
-from imaging.request import Request
 from imaging.session.records import Band, Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session
-
-Stops = tuple[float, ...]
-"""Exposures relative to a middle one."""
 
 
 class Operator(Protocol):
@@ -82,41 +74,3 @@ class Source:
         """Let go of the cameras."""
         for camera in self.cameras.values():
             camera.close()
-
-
-@dataclass(frozen=True)
-class CaptureRequest(Request):
-    """Options of a capture. None: the default or, where a session is completed, the value it was begun "
-    "with."""
-
-    kind: Annotated[Subject, "The scene, or frames for its calibration."] = "scene"
-    frames: Annotated[
-        int | None,
-        "Positions of the rig: if not given, as in the rig file, or all of a simulated rig. Poses of the "
-        "board (20 if not given), or repeats of darks and flats (16).",
-    ] = None
-    bracket: Annotated[
-        Stops | BracketGoals | None,
-        "Stops relative to the middle exposure, or the goals of a bracket that is metered and planned "
-        "before the first shot. If not given, as in the rig file, or the simulated rig's own.",
-    ] = None
-    resume: Annotated[
-        bool, "Take exactly the shots that the last such plan of the session lacks; nothing is metered again."
-    ] = False
-    compression: Annotated[Compression, "Compression of the RAW files."] = "none"
-
-
-@dataclass(frozen=True)
-class RigRequest(CaptureRequest):
-    """Options of a capture with the cameras of a rig file. None: this machine's."""
-
-    operator: Annotated[
-        Operator | None, "Moves rig, scene, lens caps and boards; if not given, nothing moves."
-    ] = None
-    positions: Annotated[int | None, "Number of positions that the operator offers."] = None
-    backend: Annotated[IBackend | None, "USB bus of the cameras."] = None
-    network: Annotated[Network | None, "Network of the cameras, and those of the nodes in the file."] = None
-    clock: Annotated[Clock | None, "Clock of the drivers."] = None
-    ray: Annotated[
-        str, "HOST:PORT of the cluster that the nodes joined by `rig node`; auto: this machine's."
-    ] = "auto"

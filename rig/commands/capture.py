@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from capture.bracket import planner
 from capture.record import shooting
-from capture.record import source as sources
+from capture.request import BracketGoals, RigRequest
 from capture.rigfile import rigfile
 from imaging.errors import InputError
 from imaging.session import records
@@ -19,9 +19,31 @@ from imaging.session.paths import has_shots
 from rig.commands.rehearsal import rehearse
 from rig.commands.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
+from rig.options.request import Asked, Shown
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
+
+Bracket = tuple[float, ...] | BracketGoals | None
+
+NO_OPTIONS, NO_GOALS = RigRequest(), BracketGoals()
+OPTIONS = Asked(
+    beside=("kind", "compression", "operator", "positions", "backend", "network", "clock"),
+    frames=Shown(how={"min": 1, "metavar": "N"}),
+    bracket=Shown(
+        kind=Stops | None,
+        more="Write stops as -4,-2,0,2,4; auto takes the goals below.",
+        how={"parser": stops, "metavar": "auto|STOPS"},
+    ),
+    ray=Shown(how={"metavar": "ADDRESS", "envvar": "RAY_ADDRESS"}),
+)
+_AUTO = "With --bracket auto."
+GOALS = Asked(
+    snr=Shown(more=_AUTO, how={"min": 0.0, "max": 60.0, "metavar": "DB"}),
+    slowest=Shown(more=_AUTO, how={"parser": shutter, "metavar": "TIME"}),
+    total=Shown(more=_AUTO, how={"parser": shutter, "metavar": "TIME"}),
+    highest_iso=Shown(kind=int | None, more=_AUTO, how={"min": 1, "metavar": "ISO"}),
+)
 
 
 def capture(
@@ -43,52 +65,8 @@ def capture(
         ),
     ] = None,
     seed: SeedOption = 0,
-    frames: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Positions of the rig (default: as in RIG.toml, or all of a simulated rig). Default 16 "
-            "repeats for darks and flats, 20 board poses.",
-        ),
-    ] = None,
-    bracket: Annotated[
-        Stops | None,
-        typer.Option(
-            parser=stops,
-            metavar="auto|STOPS",
-            help="Stops relative to the rig's middle exposure, such as -4,-2,0,2,4; or auto: the fewest "
-            "exposures that the metered scene needs. Default: as in RIG.toml, or the simulated rig's own.",
-        ),
-    ] = None,
-    snr: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            max=60.0,
-            metavar="DB",
-            show_default="20",
-            help="With --bracket auto: signal-to-noise ratio to reach in the darkest parts of the scene.",
-        ),
-    ] = None,
-    slowest: Annotated[
-        float | None,
-        typer.Option(
-            parser=shutter, metavar="TIME", help="With --bracket auto: longest exposure, such as 1/30 or 2s."
-        ),
-    ] = None,
-    total: Annotated[
-        float | None,
-        typer.Option(
-            parser=shutter,
-            metavar="TIME",
-            help="With --bracket auto: longest bracket, all exposures added up, such as 10s.",
-        ),
-    ] = None,
-    highest_iso: Annotated[
-        int | None, typer.Option(min=1, metavar="ISO", help="With --bracket auto: highest ISO.")
-    ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Complete an interrupted session in OUT.")] = False,
+    request: Annotated[RigRequest, OPTIONS] = NO_OPTIONS,
+    goals: Annotated[BracketGoals, GOALS] = NO_GOALS,
     rough: Annotated[
         bool,
         typer.Option("--rough", help="With --sim: inject bus errors into 5 % of camera requests."),
@@ -113,15 +91,6 @@ def capture(
             "--board", help="Add pictures of a calibration board to OUT, one metered exposure per pose."
         ),
     ] = False,
-    ray: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS",
-            envvar="RAY_ADDRESS",
-            help="Where RIG.toml names nodes: the Ray cluster that these joined by rig node, as HOST:PORT; "
-            "auto is the one that was started on this host.",
-        ),
-    ] = "auto",
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Shoot a session.
@@ -136,16 +105,20 @@ def capture(
     kind = _kind(context, {"dark": darks, "flat": flats, "board": board})
     if sim is None and (seed or rough):
         raise WrongUsage("--seed and --rough are for simulated rigs: add --sim, or leave them out", context)
-    limits = {"snr": snr, "slowest": slowest, "total": total, "highest_iso": highest_iso}
-    if kind != "scene" and (bracket == () or any(value is not None for value in limits.values())):
+    limits = {
+        name: value
+        for name, value in vars(goals).items()
+        if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
+    }
+    if kind != "scene" and (request.bracket == () or limits):
         raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)
-    rig = _read(rig_file)
-    request = _request(kind, frames, bracket, _wanted(bracket, limits, rig), resume)
+    rig = None if rig_file is None else rigfile.read_rig_file(rig_file)
+    request = replace(request, kind=kind, bracket=_bracket(request.bracket, limits, rig))
     if dry_run:
         with running("plan") as status:
-            return rehearse(sim, out, status, request, rig=rig, seed=seed, ray=ray)
+            return rehearse(sim, out, status, request, rig=rig, seed=seed)
     with running("capture", go_on="run the same command again with --resume") as status:
-        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough, ray=ray)
+        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough)
 
 
 def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
@@ -169,56 +142,36 @@ def _kind(context: typer.Context, wanted: dict[records.Subject, bool]) -> record
     return chosen[0] if chosen else "scene"
 
 
-def _read(rig_file: Path | None) -> rigfile.RigFile | None:
+def _bracket(bracket: Bracket, limits: Mapping[str, Any], rig: rigfile.RigFile | None) -> Bracket:
+    """The stops or the goals that the command line states, if any; no stops: an automatic bracket.
 
-    return None if rig_file is None else rigfile.read_rig_file(rig_file)
-
-
-def _wanted(
-    bracket: Stops | None, limits: dict[str, float | None], rig: rigfile.RigFile | None
-) -> planner.BracketGoals | None:
-    """Goals of an automatic bracket, if the command line states any.
-
-    What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
+    Goals that it leaves out are those of the rig file. InputError where limits are given to stops.
     """
     usual = rig is not None and rig.tables.bracket.exposures == "auto"
-    given = {name: value for name, value in limits.items() if value is not None}
-    if bracket == () or (bracket is None and usual and given):
-        return replace(planner.BracketGoals() if rig is None else rig.tables.bracket.wanted, **given)
-    if given and not usual:
-        option = "--" + next(iter(given)).replace("_", "-")
+    if bracket == () or (bracket is None and usual and limits):
+        return replace(NO_GOALS if rig is None else rig.tables.bracket.wanted, **limits)
+    if limits and not usual:
+        option = "--" + next(iter(limits)).replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
-    if given:
+    if limits:
         raise InputError("stops given by hand are not planned: leave out --bracket or its limits.")
-    return None
-
-
-def _request(
-    kind: records.Subject,
-    frames: int | None,
-    bracket: Stops | None,
-    wanted: planner.BracketGoals | None,
-    resume: bool,
-) -> sources.CaptureRequest:
-
-    return sources.CaptureRequest(kind, frames, wanted or (tuple(bracket) if bracket else None), resume)
+    return bracket
 
 
 def run_capture(
     sim: str | None,
     out: Path,
     status: StatusLine,
-    request: sources.CaptureRequest,
+    request: RigRequest,
     *,
     seed: int,
     rig: rigfile.RigFile | None = None,
     rough: bool = False,
-    ray: str = "auto",
 ) -> CommandResult:
     """Capture and say what came of it."""
     with (
         removed_on_failure(out, unless=has_shots),
-        source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source,
+        source_of(sim, seed, rig, request, status, rough=rough) as source,
     ):
         result = shooting.shoot(source, out, request, progress=status, say=status.say)
     there = result.taken + result.earlier

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from capture.record import source as sources
+from capture.request import RigRequest
 from imaging.session import calibration as calibrations
 from recon.decide import budget as budgets
 from recon.decide import request as requests
@@ -105,7 +105,7 @@ def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
 
 def _capture(out: Path, status: StatusLine) -> CommandResult:
     """A new capture, or what the one in OUT lacks."""
-    request = sources.CaptureRequest(resume=(out / "session.json").exists())
+    request = RigRequest(resume=(out / "session.json").exists())
     return run_capture(SIM, out, status, request, seed=SEED)
 
 

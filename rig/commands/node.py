@@ -11,15 +11,23 @@ import typer
 
 from capture.nodes import joining, place, token
 from capture.nodes import node as nodes
+from capture.nodes.request import NodeRequest
 from imaging.files import store
 from rig.commands.simulate import Address, address
 from rig.options.cameras import CameraOption, addresses_of
-from rig.options.common import JsonOption, SeedOption
+from rig.options.common import JsonOption
+from rig.options.request import Asked, Shown
 from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
 DISK = Path("~/.cache/hdr-rig/nodes")
+NO_OPTIONS = NodeRequest()
+OPTIONS = Asked(
+    sim=Shown(how={"metavar": "NAME"}),
+    profile=Shown(how={"metavar": "NAME"}),
+    seed=Shown(how={"min": 0, "metavar": "N"}),
+)
 
 
 def node(
@@ -41,22 +49,7 @@ def node(
         ),
     ] = None,
     camera: CameraOption = None,
-    sim: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Serve simulated cameras, those of this rig, instead of the USB."),
-    ] = None,
-    profile: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="With --sim, the cameras: generic, canon-eos-6d, canon-eos-r7, nikon-z6, sony-a7m4 or "
-            "usb3-vision.",
-        ),
-    ] = "generic",
-    seed: SeedOption = 0,
-    rough: Annotated[
-        bool, typer.Option("--rough", help="With --sim: inject bus errors into 5 % of camera requests.")
-    ] = False,
+    request: Annotated[NodeRequest, OPTIONS] = NO_OPTIONS,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Serve the cameras of this host to the one that leads.
@@ -74,10 +67,7 @@ def node(
                 name=name,
                 disk=(DISK / name if disk is None else disk).expanduser().absolute(),
                 addresses=addresses_of(camera, None),
-                sim=sim,
-                profile=profile,
-                seed=seed,
-                rough=rough,
+                **vars(request),
             )
             store.require_writable(settings.disk)
             status("looking for cameras", 0, 0)

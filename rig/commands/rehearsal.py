@@ -8,7 +8,7 @@ from typing import Any
 
 from capture.bracket import automatic
 from capture.record import shooting
-from capture.record import source as sources
+from capture.request import RigRequest
 from capture.rigfile import rigfile
 from rig.commands.usb_bus import source_of
 from rig.terminal.progress import StatusLine
@@ -22,14 +22,13 @@ def rehearse(
     sim: str | None,
     out: Path,
     status: StatusLine,
-    request: sources.CaptureRequest,
+    request: RigRequest,
     *,
     rig: rigfile.RigFile | None,
     seed: int,
-    ray: str,
 ) -> CommandResult:
     """StatusLine, plan and say so; nothing is written."""
-    with source_of(sim, seed, rig, request, status, ray=ray) as source:
+    with source_of(sim, seed, rig, request, status) as source:
         done = shooting.rehearse(source, out, request)
     record = done.record
     steps = [str(exposure) for exposure in record.bracket]

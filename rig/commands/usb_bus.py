@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from capture import connected_rig, rig_of_nodes, simulated
 from capture.record import source as sources
+from capture.request import RigRequest
 from capture.rigfile import network_address, rigfile
 from drivers import clock as clocks
 from drivers import usb
@@ -68,17 +69,15 @@ def source_of(
     sim: str | None,
     seed: int,
     rig: rigfile.RigFile | None,
-    request: sources.CaptureRequest,
+    request: RigRequest,
     status: StatusLine,
     *,
     rough: bool = False,
-    ray: str = "auto",
 ) -> Iterator[sources.Source]:
     """Source named on the command line: the cameras of a rig file, or with `sim` simulated ones in their
     place.
 
-    ray: the cluster of the nodes that a rig file names. InputError and CaptureError as `connected_source`,
-    `simulated_source` and `ray_source` have them.
+    InputError and CaptureError as `connected_source`, `simulated_source` and `ray_source` have them.
     """
     if rig is None:
         assert sim is not None  # the command line was looked through
@@ -89,7 +88,9 @@ def source_of(
         clock = clocks.SystemClock()
         person = _person(rig, status, clock)
         status("joining the nodes", 0, 0)
-        with rig_of_nodes.ray_source(rig, request, ray, person=person, clock=clock, say=status.say) as source:
+        with rig_of_nodes.ray_source(
+            rig, request, request.ray, person=person, clock=clock, say=status.say
+        ) as source:
             status("planning", 0, 0)
             yield source
         return

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.bracket.planner import BracketGoals
 from capture.capture_rig import capture_rig
 from capture.connected_rig import connected_source
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
-from capture.record.source import CaptureRequest
+from capture.request import BracketGoals, CaptureRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all
@@ -147,7 +146,7 @@ def test_the_command_line_goes_before_the_file(given: Place) -> None:
     (plan,) = Session.open(given.out).plans()
     assert [exposure.time for exposure in plan.bracket] == [1 / 125, 1 / 30]
     assert plan.frames == (0,)
-    given.shoot(given.folder / "auto", frames=1, auto=BracketGoals(snr=10.0, slowest=1 / 8))
+    given.shoot(given.folder / "auto", frames=1, bracket=BracketGoals(snr=10.0, slowest=1 / 8))
     (plan,) = Session.open(given.folder / "auto").plans()
     assert plan.asked == "auto, snr 10, slowest 0.125"
 

@@ -13,7 +13,7 @@ from capture.check.check import check
 from capture.connected_rig import Unattended
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from drivers.sim.bus_rig import VISION, BusRig

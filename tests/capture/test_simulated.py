@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from capture.bracket.planner import BracketGoals
 from capture.record.shooting import rehearse
-from capture.record.source import CaptureRequest
+from capture.request import BracketGoals, CaptureRequest
 from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.faults import ROUGH
 from imaging.errors import CaptureError, InputError, StorageError
@@ -214,7 +213,7 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
         rehearsed = rehearse(source, tmp_path / "s", CaptureRequest(bracket=wanted))
     assert list(tmp_path.iterdir()) == []
     out = tmp_path / "s"
-    result = capture_simulated("toy", out, seed=3, auto=wanted)
+    result = capture_simulated("toy", out, seed=3, bracket=wanted)
     plan = Session.open(out).plans()[0]
     assert plan.bracket == rehearsed.record.bracket
     assert plan.reason == rehearsed.record.reason
@@ -226,8 +225,8 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     before = tree(out)
     cut(out, 4)
     with pytest.raises(InputError, match=r"planned with the bracket auto, snr 20, slowest 0\.25 \(.*snr 30"):
-        capture_simulated("toy", out, seed=3, auto=BracketGoals(snr=30.0), resume=True)
-    again = capture_simulated("toy", out, seed=3, auto=wanted, resume=True)
+        capture_simulated("toy", out, seed=3, bracket=BracketGoals(snr=30.0), resume=True)
+    again = capture_simulated("toy", out, seed=3, bracket=wanted, resume=True)
     assert (again.earlier, again.missing) == (4, ())
     assert Session.open(out).plans() == [plan]
     assert tree(out / "raw") == {n[4:]: data for n, data in before.items() if n.startswith("raw/")}
@@ -235,7 +234,7 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
 
 def test_a_scene_that_cannot_be_metered_leaves_nothing(tmp_path):
     with pytest.raises(CaptureError, match="55 dB are out of the reach of cam0"):
-        capture_simulated("toy", tmp_path / "a", auto=BracketGoals(snr=55.0))
+        capture_simulated("toy", tmp_path / "a", bracket=BracketGoals(snr=55.0))
     assert list(tmp_path.iterdir()) == []
 
 

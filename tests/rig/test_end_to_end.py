@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from imaging.files import store
 from recon.decide.request import TrainingRequest
 from rig.commands import demo

@@ -5,7 +5,8 @@ import pytest
 
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
-from capture.bracket.planner import SLACK, BracketGoals, plan_bracket
+from capture.bracket.planner import SLACK, plan_bracket
+from capture.request import BracketGoals
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic

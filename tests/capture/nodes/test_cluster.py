@@ -21,7 +21,7 @@ from capture.nodes.place import VARIABLE, NodeSettings
 from capture.nodes.remote import NodeLost
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from drivers.sim.bus_rig import BusRig

@@ -9,7 +9,7 @@ from capture.connected_rig import Unattended
 from capture.nodes.node import Node
 from capture.nodes.place import NodeSettings, place_of
 from capture.record.shooting import shoot
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import read_rig_file
 from drivers.clock import SystemClock

@@ -13,7 +13,7 @@ from capture.bracket.raw_noise import RawNoise
 from capture.capture_rig import capture_rig
 from capture.check.check import check
 from capture.record.shooting import rehearse
-from capture.record.source import CaptureRequest
+from capture.request import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.bus_rig import BusRig
