@@ -24,7 +24,7 @@ NUMBERS = 14, 9, 15
 """Numbers of a Gaussian: those of degree 0, and the additional ones of degrees 1 and 2."""
 ADAM = 4
 """Each number with its gradient and the two averages of Adam."""
-TABLES = 1300
+TABLES = 1220
 """Bytes of a Gaussian in the tables of a render and its gradient, and as a point at the start: between the
 peaks of three sets of photographs (`bench/real/memory.py`)."""
 LOOKS = 72_000_000

@@ -37,17 +37,23 @@ from recon.splat.cpu.tiles import TILE
 MOMENTS = 6
 """Sums that a slot begins with: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the
 tile's centre, of s, s x, s y, s x x, s x y, s y y. Then it has those of w g for each channel, the sum of |s|,
-and the largest w; the rest is unused."""
+and the largest w."""
 _ZERO = np.float32(0.0)
 _HALF_TILE = np.float32(TILE / 2 - 0.5)
 
 
 def slot_size(channels: int) -> int:
-    """Floats of a slot: whole lanes."""
-    return -(-(MOMENTS + channels + 2) // WIDTH) * WIDTH
+    """Floats of a slot: whole vectors of four."""
+    return -(-(MOMENTS + channels + 2) // 4) * 4
 
 
 _slot_size = inlined(slot_size)
+
+
+@inlined
+def _lanes_size(channels):
+    """Floats of a slot while a tile adds to it: whole lanes."""
+    return -(-(MOMENTS + channels + 2) // WIDTH) * WIDTH
 
 
 @inlined
@@ -81,7 +87,7 @@ def _walk_block(rows, chosen, count, block, t_min, background, light, at_light, 
         y2 = y2 + step
         t3, w3 = _walk(q, y2, t3, rows, at, t_min, alphas, lights, p + 48)
         peak = largest(maximum(maximum(w0, w1), maximum(w2, w3)))
-        slot = chosen[n] * _slot_size(len(background)) + MOMENTS + len(background) + 1
+        slot = chosen[n] * _lanes_size(len(background)) + MOMENTS + len(background) + 1
         slots[slot] = max(slots[slot], peak)
         chosen[touched] = chosen[n]
         touched += peak > _ZERO
@@ -125,7 +131,7 @@ def _return_block(rows, chosen, count, block, background, alphas, lights, grads,
         syy = fma(y, sy, fma(y, m1, m2))
         strength = (absolute(s0) + absolute(s1)) + (absolute(s2) + absolute(s3))
         sums = totals((m0, sx, sy, sx * x, sy * x, syy) + light + (strength,))  # noqa: RUF005  Numba does not know the star
-        slot = chosen[n] * _slot_size(len(background))
+        slot = chosen[n] * _lanes_size(len(background))
         store_each(slots, slot, WIDTH, plus_each(load_each(slots, slot, WIDTH, sums), sums))
     store(behind, p, b0)
     store(behind, p + 16, b1)
@@ -159,7 +165,7 @@ def composite_backward(
 
     Arguments as there; grad_image [H, W, C] and grad_remaining [H, W]: d loss / d (image, remaining).
     """
-    size = _slot_size(len(background))
+    size, room = _slot_size(len(background)), _lanes_size(len(background))
     rows = np.empty(CHUNK * (FIELDS + len(background)), np.float32)
     bits = np.empty(CHUNK, np.intp)
     chosen = np.empty(CHUNK + 1, np.intp)
@@ -167,7 +173,7 @@ def composite_backward(
     lights = np.empty(CHUNK * 64, np.float32)
     grads = np.empty(len(background) * PIXELS, np.float32)
     behind = np.empty(PIXELS, np.float32)
-    sums = np.empty(CHUNK * size, np.float32)
+    sums = np.empty(CHUNK * room, np.float32)
     floor = splat(t_min)
     tile = take_number(counter)
     while tile < len(chunks):
@@ -179,7 +185,7 @@ def composite_backward(
             begin = start + chunk * CHUNK
             end = min(begin + CHUNK, stop)
             gather(lists, projected, background, begin, end, tile_x, tile_y, bits, rows)
-            for j in range(0, (end - begin) * size, WIDTH):
+            for j in range(0, (end - begin) * room, WIDTH):
                 store(sums, j, splat(_ZERO))
             for block in range(4):
                 at = (lists.chunk_start[tile] + chunk) * PIXELS + 64 * block
@@ -190,11 +196,13 @@ def composite_backward(
                     )
                     _return_block(rows, chosen, count, block, background, alphas, lights, grads, behind, sums)
             for j in range(end - begin):
-                for k in range(0, size, WIDTH):
-                    store(slots, size * np.intp(lists.slot[begin + j]) + k, load(sums, size * j + k))
+                slot = size * np.intp(lists.slot[begin + j])
+                for k in range(size):
+                    slots[slot + k] = sums[room * j + k]
         for j in range(min(start + chunks[tile] * CHUNK, stop), stop):
-            for k in range(0, size, WIDTH):
-                store(slots, size * np.intp(lists.slot[j]) + k, splat(_ZERO))
+            slot = size * np.intp(lists.slot[j])
+            for k in range(size):
+                slots[slot + k] = _ZERO
         tile = take_number(counter)
 
 
