@@ -55,9 +55,9 @@ class Case:
 
 CASES = {
     "castle": Case(1280, 60_000, 200, seeds=3),
-    "banana": Case(1280, 80_000, 150),
+    "banana": Case(1280, 80_000, 150, seeds=3),
     "fox": Case(640, 40_000, 400),
-    "lego": Case(400, 40_000, 500),
+    "lego": Case(400, 40_000, 500, seeds=3),
     "demo": Case(640, 40_000, 400),
 }
 WAYS = {"whole": math.inf, "halved": 0.0}
