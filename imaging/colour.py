@@ -126,15 +126,17 @@ def balanced(light: Array32, neutral: Sequence[float] | None) -> Array32:
     return np.asarray(rgb / np.maximum(np.asarray(neutral[:3], np.float32), np.float32(1e-3)), np.float32)
 
 
-def srgb_encode(linear: npt.ArrayLike) -> AnyArray:
-    """Linear light to sRGB code values (0..1 to 0..1); values outside 0..1 are clipped."""
-    light = np.clip(_floating(linear), 0.0, 1.0)
+def srgb_encode(linear: npt.ArrayLike, *, end: float = 1.0) -> AnyArray:
+    """Linear light to sRGB code values (0..1 to 0..1); codes outside 0..end are clipped, above 1 the formula
+    goes on.
+    """
+    light = np.clip(_floating(linear), 0.0, 1.0 if end == 1 else ((end + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
 
 
-def srgb_decode(code: npt.ArrayLike) -> AnyArray:
-    """sRGB code values (0..1) to linear light; the inverse of `srgb_encode`."""
-    value = np.clip(_floating(code), 0.0, 1.0)
+def srgb_decode(code: npt.ArrayLike, *, end: float = 1.0) -> AnyArray:
+    """sRGB code values (0..end) to linear light; the inverse of `srgb_encode`."""
+    value = np.clip(_floating(code), 0.0, end)
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 

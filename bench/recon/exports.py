@@ -7,6 +7,7 @@ file holds them against those of the scene, and pictures drawn of both.
 """
 
 import argparse
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,19 @@ from recon.exports.export import export
 from recon.exports.request import ExportRequest, FormatName
 from recon.result.scene import Scene, open_scene
 
-FORMATS: tuple[tuple[FormatName, bool], ...] = (
+FORMATS: tuple[tuple[FormatName, bool | None], ...] = (
     ("usd", True),
     ("glb", True),
     ("ply", True),
     ("html", True),
     ("sog", True),
+    ("sog", None),
     ("glb", False),
     ("ply", False),
     ("sog", False),
     ("spz", False),
 )
-"""Each with whether its light is linear."""
+"""Each with whether its light is linear; None: codes above white, too."""
 ENDS = {"usd": "usdc"}
 
 
@@ -39,11 +41,13 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     return {"machine": machine(), "rows": rows}
 
 
-def one(scene: Scene, format: FormatName, linear: bool) -> dict[str, Any]:
+def one(scene: Scene, format: FormatName, linear: bool | None) -> dict[str, Any]:
     """A file, and what it lost."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"scene.{ENDS.get(format, format)}"
-        exported = export(scene, file, ExportRequest(format, linear))
+        # A stated exposure, so that display values are fitted as today and not as at the scene's training.
+        exposure = math.log2(scene.exposure)
+        exported = export(scene, file, ExportRequest(format, linear, exposure))
         return exported.data()
 
 
@@ -53,7 +57,8 @@ def report(result: dict[str, Any]) -> str:
         "",
         "`python -m bench.recon.exports demo/ --write`, after `make demo`. Stops, without sign: of the light "
         "of single Gaussians in the median and at worst, of the pixels of four views, clipped ones left out, "
-        "in the median and in 1 %; the share of pixels brighter than the file's white. "
+        "in the median and in 1 %; the share of pixels brighter than the file holds. Display values and "
+        "codes as PlayCanvas and Spark draw them. "
         f"{words(result['machine'])}.",
         "",
         "| scene | format | light | Gaussians | bytes each | of a Gaussian | of a pixel | clipped |",
@@ -67,7 +72,7 @@ def report(result: dict[str, Any]) -> str:
         cells = (
             row["scene"],
             row["format"],
-            "linear" if row["linear"] else "display",
+            "linear" if row["linear"] else "display" if row["brightest"] == 1 else "codes",
             f"{row['gaussians']:,}",
             f"{row['bytes'] / row['gaussians']:.0f}",
             of_gaussians,

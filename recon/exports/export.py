@@ -19,6 +19,7 @@ from recon.exports.place import place_of
 from recon.exports.request import ExportRequest, FormatName
 from recon.exports.splats import sound
 from recon.result.scene import Scene, open_scene
+from recon.result.viewers import MOST_CODE
 
 _DEFAULTS = ExportRequest()
 
@@ -27,19 +28,20 @@ _DEFAULTS = ExportRequest()
 class Format:
     """Export format: its writer, the suffixes of its names, and the kind of light that it holds.
 
-    default: whether light is linear by default. only: the reason against the other kind.
+    linear: whether light is linear by default; end: else its largest code by default, 1 with --display.
     """
 
     write: Callable[[Job], Written]
     suffixes: tuple[str, ...]
     linear: bool
+    end: float = 1.0
     only: str | None = None
     """Reason why the other kind of light is refused, as the middle of a sentence, or None."""
 
 
 FORMATS: dict[FormatName, Format] = {
     "usd": Format(usd.write, usd.SUFFIXES, linear=True, only="is scene-linear"),
-    "sog": Format(sog.write, (".sog",), linear=True),
+    "sog": Format(sog.write, (".sog",), linear=False, end=MOST_CODE),
     "glb": Format(gltf.write, (".glb",), linear=False),
     "spz": Format(spz.write, (".spz",), linear=False),
     "ply": Format(ply.write, (".ply",), linear=False),
@@ -54,7 +56,10 @@ FORMATS: dict[FormatName, Format] = {
 
 @dataclass(frozen=True)
 class Exported:
-    """Written export and its loss; None if it holds no Gaussians."""
+    """Written export and its loss; None if it holds no Gaussians.
+
+    brightest: largest light of a Gaussian, as a multiple of a display's white; None: any.
+    """
 
     format: FormatName
     linear: bool
@@ -63,6 +68,7 @@ class Exported:
     factor: float
     files: list[Path]
     loss: Loss | None
+    brightest: float | None = None
     notes: tuple[str, ...] = field(default=())
 
     def data(self) -> dict[str, Any]:
@@ -72,6 +78,7 @@ class Exported:
             "linear": self.linear,
             "gaussians": self.gaussians,
             "views": self.views,
+            "brightest": self.brightest,
             "factor": self.factor,
             "files": [str(path) for path in self.files],
             "bytes": sum(path.stat().st_size for path in self.files),
@@ -124,6 +131,7 @@ def export(
         request.exposure,
         place_of(finite),
         on_progress,
+        chosen.end if linear is None else 1.0,
     )
     written = chosen.write(job)
     loss = None if written.held is None else loss_of(finite, written.truth, written.held, on_progress)
@@ -143,6 +151,7 @@ def export(
         job.factor,
         written.files,
         loss,
+        None if written.held is None else written.held.brightest,
         notes,
     )
 

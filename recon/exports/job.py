@@ -11,7 +11,9 @@ from recon.result.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Export job. scene: sound; linear: whether light stays linear; stops: None: the scene's middle."""
+    """Export job. scene: sound; linear: whether light stays linear; stops: None: the scene's middle; end:
+    largest code of light that does not.
+    """
 
     scene: Scene
     out: Path
@@ -19,6 +21,7 @@ class Job:
     stops: float | None
     place: Place
     progress: Progress
+    end: float = 1.0
 
     @property
     def factor(self) -> float:
@@ -36,7 +39,7 @@ class Job:
         """The Gaussians as they are to be written, before the format's numbers hold them."""
         if self.linear:
             return linear_splats(self.scene, self.factor, with_dome=with_dome)
-        return display_splats(self.scene, self.stops, self.progress)
+        return display_splats(self.scene, self.stops, self.progress, self.end)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,10 +19,10 @@ from recon.exports.splats import Splats
 from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.result.scene import Scene
+from recon.result.viewers import viewers_of
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Renderer
 from recon.scene.sampling import Sampling
-from recon.splat import Limits
 
 VIEWS = 4
 """Views drawn for the measurement; evenly chosen."""
@@ -75,15 +75,17 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
         off = stops_between(truth.light, held.light, floor)
         median, worst = float(np.median(off)), float(off.max())
     views = chosen(scene.views)
-    renderer = _renderer(scene, held)
+    renderers = _renderers(scene, held)
     pixels, clipped = [], []
     for done, view in enumerate(views):
         progress("measuring what is lost", done, len(views))
         light = _light(scene, view)
-        image = drawn(scene, held, view, renderer)
-        white = np.zeros(light.shape[:2], bool) if held.linear else (light * held.factor > 1).any(2)
+        brightest = np.inf if held.brightest is None else held.brightest
+        white = (light * held.factor > brightest).any(2)
         clipped.append(white.mean())
-        pixels.append(stops_between(light[~white], image[~white], floor).ravel())
+        for renderer in renderers:
+            image = drawn(scene, held, view, renderer)
+            pixels.append(stops_between(light[~white], image[~white], floor).ravel())
     every = np.concatenate([*pixels, [0.0]] if not any(map(len, pixels)) else pixels)
     return Loss(
         median,
@@ -126,32 +128,32 @@ def _light(scene: Scene, view: SceneView) -> Array32:
     )
 
 
-def _renderer(scene: Scene, splats: Splats) -> Renderer:
-    """Renderer of the scene, or of display values in the manner of viewers, which blend those."""
-    limits = scene.renderer.limits if splats.linear else Limits.gsplat()
-    far = scene.renderer.environment if splats.linear and not splats.dome else None
+def _renderers(scene: Scene, splats: Splats) -> tuple[Renderer, ...]:
+    """Renderer of the scene, or of display values those in the manner of viewers, which blend these."""
+    if not splats.linear:
+        return viewers_of(len(splats), splats.end)
+    limits = scene.renderer.limits
+    far = scene.renderer.environment if not splats.dome else None
     if far is not None:  # in the units of the file, as the Gaussians
         far = far.copied()
         far.ln_light = far.ln_light + np.log(splats.factor * scene.record.normaliser)
     if limits.luminance_reference is not None:
         unit = splats.factor * (scene.record.normaliser if scene.record.display is None else 1.0)
         limits = replace(limits, luminance_reference=limits.luminance_reference * unit)
-    sampling = None
-    if splats.linear:
-        cameras = [
-            scene.record.world.camera(view.splat_camera) for view in scene.views if view.use == "training"
-        ]
-        sampling = Sampling.of(splats.gaussians().parameters["means"], cameras)
-    return Renderer(PlainHarmonics(), limits, far, sampling)
+    cameras = [scene.record.world.camera(view.splat_camera) for view in scene.views if view.use == "training"]
+    sampling = Sampling.of(splats.gaussians().parameters["means"], cameras)
+    return (Renderer(PlainHarmonics(), limits, far, sampling),)
 
 
 def drawn(scene: Scene, splats: Splats, view: SceneView, renderer: Renderer | None = None) -> Array32:
-    """Radiance [H, W, 3] of a view of the scene, drawn by `rig` from the Gaussians of a file."""
-    renderer = renderer or _renderer(scene, splats)
+    """Radiance [H, W, 3] of a view of the scene, drawn by `rig` from the Gaussians of a file; of display
+    values in the 8 bits of a screen.
+    """
+    renderer = renderer or _renderers(scene, splats)[0]
     camera = scene.record.world.camera(view.splat_camera)
     with torch.no_grad():
         image = renderer(splats.gaussians(), camera, degree=min(splats.degree, 2)).image.numpy()
-    light = image if splats.linear else srgb_decode(image.clip(0, 1))
+    light = image if splats.linear else splats.decoded(np.round(255 * image) / 255)
     return np.asarray(light / splats.factor, np.float32)
 
 

@@ -16,7 +16,7 @@ class ExportRequest(Request):
     linear: Annotated[
         bool | None,
         "Linear light, or sRGB as displays show it, clipped at white. [default: what programs expect of the "
-        "format]",
+        "format; of .sog sRGB that goes on above white]",
     ] = None
     exposure: Annotated[
         float | None,

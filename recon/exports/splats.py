@@ -30,9 +30,9 @@ class Splats:
     means [N, 3]; scales [N, 3], standard deviations; quats [N, 4], unit, wxyz; opacities [N], 0..1; harmonics
     [N, (degree + 1)^2, 3] as in 3DGS: a colour is max(0, 0.5 + SH(d)). All float64. linear: colours are
     radiance times `factor`; else sRGB codes, fitted so that pictures drawn of them and clipped at 1 are those
-    of that: of single Gaussians they may be above 1. For display values `factor` is 1, and light that of a
-    display. world: where the scene lies; world coordinates are means + offset. dome: the number of the last
-    ones, which represent light from far away; 0 without them.
+    of that. For display values `factor` is 1, and light that of a display. world: where the scene lies; world
+    coordinates are means + offset. dome: the number of the last ones, which represent light from far away; 0
+    without them. end: largest code; above 1 codes go on by the formula of sRGB.
     """
 
     means: Array
@@ -45,6 +45,7 @@ class Splats:
     world: WorldTransform
     offset: Vector
     dome: int = 0
+    end: float = 1.0
 
     def __len__(self) -> int:
         return len(self.means)
@@ -63,7 +64,16 @@ class Splats:
     def light(self) -> Array:
         """The same as radiance; of display values what they decode to."""
         colours = self.colours
-        return np.asarray((colours if self.linear else srgb_decode(colours.clip(0, 1))) / self.factor)
+        return np.asarray((colours if self.linear else self.decoded(colours)) / self.factor)
+
+    @property
+    def brightest(self) -> float | None:
+        """Largest light that the colours can have, as a multiple of a display's white; None: any."""
+        return None if self.linear else float(srgb_decode(self.end, end=self.end))
+
+    def decoded(self, codes: Array) -> Array:
+        """Codes as light, 1 being a display's white."""
+        return np.asarray(srgb_decode(codes, end=self.end))
 
     @property
     def logits(self) -> Array:
@@ -164,8 +174,10 @@ def _decoded(scene: Scene, factor: float) -> Splats:
     return replace(shown, harmonics=harmonics, linear=True, factor=factor)
 
 
-def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Splats:
+def display_splats(scene: Scene, stops: float | None, progress: Progress, end: float = 1.0) -> Splats:
     """Convert a scene to display values: sRGB of the radiance times 2^stops, None: as splats.ply has it.
+
+    end: largest code, as `Splats` has it; of a scene of display values it is 1.
 
     ReconstructionError for another exposure of a scene of display values.
     """
@@ -180,7 +192,7 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Spl
         harmonics = plain_harmonics(scene.gaussians, scene.renderer.appearance, record.degree)
         return _splats(scene, scene.gaussians, harmonics, False, 1.0, 0)
     path = scene.folder / SPLATS
-    if stops is None and path.is_file():
+    if stops is None and end == 1 and path.is_file():
         file = read_ply(path)
         splats = as_splats(file, record.world, record.offset, linear=False, factor=factor)
         return replace(splats, dome=max(0, len(file) - record.gaussians))
@@ -201,8 +213,9 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Spl
         fitted=cameras["training"],
         judged=[*cameras["validation"], *cameras["test"]],
         progress=progress,
+        end=end,
     )
-    return _splats(scene, drawn, shown.harmonics, False, factor, dome)
+    return replace(_splats(scene, drawn, shown.harmonics, False, factor, dome), end=end)
 
 
 def as_splats(

@@ -12,11 +12,12 @@ from imaging.arrays import Array
 from imaging.colour import srgb_encode
 from imaging.progress import Progress
 from recon.result.display import displayed
-from recon.scene.appearance import PlainHarmonics, Rate
+from recon.result.viewers import viewers_of
+from recon.scene.appearance import Rate
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer
-from recon.scene.harmonics import COEFFICIENTS
+from recon.scene.harmonics import C0, COEFFICIENTS
 from recon.scene.ply import fitted_harmonics
-from recon.splat import Limits, SplatCamera
+from recon.splat import SplatCamera
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 
@@ -26,7 +27,9 @@ MOST_VIEWS = 32
 """Most views that colours are fitted to, evenly chosen."""
 MOST_STEPS = 100
 DC_RATE, REST_RATE = Rate(0.15, 0.015), Rate(0.03, 0.003)
-"""The demo's draft comes to 34.0 dB; with two fifths of them to 32.9, with twice as much to 31.6."""
+"""Rates of the constant coefficients, and of the others."""
+_OVER_WHITE = 0.3
+"""Weight of the logarithm of a code above 1, for codes that do not end there, beside the code below."""
 
 
 def steps_after(iterations: int) -> int:
@@ -39,7 +42,7 @@ class DisplayColours:
     """Harmonics of display colours: float64 [N, (degree + 1)^2, 3], those of 3DGS, of sRGB codes in 0..1.
 
     db: PSNR of viewers' drawings with them, against the light exposed, clipped and encoded, over the views
-    that they were not fitted to; over all without such views.
+    that they were not fitted to and the viewers; over all views without such ones.
     """
 
     harmonics: Array
@@ -57,24 +60,27 @@ def display_colours(
     fitted: Sequence[SplatCamera],
     judged: Sequence[SplatCamera],
     progress: Progress,
+    end: float = 1.0,
 ) -> DisplayColours:
     """Fit display colours to Gaussians of linear light; `exposure` times the drawing of `renderer` is shown,
     1 as white.
 
     splats: those that viewers draw in place of `gaussians`, which are among them; the others represent the
-    environment that viewers do not support.
+    environment that viewers do not support. end: largest code of a Gaussian; above 1 the formula of sRGB goes
+    on, for viewers that decode colours before they map tones.
 
     Blending display values is another thing than showing blended light: a lamp behind a veil is clipped
     before it is dimmed. So the harmonics of each Gaussian's own display values, least squares over all
-    directions, are only the start of a short fit, which brings the drawing of viewers near to the light of
-    `fitted`; places, sizes and opacities stay what they are. The same scene gives the same colours.
+    directions, are only the start of a short fit, which brings the drawings of viewers, in turn, near to the
+    light of `fitted`; places, sizes and opacities stay what they are. Some viewers clip each Gaussian, so
+    constants stay within 0..end. The same scene gives the same colours.
     """
     device = gaussians.parameters["means"].device
 
     def codes(directions: Tensor) -> Array:
         with torch.no_grad():
             light = renderer.appearance.colours(splats.parameters, directions.to(device), degree)
-        return np.asarray(srgb_encode(np.clip(light.double().cpu().numpy() * exposure, 0, 1)))
+        return np.asarray(srgb_encode(light.double().cpu().numpy() * exposure, end=end))
 
     start = torch.from_numpy(fitted_harmonics(codes, len(splats), degree)).float().to(device)
     count = start.shape[1]
@@ -82,31 +88,43 @@ def display_colours(
     rest[:, : count - 1] = start[:, 1:]
     model = Gaussians({name: splats.parameters[name].detach() for name in GEOMETRY})
     model.parameters |= {"sh_dc": constant, "sh_rest": rest}
-    viewer = Renderer(PlainHarmonics(), Limits.gsplat())
+    viewers = viewers_of(len(splats), end)
+
+    def shown(cameras: Sequence[SplatCamera]) -> list[Pair]:
+        return [_shown(gaussians, renderer, degree, exposure, camera, end) for camera in _evenly(cameras)]
+
     with torch_on_one_thread():
-        pairs = [_shown(gaussians, renderer, degree, exposure, camera) for camera in _evenly(fitted)]
-        _fit(model, viewer, degree, pairs, steps, progress)
-        others = (_shown(gaussians, renderer, degree, exposure, camera) for camera in _evenly(judged))
-        error = float(
-            np.mean([_error(model, viewer, degree, pair) for pair in (others if judged else pairs)])
-        )
+        pairs = shown(fitted)
+        _fit(model, viewers, degree, pairs, steps, progress, end)
+        judges = shown(judged) if judged else pairs
+        error = np.mean([_error(model, viewer, degree, pair) for pair in judges for viewer in viewers])
     harmonics = torch.cat([constant, rest[:, : count - 1]], 1).detach().double().cpu().numpy()
-    return DisplayColours(harmonics, -10 * math.log10(max(error, 1e-10)))
+    return DisplayColours(harmonics, -10 * math.log10(max(float(error), 1e-10)))
 
 
 @torch.no_grad()
 def _shown(
-    gaussians: Gaussians, renderer: Renderer, degree: int, exposure: float, camera: SplatCamera
+    gaussians: Gaussians, renderer: Renderer, degree: int, exposure: float, camera: SplatCamera, end: float
 ) -> Pair:
-    """A camera and what a display shows of the light that it sees, [H, W, 3], uint8."""
+    """A camera and the codes of the light that it sees, [H, W, 3]: uint8 of what a display shows, or float32
+    up to `end`.
+    """
     light = renderer(gaussians, camera, degree=degree).image
-    return camera, torch.from_numpy(displayed(light.cpu().numpy(), exposure)).to(light.device)
+    values = light.cpu().numpy()
+    codes = displayed(values, exposure) if end == 1 else srgb_encode(values * np.float32(exposure), end=end)
+    return camera, torch.from_numpy(codes).to(light.device)
 
 
 def _fit(
-    model: Gaussians, viewer: Renderer, degree: int, pairs: Sequence[Pair], steps: int, progress: Progress
+    model: Gaussians,
+    viewers: Sequence[Renderer],
+    degree: int,
+    pairs: Sequence[Pair],
+    steps: int,
+    progress: Progress,
+    end: float,
 ) -> None:
-    """Bring what `viewer` draws of `model` nearer to pictures; in place."""
+    """Bring what `viewers` draw of `model` nearer to pictures; in place."""
     rates = {"sh_dc": DC_RATE, "sh_rest": REST_RATE}
     groups = [{"name": name, "params": [model.parameters[name].requires_grad_(True)]} for name in rates]
     optimizer = Adam(groups, eps=1e-15)
@@ -117,17 +135,26 @@ def _fit(
             group["lr"] = rates[group["name"]].at(step / steps)
         camera, shown = pairs[order[step % len(pairs)]]
         optimizer.zero_grad()
-        image = viewer(model, camera, degree=degree).image
-        (image.clamp(0, 1) - shown / 255).square().mean().backward()
+        image = viewers[step % len(viewers)](model, camera, degree=degree).image
+        off = image.clamp(0, 1) - shown / 255 if end == 1 else _weighed(image) - _weighed(shown)
+        off.square().mean().backward()
         optimizer.step()
+        with torch.no_grad():
+            model.parameters["sh_dc"].clamp_(-0.5 / C0, (end - 0.5) / C0)
+
+
+def _weighed(codes: Tensor) -> Tensor:
+    """Codes below 1, and above it a logarithm, of which less matters."""
+    return torch.where(codes <= 1, codes, 1 + _OVER_WHITE * codes.clamp_min(1).log())
 
 
 @torch.no_grad()
 def _error(model: Gaussians, viewer: Renderer, degree: int, pair: Pair) -> float:
     """Mean square of the distance from a picture."""
     camera, shown = pair
+    codes = shown / 255 if shown.dtype == torch.uint8 else shown.clamp(0, 1)
     image = viewer(model, camera, degree=degree).image.clamp(0, 1)
-    return float((image - shown / 255).square().mean(dtype=torch.float64))
+    return float((image - codes).square().mean(dtype=torch.float64))
 
 
 def _evenly(cameras: Sequence[SplatCamera]) -> list[SplatCamera]:

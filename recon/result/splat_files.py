@@ -23,7 +23,7 @@ from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training
 
-BLENDED = "fitted so that pictures, clipped at 1, look right; colours of single Gaussians may be above 1"
+BLENDED = "fitted so that pictures of viewers look right; colours end at 1"
 """Name of display values, for headers."""
 
 

@@ -78,6 +78,8 @@ def export(
         ]
         return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
     light = "linear light" if exported.linear else "sRGB as displays show it"
+    if exported.brightest is not None and exported.brightest > 1:
+        light = f"sRGB codes, of light up to {exported.brightest:.0f} times white"
     made = "" if exported.loss is not None else f"{exported.format} made of "
     what = f"{made}{counted(exported.gaussians, 'Gaussian')} of {folder}, {light}"
     lines = [

@@ -38,8 +38,17 @@ def colours(table: dict[str, np.ndarray], towards: np.ndarray) -> np.ndarray:
     return np.maximum(total + 0.5, 0)
 
 
-def draw(table: dict[str, np.ndarray], camera: SplatCamera, near: float = 0.01) -> np.ndarray:
-    """Picture of a pinhole in the file's coordinates, [H, W, 3], over a black background."""
+def draw(
+    table: dict[str, np.ndarray],
+    camera: SplatCamera,
+    near: float = 0.01,
+    blur: float = 0.3,
+    made_up: bool = False,
+) -> np.ndarray:
+    """Picture of a pinhole in the file's coordinates, [H, W, 3], over a black background.
+
+    blur: px^2. made_up: whether a Gaussian that it spreads is the less opaque.
+    """
     motion = camera.cam_from_world
     turn, centre = motion[:3, :3], -motion[:3, :3].T @ motion[:3, 3]
     xyz = np.stack([table[axis] for axis in "xyz"], 1)
@@ -60,11 +69,14 @@ def draw(table: dict[str, np.ndarray], camera: SplatCamera, near: float = 0.01) 
         u, v = np.clip(x / z, -margins[0], margins[0]), np.clip(y / z, -margins[1], margins[1])
         jacobian = np.array([[camera.fx, 0, -camera.fx * u], [0, camera.fy, -camera.fy * v]]) / z
         spread = jacobian @ turn @ axes[index] * sizes[index]
-        inverse = np.linalg.inv(spread @ spread.T + 0.3 * np.eye(2))
+        sharp = spread @ spread.T
+        blurred = sharp + blur * np.eye(2)
+        share = np.sqrt(np.linalg.det(sharp) / np.linalg.det(blurred)) if made_up else 1.0
+        inverse = np.linalg.inv(blurred)
         dx = columns + 0.5 - camera.cx - camera.fx * x / z
         dy = rows + 0.5 - camera.cy - camera.fy * y / z
         power = inverse[0, 0] * dx * dx + 2 * inverse[0, 1] * dx * dy + inverse[1, 1] * dy * dy
-        alpha = np.minimum(0.99, opacity[index] * np.exp(-0.5 * power))
+        alpha = np.minimum(0.99, share * opacity[index] * np.exp(-0.5 * power))
         alpha = np.where(alpha < 1 / 255, 0, alpha)
         image += (through * alpha)[..., None] * radiance[index]
         through *= 1 - alpha

@@ -1,8 +1,9 @@
 """SOG, the compressed splats of PlayCanvas (version 2): a zip of lossless WebP pictures and a table.
 
 Each Gaussian is a pixel of every picture. Places are 16 bits of a logarithm, turns and opacities 8; sizes,
-colours and harmonics are bytes that name one of 256 float32 values. Here those values lie so that light is
-near in stops, not in differences, which is what makes 256 of them enough for linear light.
+colours and harmonics are bytes that name one of 256 float32 values. PlayCanvas and SuperSplat take colours
+for sRGB codes, which they decode before they map tones; codes above 1 are light above white. Of linear light
+the values lie so that it is near in stops, not in differences, which is what makes 256 of them enough.
 https://github.com/playcanvas/splat-transform
 """
 
@@ -30,6 +31,11 @@ _ROW = 64
 """Entries of the palette of harmonics in a row of their picture."""
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Parts of a quaternion beside its largest."""
+DARK = (
+    "that its light is linear: PlayCanvas and SuperSplat take it for sRGB codes, and show middle grey 2.7 "
+    "stops too dark"
+)
+"""Note of linear light: the format has no word for it, and readers of today expect codes."""
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Date of the files in the zip, so that the same scene gives the same bytes."""
 
@@ -41,7 +47,8 @@ def write(job: Job) -> Written:
     floor = floor_of(job.scene) * splats.factor if splats.linear else 1 / 1024
     packed, held = packed_splats(splats, floor, job.progress)
     store.write_bytes(job.out, packed)
-    return Written([job.out], held, splats if splats.linear else None)
+    notes = (DARK,) if splats.linear else ()
+    return Written([job.out], held, splats if splats.linear else None, notes)
 
 
 def packed_splats(splats: Splats, floor: float, progress: Progress = unreported) -> tuple[bytes, Splats]:

@@ -103,11 +103,11 @@ def test_the_figure_of_the_loss_is_that_of_the_file(scene: Scene) -> None:
 
 
 def test_what_sog_loses_is_told(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fine = export(scene, tmp_path / "a.sog").loss
+    fine = export(scene, tmp_path / "a.sog", linear=True).loss
     monkeypatch.setattr(
         sog, "codebook", lambda values: np.linspace(values.min(), values.max(), 16).repeat(16)
     )
-    coarse = export(scene, tmp_path / "a.sog").loss
+    coarse = export(scene, tmp_path / "a.sog", linear=True).loss
     assert fine is not None
     assert coarse is not None
     assert 0.001 < fine.gaussian_median < 0.5 * coarse.gaussian_median
@@ -122,7 +122,7 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
         assert splats.linear
         assert np.allclose(splats.colours, factor * srgb_decode(values.clip(0, 1)), atol=1e-9)
     for name in ("a.usdc", "a.sog", "a.html"):
-        exported = export(shown, tmp_path / name)
+        exported = export(shown, tmp_path / name, linear=True)
         assert (exported.linear, exported.factor, exported.gaussians) == (True, 1.0, 400)
         assert exported.loss is not None
         assert exported.loss.pixel_p99 > 0.001  # light is blended where the scene blends display values

@@ -9,7 +9,7 @@ def test_a_file_and_what_it_lost(rig, scene: Path, tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     first, light, lost, *_ = out.splitlines()
     assert first.startswith(f"{tmp_path / 'scene.sog'}: ")
-    assert "linear light" in first
+    assert "sRGB codes, of light up to 25 times white" in first
     assert "its light is that of the scene times" in light
     assert lost.startswith("lost: ")
     assert "stops" in lost

@@ -1,0 +1,86 @@
+"""Files of `rig export` as PlayCanvas's engine draws them, against the light that they are of."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging.arrays import Array
+from imaging.colour import srgb_decode, srgb_encode
+from recon.exports.export import export
+from recon.exports.loss import stops_between
+from recon.exports.place import place_of
+from recon.result.scene import Scene
+from tests.foreign_viewers.viewers import Viewer, needs
+from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
+
+pytestmark = needs("playcanvas")
+FAINT = 1 / 1024
+
+
+@pytest.fixture(scope="module")
+def viewer(browser: object) -> Iterator[Viewer]:
+    with Viewer(browser, "playcanvas", WIDTH, HEIGHT) as running:
+        yield running
+
+
+def aces(light: Array) -> Array:
+    """The tone map of that name in PlayCanvas (Narkowicz 2015)."""
+    return (light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)).clip(0, 1)
+
+
+def turn_of(name: str, scene: Scene) -> Array | None:
+    """From the coordinates of a scene to those of a file: glTF stands level."""
+    turn = np.eye(4)
+    turn[:3, :3] = place_of(scene).turn
+    return turn if name.endswith(".glb") else None
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("a.sog", {}), ("b.sog", {"linear": False}), ("a.ply", {}), ("a.glb", {})]
+)
+def test_the_radiances_of_the_wall_are_seen(
+    name: str, options: dict[str, bool], wall: Scene, viewer: Viewer, files: Path
+) -> None:
+    """Within a code of 8 bits and the steps of 11 bits that the engine has of colours."""
+    export(wall, files / name, exposure=0.0, **options)
+    upper, lower = strips(viewer.drawn(files / name, front(), turn=turn_of(name, wall)).astype(float))
+    light = np.array(RADIANCES)[:, None] * np.ones(3)
+    assert np.abs(upper - 255 * srgb_encode(light)).max() < 2.5
+    assert np.abs(lower - 255 * srgb_encode(light * TINT))[1:].max() < 2.5
+
+
+def test_light_above_white_reaches_the_tone_map(wall: Scene, viewer: Viewer, files: Path) -> None:
+    """Of SOG alone; what ends at 1 is 230 of 255 in ACES, however bright it was."""
+    export(wall, files / "c.sog", exposure=0.0)
+    export(wall, files / "d.sog", exposure=0.0, linear=False)
+    truth = 255 * srgb_encode(aces(np.array(RADIANCES)))
+    upper, _ = strips(viewer.drawn(files / "c.sog", front(), tones="aces").astype(float))
+    assert np.abs(upper - truth[:, None]).max() < 3
+    upper, _ = strips(viewer.drawn(files / "d.sog", front(), tones="aces").astype(float))
+    assert np.abs(upper[-2:] - 230).max() < 3
+    assert truth[-1] > 245
+
+
+def test_linear_light_is_seen_dark(wall: Scene, viewer: Viewer, files: Path) -> None:
+    """The warning of `--linear`: colours count as codes."""
+    exported = export(wall, files / "e.sog", exposure=0.0, linear=True)
+    upper, _ = strips(viewer.drawn(files / "e.sog", front()).astype(float))
+    middle = srgb_decode(upper[RADIANCES.index(0.18), 1] / 255)
+    assert np.log2(middle / 0.18) == pytest.approx(-2.7, abs=0.15)
+    assert any("2.7 stops too dark" in note for note in exported.notes)
+
+
+@pytest.mark.parametrize("name", ["v.sog", "v.ply", "v.glb"])
+def test_the_loss_that_is_printed_is_what_the_picture_shows(
+    name: str, veiled: Scene, viewer: Viewer, files: Path
+) -> None:
+    exported = export(veiled, files / name, exposure=0.0)
+    shown = srgb_decode(viewer.drawn(files / name, front(), turn=turn_of(name, veiled)) / 255)
+    light = veiled.render(front())
+    dim = (light < 0.95).all(2)
+    off = stops_between(light[dim], shown[dim], FAINT)
+    assert exported.loss is not None
+    assert np.median(off) < exported.loss.pixel_median + 0.03
+    assert np.median(off) < 0.12
