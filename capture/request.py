@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
+from capture.bracket.goals import BracketGoals
 from imaging.request import Request
 
 if TYPE_CHECKING:
@@ -16,16 +17,6 @@ if TYPE_CHECKING:
 
 Stops = tuple[float, ...]
 """Exposures relative to a middle one."""
-
-
-@dataclass(frozen=True)
-class BracketGoals(Request):
-    """Goals and limits of a planned bracket; None: the cameras' own limits."""
-
-    snr: Annotated[float, "Signal-to-noise ratio to reach in the darkest parts of the scene, dB."] = 20.0
-    slowest: Annotated[float | None, "Longest exposure, s, such as 1/30 or 2s."] = None
-    total: Annotated[float | None, "Longest bracket, all exposures added up, s, such as 10s."] = None
-    highest_iso: Annotated[float | None, "Highest ISO."] = None
 
 
 @dataclass(frozen=True)

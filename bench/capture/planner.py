@@ -22,9 +22,9 @@ import numpy as np
 from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, noise_of, shown, unit
 from bench.support.record import arguments, deliver, machine, words
 from capture.bracket.exposure_choices import exposure_list
+from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import meter
 from capture.bracket.planner import SLACK, BracketPlan, plan_bracket
-from capture.request import BracketGoals
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.support.oracle import calibrate_from_truth
 from calib.calibrate import calibrate
-from capture.request import BracketGoals
+from capture.bracket.goals import BracketGoals
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import pose_of

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 from capture.bracket.deviation import deviates
+from capture.bracket.goals import BracketGoals
 from capture.bracket.planner import SLACK, Target
-from capture.request import BracketGoals
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure

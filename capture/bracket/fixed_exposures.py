@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from capture.bracket.automatic import worths
 from capture.bracket.deviation import TOLERANCE_STOPS
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list
+from capture.bracket.goals import BracketGoals
 from capture.bracket.planner import Target
-from capture.request import BracketGoals
 from drivers.camera import Camera
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure

@@ -18,8 +18,8 @@ import numpy as np
 
 from capture.bracket.balance import Reach, balance
 from capture.bracket.code_noise import CodeNoise
+from capture.bracket.goals import BracketGoals
 from capture.bracket.raw_noise import RawNoise
-from capture.request import BracketGoals
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 

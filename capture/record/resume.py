@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from capture.bracket.fixed_exposures import exposures_around
+from capture.bracket.goals import BracketGoals
 from capture.record.session_plan import asked_for
 from capture.record.source import Source
-from capture.request import BracketGoals, CaptureRequest
+from capture.request import CaptureRequest
 from imaging.errors import InputError
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 from imaging.session.session import Session

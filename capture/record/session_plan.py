@@ -13,9 +13,10 @@ from capture.bracket.fixed_exposures import (
     middle_exposure,
     single_exposures,
 )
+from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import Metering
 from capture.record.source import Source
-from capture.request import BracketGoals, CaptureRequest, Stops
+from capture.request import CaptureRequest, Stops
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import PlanRecord, Subject

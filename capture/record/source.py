@@ -5,7 +5,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
-from capture.request import BracketGoals, Stops
+from capture.bracket.goals import BracketGoals
+from capture.request import Stops
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure

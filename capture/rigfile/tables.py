@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from capture.bracket.goals import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
-from capture.request import BracketGoals
 from capture.rigfile.filters import band_of, wheel_of
 from capture.rigfile.network_address import NetworkAddress, address_of
 from capture.rigfile.shutter_time import seconds_of

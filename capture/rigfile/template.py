@@ -3,8 +3,8 @@
 import json
 from collections.abc import Sequence
 
+from capture.bracket.goals import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
-from capture.request import BracketGoals
 from capture.rigfile.network_address import NetworkAddress
 from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from capture.bracket.goals import BracketGoals
 from capture.record import shooting
-from capture.request import BracketGoals, RigRequest
+from capture.request import RigRequest
 from capture.rigfile import rigfile
 from imaging.errors import InputError
 from imaging.session import records

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.bracket.goals import BracketGoals
 from capture.capture_rig import capture_rig
 from capture.connected_rig import connected_source
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
-from capture.request import BracketGoals, CaptureRequest
+from capture.request import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all

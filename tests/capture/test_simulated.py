@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from capture.bracket.goals import BracketGoals
 from capture.record.shooting import rehearse
-from capture.request import BracketGoals, CaptureRequest
+from capture.request import CaptureRequest
 from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.faults import ROUGH
 from imaging.errors import CaptureError, InputError, StorageError

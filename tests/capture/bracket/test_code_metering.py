@@ -9,9 +9,9 @@ import pytest
 
 from capture.bracket.code_noise import BRIGHTEST, DARKEST, CodeNoise
 from capture.bracket.exposure_choices import exposure_list
+from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import meter
 from capture.bracket.planner import plan_bracket
-from capture.request import BracketGoals
 from drivers.sim.camera import response
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from capture.bracket.exposure_choices import exposure_list
+from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import meter
 from capture.bracket.planner import SLACK, plan_bracket
-from capture.request import BracketGoals
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from bench.capture import planner_cases as cases
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
+from capture.bracket.goals import BracketGoals
 from capture.bracket.planner import BALANCE, SLACK, BracketPlan, Shortfall, Target, plan_bracket
 from capture.bracket.raw_noise import RawNoise
-from capture.request import BracketGoals
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure

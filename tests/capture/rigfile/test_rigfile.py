@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.bracket.goals import BracketGoals
 from capture.capture_rig import capture_rig
-from capture.request import BracketGoals
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from capture.rigfile.template import EXAMPLE, rig_file_text
 from drivers.camera import CameraIdentity, Capabilities
