@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capture.check.findings import FindingModel
 from capture.check.shot_index import read_index, stray_files
-from capture.imports.depths import unit_of
+from capture.imports.given.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.pictures.read import kind_of, read_picture
 from capture.record.shot_files import ShotId, depth_file, mask_file, shot_file

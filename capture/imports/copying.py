@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from capture.imports.depths import unit_of
+from capture.imports.given.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.imports.originals import Original, shown
 from capture.imports.sorting.turned import mask_turned_back, turned_back

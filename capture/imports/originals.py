@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from capture.imports.exposure_list import NAME as EXPOSURE_LIST
-from capture.imports.exposure_list import read_exposure_list
 from capture.imports.sorting.derived import Derived, find_derived
+from capture.imports.sorting.exposure_list import NAME as EXPOSURE_LIST
+from capture.imports.sorting.exposure_list import read_exposure_list
 from capture.pictures.read import PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure

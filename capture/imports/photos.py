@@ -9,22 +9,22 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from capture.bracket.deviation import deviates
-from capture.imports.bands import bands_of, read_band_list
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
-from capture.imports.depths import Depths, depths_asked, depths_note
-from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
-from capture.imports.given_calibration import FILE as CALIBRATION
-from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
-from capture.imports.given_split import write_split
+from capture.imports.given.depths import Depths, depths_asked, depths_note
+from capture.imports.given.given_calibration import FILE as CALIBRATION
+from capture.imports.given.given_calibration import check_sizes, has_poses, write_given, write_truth
+from capture.imports.given.given_split import write_split
+from capture.imports.given.masks import masks_asked, masks_note
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given
-from capture.imports.masks import masks_asked, masks_note
 from capture.imports.originals import FOREIGN, Original, survey
-from capture.imports.pixel_shift import put_together
 from capture.imports.request import ImportRequest, LayoutName
+from capture.imports.sorting.bands import bands_of, read_band_list
 from capture.imports.sorting.cameras import sort_into_cameras
+from capture.imports.sorting.frame_numbering import Numbered, frames_in_time, frames_of_layout
+from capture.imports.sorting.pixel_shift import put_together
 from capture.imports.sorting.strays import without_strays
-from capture.imports.video import is_video, take_frames
+from capture.imports.video.video import is_video, take_frames
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.arguments import checked

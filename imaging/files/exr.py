@@ -16,8 +16,8 @@ from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import exr_layers, exr_library, store
-from imaging.files.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 from imaging.files.silence import quiet
+from imaging.files.tags.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 
 Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""
@@ -68,7 +68,7 @@ class ExrImage:
 
         Another space of linear light that the file names is converted; one that names none is Rec.709.
         InputError if no channels, or several, could be the light, and if the file says that its R, G, B are
-        data, or not linear (`imaging.files.exr_colour`).
+        data, or not linear (`imaging.files.tags.exr_colour`).
         """
         names = exr_layers.light_channels(self._names)
         light = np.stack([self.channels[name] for name in names], axis=-1)
@@ -132,7 +132,7 @@ def write_exr(
         path: File.
         channels: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name.
         half: Store float16 in place of float32.
-        primaries: Entry of `imaging.files.exr_colour.IDS` for R, G, B; None: unknown, which the file states.
+        primaries: Entry of `IDS` in `imaging.files.tags.exr_colour`; None: unknown, which the file states.
         exposure: Exposure to write as `expTime`, `aperture` and `isoSpeed`.
         attributes: Values by name (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become
             float32, and matrices too.

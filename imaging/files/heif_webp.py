@@ -17,8 +17,8 @@ from PIL import Image
 
 from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
+from imaging.files.tags.xmp import noted
 from imaging.files.tiff.exif import decode_exif
-from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
 WEBP_SUFFIXES = frozenset((".webp",))

@@ -15,7 +15,6 @@ from imaging.arrays import AnyArray, Array32, Bytes
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.files.gain_map import ASIDE, holds_gain_map
 from imaging.files.heif_webp import (
     HEIF_SUFFIXES,
     WEBP_SUFFIXES,
@@ -28,7 +27,6 @@ from imaging.files.heif_webp import (
     is_webp,
     webp_metadata,
 )
-from imaging.files.icc import profile_of
 from imaging.files.jpeg_png import (
     JPEG_MAGIC,
     PNG_MAGIC,
@@ -39,10 +37,12 @@ from imaging.files.jpeg_png import (
     png_shell,
 )
 from imaging.files.silence import quiet
+from imaging.files.tags.gain_map import ASIDE, holds_gain_map
+from imaging.files.tags.icc import profile_of
+from imaging.files.tags.xmp import noted
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
 from imaging.files.tiff.image import UnfitError, decode_tiff
-from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
@@ -92,9 +92,9 @@ def is_photo(path: Path) -> bool:
 def read_photo(path: str | Path) -> Photo:
     """Read the first image of a JPEG, PNG, TIFF, WebP or HEIF file, recognised by its content.
 
-    Grey becomes three equal channels. A photograph in another colour space (`imaging.files.icc`) is converted
-    to sRGB. Transparent pixels are composited over black, in linear light as the PNG specification (12.16)
-    has it; the sRGB curve decodes them, whatever the camera's.
+    Grey becomes three equal channels. A photograph in another colour space is converted to sRGB
+    (`imaging.files.tags.icc`). Transparent pixels are composited over black, in linear light as the PNG
+    specification (12.16) has it; the sRGB curve decodes them, whatever the camera's.
 
     Args:
         path: File.

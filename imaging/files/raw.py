@@ -19,9 +19,9 @@ from imaging.arguments import checked
 from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.files.raw_exif import spoken
 from imaging.files.raw_rows import row_stops
 from imaging.files.silence import quiet
+from imaging.files.tags.raw_exif import spoken
 from imaging.files.tiff import dng_colour, dng_tags, dng_unread
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader
 from imaging.files.tiff.dng_pixels import is_foreign, read_pixels

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from capture.imports.given.masks import masks_beside
 from capture.imports.layouts.colmap_files import check_whole, text_names
 from capture.imports.layouts.given import Given, GivenPhoto, lens_of, pose_of
 from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
-from capture.imports.masks import masks_beside
 from capture.imports.originals import pictures_in, shown
 from imaging.arrays import Array
 from imaging.compute.memory import check

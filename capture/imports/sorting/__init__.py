@@ -1,1 +1,1 @@
-"""Photographs sorted into the cameras that took them."""
+"""Photographs sorted into cameras, frames and brackets."""

@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from capture.imports.clock_matching import MOST_NAMED, clock_offset, seconds_of
-from capture.imports.grouping import PhotoSeries
 from capture.imports.originals import Original, shown
 from capture.imports.request import Identity
+from capture.imports.sorting.clock_matching import MOST_NAMED, clock_offset, seconds_of
+from capture.imports.sorting.grouping import PhotoSeries
 from capture.imports.sorting.lens_settings import UNKNOWN, LensSetting, lens_settings
 from imaging.session.records import CameraRecord
 

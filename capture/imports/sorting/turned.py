@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.files.icc import profile_of
 from imaging.files.photo import decode_codes, decode_photo, encode_png
+from imaging.files.tags.icc import profile_of
 from imaging.files.tiff.exif import encode_exif
 
 _AFTER_HEADER = 8 + 12 + 13

@@ -9,6 +9,7 @@ from io import BytesIO
 from typing import Any
 
 from imaging.exposure import Exposure
+from imaging.files.tags.xmp import noted
 from imaging.files.tiff import exif_gps, maker_notes
 from imaging.files.tiff.directory import (
     ASCII,
@@ -28,7 +29,6 @@ from imaging.files.tiff.directory import (
     text,
 )
 from imaging.files.tiff.pages import photograph
-from imaging.files.xmp import noted
 from imaging.mosaic import FrameMetadata
 
 MAKE, MODEL, ORIENTATION, DATE_TIME, XMP = 271, 272, 274, 306, 700

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from capture.imports.companions import asked, beside
+from capture.imports.sorting.companions import asked, beside
 
 SUFFIXES = (".png",)
 

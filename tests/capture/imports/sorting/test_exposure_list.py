@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.imports.exposure_list import read_exposure_list
+from capture.imports.sorting.exposure_list import read_exposure_list
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 

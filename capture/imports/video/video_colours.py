@@ -8,9 +8,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from capture.imports.stream_colours import UNSAID, Colours, stream_colours
+from capture.imports.video.stream_colours import UNSAID, Colours, stream_colours
 from imaging.errors import InputError
-from imaging.files.cicp import UNSPECIFIED, name_of, refuse_hdr
+from imaging.files.tags.cicp import UNSPECIFIED, name_of, refuse_hdr
 
 _NARROW = (1, UNSPECIFIED, 5, 6, 7)
 """ColourPrimaries whose colours are those of sRGB, or nearly."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture.imports.photos import import_photos
-from capture.imports.stream_colours import UNSAID, colours_in, stream_colours
+from capture.imports.video.stream_colours import UNSAID, colours_in, stream_colours
 from imaging.errors import InputError
 
 SOURCE = "-f lavfi -i testsrc=size=64x48:rate=10:duration=0.5"

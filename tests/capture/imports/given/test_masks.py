@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capture.check.check import check, repair
-from capture.imports.masks import masks_beside
+from capture.imports.given.masks import masks_beside
 from capture.imports.photos import import_photos
 from capture.pictures.read import read_picture
 from imaging.cfa import Cfa

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from capture.imports.companions import asked
 from capture.imports.layouts.given import GivenDepth
+from capture.imports.sorting.companions import asked
 from imaging.files.depth import MILLIMETRE, SUFFIXES, read_depth, require_shape
 
 Depths = Mapping[Path, GivenDepth]

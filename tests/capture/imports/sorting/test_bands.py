@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from capture.check.repair import repair
-from capture.imports.bands import bands_of, read_band_list
 from capture.imports.photos import import_photos
+from capture.imports.sorting.bands import bands_of, read_band_list
 from imaging.errors import InputError
 from imaging.session.records import Band
 from imaging.session.session import Session

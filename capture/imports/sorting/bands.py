@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from capture.imports.grouping import Bracket, PhotoSeries, split_into_brackets
 from capture.imports.originals import shown
+from capture.imports.sorting.grouping import Bracket, PhotoSeries, split_into_brackets
 from imaging.errors import InputError
 from imaging.session.records import MOST_BANDS, Band
 

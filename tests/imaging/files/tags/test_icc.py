@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageCms, PngImagePlugin
 
-from imaging.files import icc
 from imaging.files.photo import read_photo
+from imaging.files.tags import icc
 from imaging.files.tiff.exif import encode_exif
 from imaging.merge.linear_frame import SATURATED_CODE
 from imaging.mosaic import FrameMetadata

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from capture.bracket.deviation import deviates
-from capture.imports.grouping import PhotoSeries
 from capture.imports.originals import Original, shown
+from capture.imports.sorting.grouping import PhotoSeries
 from imaging.errors import InputError
 from imaging.merge.pixel_shift import COUNT
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.imports.grouping import PhotoSeries, split_into_brackets
 from capture.imports.originals import Original
+from capture.imports.sorting.grouping import PhotoSeries, split_into_brackets
 from capture.pictures.read import PictureFacts
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata

@@ -11,7 +11,7 @@ import pytest
 
 from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
-from imaging.files.raw_exif import spoken
+from imaging.files.tags.raw_exif import spoken
 from imaging.mosaic import FrameMetadata
 
 SAID = FrameMetadata(make="Acme", model="Z1", exposure=Exposure(time=0.01, f_number=2.0, iso=100.0))
@@ -53,6 +53,6 @@ def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(exifread, "process_file", trip)
     assert spoken(BytesIO(b"IIRO"), LIBRAW).exposure == Exposure(time=0.5, f_number=4.0, iso=200.0)
-    monkeypatch.setattr("imaging.files.raw_exif.from_names", trip)
+    monkeypatch.setattr("imaging.files.tags.raw_exif.from_names", trip)
     with pytest.raises(IndexError):
         spoken(BytesIO(b"IIRO"), LIBRAW)

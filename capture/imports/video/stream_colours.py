@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cv2
 
-from imaging.files.cicp import UNSPECIFIED
 from imaging.files.silence import quiet
+from imaging.files.tags.cicp import UNSPECIFIED
 
 Colours = tuple[int, int]
 """ColourPrimaries and TransferCharacteristics."""

@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from capture.imports.grouping import Bracket
 from capture.imports.request import Together
+from capture.imports.sorting.grouping import Bracket
 from imaging.arrays import Array
 from imaging.session.records import CameraRecord
 

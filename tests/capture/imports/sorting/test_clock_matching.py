@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.imports.clock_matching import clock_offset, match_frames
 from capture.imports.originals import Original
+from capture.imports.sorting.clock_matching import clock_offset, match_frames
 from capture.pictures.read import PictureFacts
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata

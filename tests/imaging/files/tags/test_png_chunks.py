@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from imaging.files.photo import encode_png, read_metadata, read_photo
-from tests.imaging.files.test_cicp import png
+from tests.imaging.files.tags.test_cicp import png
 
 RGB8 = np.random.default_rng(4).integers(0, 250, (6, 9, 3), dtype=np.uint8)
 RGB16 = np.random.default_rng(5).integers(0, 65000, (6, 9, 3), dtype=np.uint16)

@@ -6,7 +6,7 @@ import pytest
 
 from imaging.colour import PRIMARIES
 from imaging.errors import InputError
-from imaging.files.exr_colour import colour_of
+from imaging.files.tags.exr_colour import colour_of
 
 LIGHT = np.array([[0.18, 0.18, 0.18], [4.0, 0.5, 0.01], [0.02, 0.9, 3.0], [0.3, 0.1, 40.0]], np.float32)
 

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 
 from capture.imports.originals import shown
-from capture.imports.video_colours import refuse_other_displays
+from capture.imports.video.video_colours import refuse_other_displays
 from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError

@@ -20,9 +20,9 @@ from PIL import ImageCms
 from imaging.arrays import Array32
 from imaging.colour import srgb_decode, srgb_encode
 from imaging.errors import InputError
-from imaging.files import cicp
 from imaging.files.heif_webp import embedded_icc, heif_colour, is_heif, is_webp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
+from imaging.files.tags import cicp
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integers, numbers
 from imaging.files.tiff.exif import is_adobe_rgb
 from imaging.files.tiff.image import INVERTED

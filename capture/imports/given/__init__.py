@@ -1,0 +1,1 @@
+"""Calibration, split, depth and masks that come with photographs."""

@@ -1,0 +1,1 @@
+"""Frames of a video, and the colours that its streams state."""

@@ -1,0 +1,1 @@
+"""Values that a picture file states about itself: its colours, its exposure, its maker."""
