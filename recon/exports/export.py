@@ -16,6 +16,7 @@ from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
 from recon.exports.loss import Loss, loss_of
 from recon.exports.place import place_of
+from recon.exports.programs import PROGRAMS
 from recon.exports.request import ExportRequest, FormatName
 from recon.exports.splats import sound
 from recon.result.scene import Scene, open_scene
@@ -58,7 +59,8 @@ FORMATS: dict[FormatName, Format] = {
 class Exported:
     """Written export and its loss; None if it holds no Gaussians.
 
-    brightest: largest light of a Gaussian, as a multiple of a display's white; None: any.
+    brightest: largest light of a Gaussian, as a multiple of a display's white; None: any. opening: the way in
+    which the program opens it, and how far that was tried, if one was named.
     """
 
     format: FormatName
@@ -70,6 +72,7 @@ class Exported:
     loss: Loss | None
     brightest: float | None = None
     notes: tuple[str, ...] = field(default=())
+    opening: str | None = None
 
     def data(self) -> dict[str, Any]:
         """Fields for --json."""
@@ -84,6 +87,7 @@ class Exported:
             "bytes": sum(path.stat().st_size for path in self.files),
             "loss": None if self.loss is None else self.loss.data(),
             "not_in_it": list(self.notes),
+            "opening": self.opening,
         }
 
 
@@ -114,7 +118,7 @@ def export(
         StorageError: The disk refuses.
     """
     out, request = Path(out), ExportRequest.of(request, {})
-    name, linear = request.format or format_of(out), request.linear
+    name, linear = _asked(out, request)
     chosen = FORMATS[name]
     if linear is not None and linear != chosen.linear and chosen.only is not None:
         option = "--linear" if linear else "--display"
@@ -153,7 +157,22 @@ def export(
         loss,
         None if written.held is None else written.held.brightest,
         notes,
+        None if request.program is None else str(PROGRAMS[request.program]),
     )
+
+
+def _asked(out: Path, request: ExportRequest) -> tuple[FormatName, bool | None]:
+    """Format, and whether its light is linear, as a program opens it or as they were given."""
+    if request.program is None:
+        return request.format or format_of(out), request.linear
+    program = PROGRAMS[request.program]
+    suffixes = FORMATS[program.format].suffixes
+    if request.format is not None or request.linear is not None or out.suffix.lower() not in suffixes:
+        raise InputError(
+            f"{request.program} opens {suffixes[-1]}: name such a file with --out, and leave --format, "
+            "--linear and --display out."
+        )
+    return program.format, program.linear
 
 
 def format_of(out: Path) -> FormatName:

@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 from imaging.request import Request
 
 FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
+ProgramName = Literal[
+    "nuke", "blender", "houdini", "unreal", "arnold", "realitykit", "supersplat", "spark", "three"
+]
 
 
 @dataclass(frozen=True)
@@ -21,4 +24,8 @@ class ExportRequest(Request):
     exposure: Annotated[
         float | None,
         "Light is multiplied by 2^STOPS. If it is not given, the median of the scene is middle grey.",
+    ] = None
+    program: Annotated[
+        ProgramName | None,
+        "The program that opens the file: it picks the format and its light, and what was tried is printed.",
     ] = None

@@ -22,6 +22,7 @@ NO_OPTIONS = ExportRequest()
 OPTIONS = Asked(
     linear=Shown(name="--linear/--display"),
     exposure=Shown(how={"metavar": "STOPS", "min": -60, "max": 60}),
+    program=Shown(name="--for"),
 )
 
 
@@ -57,9 +58,10 @@ def export(
     """
     if (out is None) == (vfx is None):
         raise WrongUsage("Name a file with --out, or a folder with --vfx")
-    if vfx is not None and (request.format is not None or request.linear is not None):
+    given = (request.format, request.linear, request.program)
+    if vfx is not None and given != (None, None, None):
         raise WrongUsage(
-            "--vfx writes its own formats, in linear light: leave --format, --linear and --display out"
+            "--vfx writes its own formats, in linear light: leave --format, --linear, --display and --for out"
         )
     with running("export") as status:
         folder = find_reconstruction(reconstruction)
@@ -86,6 +88,7 @@ def export(
         f"{exported.files[0]}: {what}, {size / 1e6:.3g} MB",
         *(f"beside it: {path}" for path in exported.files[1:]),
         *_lost(exported.factor, exported.loss, exported.notes),
+        *((f"for {request.program}: {exported.opening}",) if exported.opening else ()),
     ]
     return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
 

@@ -14,6 +14,8 @@ from imaging.session.records import Band
 from recon.exports.export import FORMATS, export
 from recon.exports.formats import sog
 from recon.exports.loss import loss_of, stops_between
+from recon.exports.programs import PROGRAMS
+from recon.exports.request import ProgramName
 from recon.exports.splats import display_splats, linear_splats, sound
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
@@ -140,6 +142,20 @@ def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path,
     with pytest.raises(InputError, match="is in the folder of the scene"):
         export(scene, made / "a.ply")
     assert not (made / "a.ply").exists()
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_picks_format_and_light(name: ProgramName, scene: Scene, tmp_path: Path) -> None:
+    program = PROGRAMS[name]
+    with pytest.raises(InputError, match=f"{name} opens "):
+        export(scene, tmp_path / "a.obj", program=name)
+    with pytest.raises(InputError, match=f"{name} opens "):
+        export(scene, tmp_path / SPLATS[program.format], program=name, linear=True)
+    if name in ("supersplat", "arnold", "spark"):
+        exported = export(scene, tmp_path / SPLATS[program.format], program=name)
+        assert (exported.format, exported.linear) == (program.format, bool(program.linear))
+        assert exported.opening is not None
+        assert ("pictures of" in exported.opening) == (name != "arnold")
 
 
 def test_sound_scenes_are_left_as_they_are(scene: Scene) -> None:
