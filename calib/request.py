@@ -19,37 +19,37 @@ Part = Literal["sensor", "response", "colour", "poses", "luminance"]
 class CalibrationRequest(Request):
     """Options of a calibration: the command line, Python and the benches each make one."""
 
-    only: Annotated[Part | None, "Redo only this part and keep the rest; all parts but poses need none."] = (
-        None
-    )
+    only: Annotated[
+        Part | None, "Redo only this part and keep the rest; all parts except poses work without poses."
+    ] = None
     board: Annotated["Board | None", "ChArUco board layout, if the session does not record it."] = None
-    chart: Annotated[bool, "Measure colours by a ColorChecker that some views show."] = False
+    chart: Annotated[bool, "Calibrate colour from a ColorChecker visible in some views."] = False
     luminance: Annotated[
         "Sequence[LuminanceReading] | Forget | None",
-        "Readings of meters and lamps, which make the light absolute. Those of earlier runs stay if "
-        "there are no new ones; none forgets them.",
+        "Readings of meters and lamps, which make the light absolute. Without new readings, those of earlier "
+        "runs are kept; none discards them.",
     ] = None
     survey: Annotated[
         str | PathLike[str] | None,
         "Surveyed points: a table with name,x,y,z in metres (or easting,northing,height, or "
-        "latitude,longitude,altitude) and sigma; they stay for later runs, none forgets them.",
+        "latitude,longitude,altitude) and sigma; kept for later runs, none discards them.",
     ] = None
     marks: Annotated[
         str | PathLike[str] | None,
-        "Where images show surveyed points: a table with name,image,u,v in pixels.",
+        "Positions of surveyed points in images: a table with name,image,u,v in pixels.",
     ] = None
     markers: Annotated[
         str | None,
-        "Markers that stand on surveyed points, called by their numbers: DICT_APRILTAG_36H11.",
+        "Dictionary of markers on surveyed points, named by their numbers: DICT_APRILTAG_36H11.",
     ] = None
     onto: Annotated[
         str | PathLike[str] | None,
-        "Take the coordinates of a calibrated session that shows the same scene; they stay for later runs, "
-        "none forgets it.",
+        "Use the coordinates of a calibrated session of the same scene; kept for later runs, none discards "
+        "them.",
     ] = None
     without: Annotated[
-        Collection[LightPart] | None, "Leave out a part of what scene points show of light."
+        Collection[LightPart] | None, "Switch off a photometric correction estimated from scene points."
     ] = None
     keep_doubtful: Annotated[
-        bool, "Keep views that others contradict about where they stand, with a warning that names them."
+        bool, "Keep views whose poses other views contradict, with a warning that names them."
     ] = False

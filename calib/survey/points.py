@@ -79,7 +79,7 @@ def read_survey(path: Path) -> Survey:
             )
         if sigma is not None and sigma <= 0:
             raise InputError(
-                f"{where}: a sigma of {sigma:g} is no standard error: leave it empty, or state m."
+                f"{where}: a sigma of {sigma:g} is not a standard error: leave it empty, or give metres."
             )
         if system == _GEODETIC and not (abs(numbers[0]) <= 90 and abs(numbers[1]) <= 360):
             raise InputError(
@@ -102,11 +102,11 @@ def read_table(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is no text in UTF-8: save the table as CSV.") from error
+        raise InputError(f"{path} is not UTF-8 text: save the table as CSV.") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read: correct the path or its permissions.") from error
     if "\0" in text:
-        raise InputError(f"{path} is no text: save the table as CSV.")
+        raise InputError(f"{path} is not a text file: save the table as CSV.")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
     separator = next((mark for mark in ";\t" if lines and mark in lines[0][1]), ",")
@@ -118,7 +118,9 @@ def _split(path: Path, lines: Sequence[tuple[int, str]], separator: str) -> Iter
         try:
             fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
         except csv.Error as error:
-            raise InputError(f"{path}, line {number} is no line of a table: correct its quotes.") from error
+            raise InputError(
+                f"{path}, line {number} is not a valid table line: correct its quotes."
+            ) from error
         # Tables whose numbers have decimal commas are separated by semicolons.
         yield (
             number,

@@ -33,7 +33,7 @@ def exposures_around(
     chosen: list[Exposure] = []
     for stop in stops:
         if not math.isfinite(stop) or abs(stop) > 64:
-            raise InputError(f"{stop} is no exposure: give stops relative to the middle, as -2,0,2.")
+            raise InputError(f"{stop} is not an exposure: give stops relative to the middle, such as -2,0,2.")
         ideal = middle.with_time(middle.time * 2.0**stop)
         if not times[0] / slack <= ideal.time <= times[-1] * slack:
             least, most = math.log2(times[0] / middle.time), math.log2(times[-1] / middle.time)

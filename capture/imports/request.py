@@ -22,7 +22,7 @@ class ImportRequest(Request):
         "Layout of the folder; recognised by its files if not given. Lenses, poses and scene points of a "
         "layout become the calibration of the session.",
     ] = None
-    cameras: Annotated[Identity | None, "What distinguishes cameras; guessed if not given."] = None
+    cameras: Annotated[Identity | None, "How to distinguish cameras; guessed if not given."] = None
     bracket: Annotated[int | None, "Exposures in each bracket; guessed if not given."] = None
     together: Annotated[
         Together | None, "How brackets of several cameras are matched to a frame; guessed if not given."
@@ -32,8 +32,8 @@ class ImportRequest(Request):
     ] = None
     masks: Annotated[
         str | PathLike[str] | None,
-        "A folder of PNG masks named as the photos, black where they are to be ignored; those of the layout "
-        "if not given.",
+        "A folder of PNG masks named as the photos, black where pixels are to be ignored; those of the "
+        "layout if not given.",
     ] = None
     depths: Annotated[
         str | PathLike[str] | None,
@@ -42,9 +42,7 @@ class ImportRequest(Request):
     ] = None
     bands: Annotated[
         str | PathLike[str] | None,
-        "A list of the filters before mono cameras, one line 'name, wavelength, bandwidth' (in nm) for each; "
-        "photos of a filter have its name in theirs, or are in a folder of that name.",
+        "A list of the filters of mono cameras, one line 'name, wavelength, bandwidth' (in nm) for each; "
+        "photos of a filter have its name in their file names, or are in a folder of that name.",
     ] = None
-    pixel_shift: Annotated[
-        bool, "Combine every four RAW photographs of a camera, between which its sensor moved."
-    ] = False
+    pixel_shift: Annotated[bool, "Combine every four RAW photographs of a camera with pixel shift."] = False

@@ -70,7 +70,7 @@ def joined(address: str) -> Iterator[Any]:
         if not refused and type(error).__name__ != "AuthenticationError":
             raise _nobody(address, error) from None
         raise InputError(
-            f"The Ray cluster at {address} does not let this host in: copy {token_file()} of a host where "
+            f"The Ray cluster at {address} does not admit this host: copy {token_file()} of a host where "
             "rig node runs to the same place here."
         ) from None
     try:

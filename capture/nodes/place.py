@@ -87,4 +87,4 @@ def settings_here() -> NodeSettings:
     """Settings of the node that this process runs on. InputError outside a node."""
     with suppress(KeyError, ValidationError):
         return NodeSettings.model_validate_json(os.environ[VARIABLE])
-    raise InputError("this host is no node of a rig: start one with rig node.")
+    raise InputError("this host is not a node of a rig: start one with rig node.")

@@ -99,7 +99,7 @@ def _syntax(path: Path, text: str, message: str) -> str:
     position = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
     what, line = (position[1], position[2]) if position else (message, None)
     number = int(line) if line else text.rstrip().count("\n") + 1
-    return f"{path}, line {number}: this is no TOML ({what[:1].lower()}{what[1:]}); correct the line."
+    return f"{path}, line {number}: this is not valid TOML ({what[:1].lower()}{what[1:]}); correct the line."
 
 
 def _sentence(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:

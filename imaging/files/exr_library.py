@@ -38,7 +38,7 @@ def _opened(path: Path, header_only: bool) -> Iterator[Any]:
     try:
         with path.open("rb") as file:
             if file.read(4) != _MAGIC:
-                raise InputError(f"{path} is not an EXR file: name one.")
+                raise InputError(f"{path} is not an EXR file: choose one that is.")
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
             if not exr.parts:  # the library only prints why
                 raise damaged(path)

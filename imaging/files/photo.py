@@ -199,7 +199,7 @@ def read_metadata(path: Path) -> FrameMetadata:
     except OSError as error:
         raise _unreadable(path, error) from error
     if metadata is None:
-        raise InputError(f"{path} is no photograph, RAW or EXR file: convert it to one of them.")
+        raise InputError(f"{path} is not a photograph, RAW or EXR file: convert it to one of them.")
     return metadata
 
 

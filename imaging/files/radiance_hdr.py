@@ -64,7 +64,7 @@ def read_hdr(path: Path) -> Array32:
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"{path} cannot be read ({reason}): correct the path or its permissions.") from error
     if not data.startswith(_MAGICS):
-        raise InputError(f"{path} is not a Radiance file: name one.")
+        raise InputError(f"{path} is not a Radiance file: choose one that is.")
     head, blank, rest = data[:_LONGEST_HEADER].partition(b"\n\n")
     size = _SIZE.fullmatch(rest.partition(b"\n")[0].strip())
     if not blank or size is None:

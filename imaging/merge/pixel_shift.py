@@ -157,7 +157,9 @@ def _contradicted(green: Floats, apart: Floats, first: RawMosaic) -> Mask:
 def _must_fit(frames: Sequence[RawMosaic]) -> None:
     first = frames[0]
     if len(frames) != COUNT:
-        raise InputError(f"{len(frames)} files are no group of pixel shift, which has {COUNT}: add the rest.")
+        raise InputError(
+            f"{len(frames)} files are not a complete pixel-shift group, which has {COUNT}: add the rest."
+        )
     for frame in frames:
         if frame.cfa is None or not frame.cfa.bayer:
             raise InputError("pixel shift is read of Bayer mosaics only: import these files as they are.")

@@ -40,13 +40,13 @@ class Budget:
     def __post_init__(self) -> None:
         if self.unit == "s" and not 0 < self.amount < math.inf:
             raise InputError(
-                f"A budget of {self.amount:g} s is no time to train: give one such as 90s or 5m."
+                f"A budget of {self.amount:g} s is too short for training: give one such as 90s or 5m."
             )
         if self.unit == "dB" and not 0 < self.amount < BEST_DB:
             raise InputError(f"A quality of {self.amount:g} dB is out of range: give one such as 35dB.")
         cap = self.gaussians
         if cap is not None and cap < FEWEST_GAUSSIANS:
-            raise InputError(f"A budget of {self} is no room for a scene: give one such as 20k or 3MB.")
+            raise InputError(f"A budget of {self} is too small for a scene: give one such as 20k or 3MB.")
 
     @classmethod
     def parse(cls, text: str) -> "Budget":

@@ -57,7 +57,8 @@ class Overrides(Record):
         for word, (key, _, value) in zip(words, pairs, strict=True):
             if key not in cls.model_fields or not value:
                 raise InputError(
-                    f"--set {word} sets nothing: write KEY=VALUE with one of {', '.join(cls.model_fields)}."
+                    f"--set {word} is not a setting: write KEY=VALUE with one of "
+                    f"{', '.join(cls.model_fields)}."
                 )
         keys = [key for key, _, _ in pairs]
         if twice := {key for key in keys if keys.count(key) > 1}:

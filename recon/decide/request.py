@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 LARGEST_SEED = 2**32 - 1
 _PRESETS = "; ".join(
-    f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
-    f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
+    f"{name}: {preset.iterations:,} iterations or {preset.looks} per training view, at most "
+    f"{preset.gaussians:,} Gaussians or {preset.each:,} per view, {preset.width} px wide"
     for name, preset in QUALITIES.items()
 )
 
@@ -35,24 +35,24 @@ class TrainingRequest(Request):
 
     method: Annotated[
         MethodName,
-        "auto chooses by what the session holds: nh-3dgs for RAW and EXR, hdr-gs for photographs whose "
-        "exposures differ, else vanilla, the colours of 3DGS in the training of the others.",
+        "auto chooses by the files of the session: nh-3dgs for RAW and EXR, hdr-gs for photographs with "
+        "different exposures, else vanilla, which trains the colours of 3DGS like the other methods.",
     ] = "auto"
-    quality: Annotated[QualityName, f"How long and how fine: {_PRESETS}."] = "standard"
+    quality: Annotated[QualityName, f"Preset of training length and resolution: {_PRESETS}."] = "standard"
     budget: Annotated[
         "Budget | None",
-        "Finish in 90s or 5m, from Enter to the report (left out if time is short, in this order: the "
+        "Finish in 90s or 5m, from Enter to the report (skipped if time is short, in this order: the "
         "report, depths of some views, model trials); make splats.ply no larger than 30MB; use at most 100k "
         "Gaussians; or stop when held-out views reach 35dB.",
     ] = None
     seed: Annotated[int, "The same seed gives the same bytes."] = 0
-    overrides: Annotated["Overrides", "Settings in place of the preset's and the method's."] = field(
+    overrides: Annotated["Overrides", "Override settings of the preset and the method."] = field(
         default_factory=_none_set
     )
     early_stop: Annotated[
         bool,
-        "Stop where trainings usually cease to gain, or earlier, when the validation views (up to half of "
-        "the held-out ones) get no better.",
+        "Stop where trainings usually stop improving, or earlier, when the validation views (up to half of "
+        "the held-out ones) do.",
     ] = False
     name: Annotated[
         str | None,
@@ -60,7 +60,7 @@ class TrainingRequest(Request):
         "nh-3dgs-standard.",
     ] = None
     replace: Annotated[
-        bool, "Train anew and replace the scene of that name, once the new one is finished."
+        bool, "Train again and replace the scene of that name once the new one is finished."
     ] = False
 
     def __post_init__(self) -> None:

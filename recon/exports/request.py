@@ -15,11 +15,13 @@ ProgramName = Literal[
 class ExportRequest(Request):
     """Options of an export: the command line, Python and the benches each make one."""
 
-    format: Annotated[FormatName | None, "What to write, where the suffix of FILE does not name it."] = None
+    format: Annotated[FormatName | None, "Format to write, if the extension of FILE does not select it."] = (
+        None
+    )
     linear: Annotated[
         bool | None,
-        "Linear light, or sRGB as displays show it, clipped at white. [default: what programs expect of the "
-        "format; of .sog sRGB that goes on above white]",
+        "Linear light, or sRGB encoded for display, clipped at white. [default: what programs expect of the "
+        "format; for .sog, sRGB extended above white]",
     ] = None
     exposure: Annotated[
         float | None,

@@ -80,8 +80,8 @@ def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
         return _transforms(path / TRANSFORMS, usual) if (path / TRANSFORMS).is_file() else _colmap(path)
     if not path.is_file():
         raise InputError(
-            f"{path} is no path to render: write orbit:N, spline:N, or name transforms.json, a folder with a "
-            "COLMAP model, a CSV table or a USD file."
+            f"{path} is not a path to render: write orbit:N, spline:N, or name transforms.json, a folder "
+            "with a COLMAP model, a CSV table or a USD file."
         )
     if suffix == ".json":
         return _transforms(path, usual)
@@ -91,7 +91,7 @@ def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
         from recon.rendering.usd_camera import read_usd
 
         return read_usd(path, usual, camera)
-    what = "Alembic, which has no reader for Python" if suffix == ".abc" else "no file of cameras"
+    what = "Alembic, which has no reader for Python" if suffix == ".abc" else "not a file of cameras"
     raise InputError(f"{path} is {what}: export the camera as USD or CSV, or name transforms.json.")
 
 
@@ -106,7 +106,9 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
         where = f"frame {index} of {path}"
         for key in _NOT_READ:
             if _says({**content, **frame}.get(key)):
-                raise InputError(f"{where} has a {key}, which rig does not draw by: export it again without.")
+                raise InputError(
+                    f"{where} has a {key}, which rig does not support: export it again without it."
+                )
         lens = _nerfstudio_lens({**content, **frame}, usual, where)
         cameras.append(camera_of(frame.get("transform_matrix"), lens, where, opengl=True))
     coordinates = content.get("coordinates")
@@ -130,7 +132,7 @@ def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) 
         if value is None:
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MOST:
-            raise InputError(f"{where} has a {key} that is no number, or too large: correct it.")
+            raise InputError(f"{where} has a {key} that is not a number, or too large: correct it.")
         return float(value)
 
     model = values.get("camera_model", "OPENCV_FISHEYE" if values.get("is_fisheye") else "OPENCV")

@@ -49,7 +49,7 @@ def named_path(scene: Scene, text: str) -> CameraPath | None:
     frames = FRAMES
     if colon:
         if not count.isdecimal() or not 1 <= int(count) <= MOST_FRAMES:
-            raise InputError(f"{text!r} is no path: write {name}:N, N frames from 1 to {MOST_FRAMES}.")
+            raise InputError(f"{text!r} is not a path: write {name}:N, N frames from 1 to {MOST_FRAMES}.")
         frames = int(count)
     cameras = orbit(scene, frames) if name == "orbit" else spline(scene, frames)
     return CameraPath(name, tuple(cameras))
@@ -69,7 +69,7 @@ def orbit(scene: Scene, frames: int) -> list[SplatCamera]:
     level = away - np.outer(away @ up, up)
     radius = float(np.median(np.linalg.norm(level, axis=1)))
     if min(radius, float(np.linalg.norm(np.ptp(centres, axis=0)))) < 1e-9 * (1 + np.abs(centres).max()):
-        raise InputError("The views of the scene look from one place only, so that there is no orbit.")
+        raise InputError("All views of the scene have the same position, so there is no orbit.")
     ahead = level[int(np.argmax(np.linalg.norm(level, axis=1)))]
     ahead /= np.linalg.norm(ahead)
     side = np.cross(up, ahead)
@@ -110,7 +110,7 @@ def spline(scene: Scene, frames: int) -> list[SplatCamera]:
     moved = np.append(True, (distance > 1e-9 * size) | (angle > 1e-9))
     centres, turns = centres[moved], turns[moved]
     if len(centres) < 2:
-        raise InputError("The scene has views from one place only, so that no spline leads through them.")
+        raise InputError("All views of the scene have the same position, so there is no spline through them.")
     distance = np.linalg.norm(np.diff(centres, axis=0), axis=1) / size
     angle = (turns[:-1].inv() * turns[1:]).magnitude()
     knots = np.append(0.0, np.cumsum(np.sqrt(distance + 1e-3 * angle)))

@@ -61,7 +61,9 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
         row = {name: _number(cell, name, where) for name, cell in zip(columns, cells, strict=True)}
         if "frame" in row:
             if row["frame"] != int(row["frame"]) or (numbers and row["frame"] <= numbers[-1]):
-                raise InputError(f"{where} has a frame that is no whole number above the last: correct it.")
+                raise InputError(
+                    f"{where} has a frame that is not an integer above the last one: correct it."
+                )
             numbers.append(int(row["frame"]))
         cameras.append(camera_of(_pose(row, where), _lens(row, usual, where), where, opengl=True))
     return GivenPath(CameraPath(path.stem, tuple(cameras), tuple(numbers)), _axes(lines, path))
@@ -92,7 +94,9 @@ def _number(cell: str, name: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{where} has {cell.strip()!r:.40} for {name}, no finite number: correct it.")
+        raise InputError(
+            f"{where} has {cell.strip()!r:.40} for {name}, which is not a finite number: correct it."
+        )
     return value
 
 

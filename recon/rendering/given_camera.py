@@ -35,13 +35,13 @@ def camera_of(
     except (TypeError, ValueError):
         motion = np.zeros(0)
     if motion.shape != (4, 4) or not np.isfinite(motion).all():
-        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+        raise InputError(f"{where} has a pose that is not a 4x4 matrix of finite numbers: export it again.")
     turn = motion[:3, :3]
     size = float(np.linalg.norm(turn)) / np.sqrt(3)
     turn = turn / (size or 1.0)
     if np.abs(turn.T @ turn - np.eye(3)).max() > _ROUNDING or np.linalg.det(turn) < 0:
         raise InputError(
-            f"{where} has a pose that is no rotation but stretches, shears or mirrors: correct it."
+            f"{where} has a pose that stretches, shears or mirrors instead of only rotating: correct it."
         )
     turn = turn @ _OPENCV_FROM_OPENGL if opengl else turn
     try:

@@ -87,7 +87,7 @@ def render(
     out = Path(out)
     for layer in request.layers:
         if layer not in LAYERS:
-            raise InputError(f"There is no layer {layer!r:.60}: name any of {', '.join(LAYERS)}.")
+            raise InputError(f"There is no layer {layer!r:.60}: choose from {', '.join(LAYERS)}.")
     store.require_writable(out)
     scene = open_scene(folder)
     _check_space(scene, request.space)
@@ -144,7 +144,7 @@ def _tell_empty(
     if not empty:
         return
     if len(empty) < frames:
-        say(f"{len(empty)} of {frames} frames see nothing of the scene, {empty[0]} first")
+        say(f"{len(empty)} of {frames} frames do not see the scene, the first is {empty[0]}")
         return
     fix = (
         "a path has to be in the coordinates of the calibration, or name by --path-in the file of rig export "
@@ -204,7 +204,7 @@ def _place(scene: Scene, place: Sequence[float] | str) -> Array:
         return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
     centre = np.asarray(place, np.float64)
     if centre.shape != (3,) or not np.isfinite(centre).all():
-        raise InputError(f"A probe stands at three finite coordinates, not at {place!r:.60}: name x, y, z.")
+        raise InputError(f"A probe needs three finite coordinates, not {place!r:.60}: name x, y, z.")
     return centre
 
 
@@ -218,10 +218,10 @@ def _path(scene: Scene, request: RenderRequest, say: Callable[[str], None]) -> C
     """The cameras that are asked for in place of the views."""
     if request.path is None:
         if request.path_in is not None or request.path_camera is not None:
-            raise InputError("--path-in and --path-camera are of a path: name one by --path.")
+            raise InputError("--path-in and --path-camera need a path: name one with --path.")
         return None
     if request.views is not None:
-        raise InputError("views and a path cannot be rendered at once: name one of them.")
+        raise InputError("views and a path cannot be rendered at once: give only one of them.")
     if isinstance(request.path, CameraPath):
         return request.path
     cameras = camera_path(scene, request.path, within=request.path_in, camera=request.path_camera)
@@ -260,7 +260,7 @@ def camera_path(
             Path(path), scene, within=None if within is None else Path(within), camera=camera
         )
     if within is not None or camera is not None:
-        raise InputError(f"{path} is no file of cameras: leave --path-in and --path-camera out.")
+        raise InputError(f"{path} is not a file of cameras: leave --path-in and --path-camera out.")
     return frames
 
 

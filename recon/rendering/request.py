@@ -23,36 +23,36 @@ class RenderRequest(Request):
     ] = None
     path: Annotated[
         "str | PathLike[str] | CameraPath | None",
-        "Draw a camera that moves instead of the views: orbit or spline (with a number of frames, "
+        "Render a moving camera instead of the views: orbit or spline (with a number of frames, "
         "spline:240), or a file of cameras: transforms.json, a folder with a COLMAP model, CSV, USD.",
     ] = None
     path_in: Annotated[
         str | PathLike[str] | None,
-        "The file of rig export (USD, glb, PLY) in whose coordinates the path is, where the path does not "
-        "state them, as CSV of Blender or Nuke. [default: those of the calibration]",
+        "The file of rig export (USD, glb, PLY) that defines the coordinates of the path, if the path does "
+        "not state them, such as CSV from Blender or Nuke. [default: those of the calibration]",
     ] = None
     path_camera: Annotated[
         str | None,
-        "Which camera of a USD stage. [default: the first that rig export did not write, if any]",
+        "Camera of a USD stage. [default: the first that rig export did not write, if any]",
     ] = None
     first_frame: Annotated[
         int | None, "Number of the first frame of a path. [default: as its file says, else 1001]"
     ] = None
     width: Annotated[
         int | None,
-        "Width of the pictures, px. [default: that of the training, or of the path; of a probe 1024]",
+        "Width of the pictures, px. [default: that of the training, or of the path; 1024 for a probe]",
     ] = None
     space: Annotated[
         Space, "Primaries of the EXR files, which name them by colorInteropID; light is linear in all."
     ] = "rec709"
     layers: Annotated[
         Sequence[Layer],
-        "Layers of data beside the light, in parts of their own: depth, alpha, normal, trust. Trust is how "
-        "many training views saw a surface and measured its light.",
+        "Data layers beside the light, in separate EXR parts: depth, alpha, normal, trust. Trust is the "
+        "number of training views that saw a surface and measured its light.",
     ] = ()
     raw: Annotated[
         str | None,
-        "Write what the sensor of that camera would record too: RAW (DNG) by each exposure of its bracket, "
+        "Also write what the sensor of that camera would record: RAW (DNG) for each exposure of its bracket, "
         "with its colours, filters and noise.",
     ] = None
     stops: Annotated[Sequence[float], "A PNG for each of them: the light times 2^(exposure + stops)."] = (
@@ -68,5 +68,5 @@ class RenderRequest(Request):
         "Tone map of the PNG, of linear light [H, W, 3] and a factor, uint8. If not given, light is clipped "
         "at white and encoded as sRGB.",
     ] = None
-    video: Annotated[bool, "Write an MP4 of the PNG files too, of the first of their stops."] = False
-    rate: Annotated[float, "Frames a second of the MP4."] = 24.0
+    video: Annotated[bool, "Also write an MP4 of the PNG files, at the first of their stops."] = False
+    rate: Annotated[float, "Frames per second of the MP4."] = 24.0

@@ -76,7 +76,7 @@ def _camera(prim: Any, time: Any, usual: SplatCamera, where: str) -> SplatCamera
     if str(given.projection).endswith("Orthographic"):
         raise InputError(f"{where} is orthographic, which rig cannot draw: make it a perspective camera.")
     if not (given.horizontalAperture > 0 and given.verticalAperture > 0 and given.focalLength > 0):
-        raise InputError(f"{where} has an aperture or a focal length without size: correct it.")
+        raise InputError(f"{where} has an aperture or a focal length of zero: correct it.")
     size = prim.GetPrim().GetAttribute(SIZE).Get(time) if prim.GetPrim().HasAttribute(SIZE) else None
     lens = pinhole_numbers(given, *(size or (usual.width, None)))
     return camera_of(column_matrix(given.transform), lens, where, opengl=True)

@@ -34,7 +34,7 @@ def place_for(
         return place, checkpoint
     if taken and not replace:
         raise InputError(
-            f"{folder} is there already, {_difference(path, checkpoint, wanted)}: give this training another "
+            f"{folder} exists already, {_difference(path, checkpoint, wanted)}: give this training another "
             "--name, or --replace that one."
         )
     return place, None

@@ -173,7 +173,7 @@ def _vertices(path: Path, lines: Sequence[str]) -> np.dtype[np.void]:
         raise InputError(f"{path} has Gaussians that move ({moving}): export one moment as a PLY of 3DGS.")
     shaped = next((name for name in names if name in _SHAPED), None)
     if shaped is not None:
-        raise InputError(f"{path} has splats that are no Gaussians ({shaped}): name a PLY of 3DGS.")
+        raise InputError(f"{path} has splats that are not valid Gaussians ({shaped}): name a PLY of 3DGS.")
     if rest // 3 + 1 > _DEGREE_3:
         raise InputError(f"{path} has harmonics of degree {degree}: name a PLY of degree 3 or lower.")
     return np.dtype(fields)

@@ -73,7 +73,7 @@ def read_spz(path: Path) -> PlySplats:
     try:
         return unpack(data)
     except (ValueError, EOFError, OSError, struct.error, zlib.error, imagecodecs.ZstdError) as error:
-        raise InputError(f"{path} is no SPZ file, or a damaged one ({error}): copy it again.") from error
+        raise InputError(f"{path} is not an SPZ file, or it is damaged ({error}): copy it again.") from error
 
 
 def unpack(data: bytes) -> PlySplats:

@@ -67,7 +67,7 @@ def read_usd(path: Path) -> UsdField:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise InputError(f"{path} is no file that OpenUSD can open: export it again.") from error
+        raise InputError(f"{path} cannot be opened by OpenUSD: export it again.") from error
     prims = [prim for prim in stage.Traverse() if prim.IsA(UsdVol.ParticleField3DGaussianSplat)]
     if len(prims) != 1:
         count = f"{len(prims)} fields" if prims else "no field"

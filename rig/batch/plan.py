@@ -142,13 +142,13 @@ def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, .
             some = [folder] if folder.is_absolute() else sorted(path.parent.glob(pattern))
         except (ValueError, NotImplementedError) as error:
             raise InputError(
-                f"{path}, line {line}: {pattern!r} is no pattern of folders ({error})."
+                f"{path}, line {line}: {pattern!r} is not a pattern of folders ({error})."
             ) from None
         some = [one for one in some if (one / SESSION).is_file()]
         if not some:
             raise InputError(
-                f"{path}, line {line}: {pattern!r} is no session beside {path.name}: correct it, or make one "
-                "with rig import or rig capture."
+                f"{path}, line {line}: {pattern!r} is not a session relative to {path.name}: correct it, or "
+                "make one with rig import or rig capture."
             )
         sessions |= dict.fromkeys(some)
     return tuple(sessions)

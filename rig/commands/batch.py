@@ -24,8 +24,8 @@ def batch(
             min=1,
             max=64,
             metavar="N",
-            help="Commands at once: each has its share of the cores, and begins when the memory that it is "
-            "forecast to take is free.",
+            help="Number of commands at once: each has its share of the cores, and begins when its predicted "
+            "memory is free.",
         ),
     ] = 1,
     ray: RayOption = None,
@@ -39,17 +39,17 @@ def batch(
     ] = None,
     merge: Annotated[
         bool,
-        typer.Option("--merge", help="Make nothing: join the results of all shards in one table and page."),
+        typer.Option("--merge", help="Only join the results of all shards in one table and page."),
     ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Calibrate sessions and make scenes of them, as a plan says.
+    """Calibrate sessions and reconstruct scenes by a plan.
 
-    PLAN.toml has `sessions = ["scans/*"]` and, for each scene that is to be made of each of them, a table
-    [[scene]] with options of rig reconstruct (name, method, quality, budget, seed, set) and `export`, a list
-    of files. What is calibrated or made already stays; what fails is listed, and the rest goes on. The same
-    command goes on where it was stopped. The memory of each step is forecast, and a step begins where that
-    is free. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
+    PLAN.toml has `sessions = ["scans/*"]` and, for each scene to make from every session, a table [[scene]]
+    with options of rig reconstruct (name, method, quality, budget, seed, set) and `export`, a list of files.
+    Existing calibrations and scenes are kept; failed steps are listed, and the others continue. The same
+    command resumes where it was stopped. The memory of each step is predicted, and a step begins when that
+    much is free. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
 
     Example: rig batch PLAN.toml --workers 2
     """

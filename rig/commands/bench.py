@@ -33,8 +33,8 @@ def bench(
 ) -> CommandResult:
     """Measure rig on the data set of a paper.
 
-    Imports, calibrates, trains and measures each scene as its paper does, and prints a table with the figures
-    that were published. Scenes that are done are kept, so that the same command continues.
+    Imports, calibrates, trains and measures each scene by the protocol of the paper, and prints a table with
+    the published figures. Finished scenes are kept, so the same command resumes.
 
     Example: rig bench rawnerf scenes/ --quality best
     """

@@ -56,9 +56,9 @@ def calibrate(
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
 
-    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor from
-    darks and flats, lenses, rig and scale from a board, where the session has them. Scale is arbitrary unless
-    a board, measured camera positions, --survey or GPS positions in the files provide metres. Light is
+    Estimates poses, lenses, exposure ratios, response and vignetting from the pictures themselves; the sensor
+    from darks and flats, and lenses, rig and scale from a board, if the session has them. Scale is arbitrary
+    unless a board, measured camera positions, --survey or GPS positions in the files provide metres. Light is
     relative unless --luminance provides cd/m2; readings are kept for later runs. Writes SESSION/calibration
     with a COLMAP model and report.html.
 

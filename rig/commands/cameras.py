@@ -24,7 +24,7 @@ def cameras(
 ) -> CommandResult:
     """List the connected cameras and what they can do.
 
-    Opens each one, asks what it can do, and closes it. If a camera is missing, rig doctor says why.
+    Opens each camera, queries its capabilities, and closes it. If a camera is missing, rig doctor says why.
 
     Example: rig cameras --sim demo
     """

@@ -155,7 +155,7 @@ def _bracket(bracket: Bracket, limits: Mapping[str, Any], rig: rigfile.RigFile |
         option = "--" + next(iter(limits)).replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
     if limits:
-        raise InputError("stops given by hand are not planned: leave out --bracket or its limits.")
+        raise InputError("explicit stops are not planned: leave out --bracket or its limits.")
     return bracket
 
 

@@ -40,13 +40,13 @@ def doctor(
         typer.Option(
             "--camera",
             metavar="SERIAL|[gphoto2:]ptpip:ADDRESS|gige:ADDRESS",
-            help="Examine this connected camera and its driver instead by some 50 frames: its states, "
+            help="Examine this connected camera and its driver instead, with some 50 frames: its states, "
             "exposures, timing and noise. With --json, a report to send.",
         ),
     ] = None,
     sim: Annotated[
         str | None,
-        typer.Option("--sim", metavar="NAME", help="With --camera: look among those of a simulated rig."),
+        typer.Option("--sim", metavar="NAME", help="With --camera: use the cameras of a simulated rig."),
     ] = None,
     stability: Annotated[
         bool,
@@ -60,18 +60,18 @@ def doctor(
 ) -> CommandResult:
     """Check this machine's setup.
 
-    Looks at libusb, permissions, memory for USB transfers, the GPU, your file of defaults, versions; opens
-    no camera, unless --camera names one.
+    Checks libusb, permissions, memory for USB transfers, the GPU, your file of defaults and versions; opens
+    no camera unless --camera names one.
 
     Example: rig doctor --camera 4711 --json > report.json
     """
     if camera is not None:
         if stability:
-            raise InputError("--camera and --stability are two examinations: give one of them.")
+            raise InputError("--camera and --stability are separate examinations: give only one of them.")
         with running("doctor") as status:
             return _camera_result(camera, sim, status)
     if sim is not None:
-        raise InputError("--sim is for --camera: name one of its cameras, as rig cameras --sim has them.")
+        raise InputError("--sim needs --camera: name one of its cameras, as rig cameras --sim lists them.")
     if stability:
         with running("doctor") as status:
             return _stability_result(list(stresses.extremes(True, progress=status)))

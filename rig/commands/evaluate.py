@@ -26,10 +26,10 @@ MEASURING = 0.75
 def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> CommandResult:
     """Measure scenes on held-out views.
 
-    Against the truth where there is one, and against the photographs of their session, as the scene was
-    calibrated when it was trained. Scenes of one session are compared at the width of the finest of them.
-    Writes metrics.json and report.html into the folder of each scene, and
-    renders/ and references/ with the same pictures as EXR and PNG, for any other program to compare.
+    Compares renders with the ground truth, if there is one, and with the photographs of the session, using
+    the calibration that the scene was trained on. Scenes of one session are compared at the width of the
+    widest. Writes metrics.json and report.html into the folder of each scene, and renders/ and references/
+    with the same pictures as EXR and PNG, for comparison by other programs.
 
     Example: rig evaluate S/reconstructions/*
     """

@@ -35,8 +35,8 @@ def explain(
 ) -> CommandResult:
     """Explain modelling decisions.
 
-    From the plan of the capture to the reconstruction: every part of a model that was considered, what
-    it gained on data that was held out, what it costs, and whether it was taken.
+    Lists every part of a model that was considered, from the capture plan to the reconstruction: its gain on
+    held-out data, its cost, and whether it was applied.
 
     Example: rig explain S/reconstructions/nh-3dgs-standard
     """

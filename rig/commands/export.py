@@ -29,12 +29,10 @@ OPTIONS = Asked(
 def export(
     reconstruction: Annotated[
         Path,
-        typer.Argument(
-            metavar="RECON", help="SESSION/reconstructions/NAME, or a session, whose newest is taken."
-        ),
+        typer.Argument(metavar="RECON", help="SESSION/reconstructions/NAME, or a session for its newest."),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The file to write; its suffix names the format.")
+        Path | None, typer.Option(metavar="FILE", help="The file to write; its extension selects the format.")
     ] = None,
     request: Annotated[ExportRequest, OPTIONS] = NO_OPTIONS,
     vfx: Annotated[
@@ -42,8 +40,8 @@ def export(
         typer.Option(
             metavar="FOLDER",
             help="Write the whole hand-over folder instead: USD, EXR renders that line up with its cameras, "
-            "the cameras for other programs, an OpenColorIO configuration, and a page that says how to open "
-            "it.",
+            "the cameras for other programs, an OpenColorIO configuration, and a page that explains how to "
+            "open it.",
         ),
     ] = None,
     as_json: JsonOption = False,

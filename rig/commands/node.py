@@ -31,13 +31,15 @@ OPTIONS = Asked(
 
 
 def node(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name, as RIG.toml has it: node = NAME.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of the node, as in RIG.toml: node = NAME.")
+    ],
     ray: Annotated[
         Address,
         typer.Option(
             parser=address,
             metavar="HOST:PORT",
-            help="The host that leads, where ray start --head runs, and its port.",
+            help="The leader, where ray start --head runs, and its port.",
         ),
     ],
     disk: Annotated[
@@ -45,19 +47,18 @@ def node(
         typer.Option(
             metavar="FOLDER",
             show_default=f"{DISK}/NAME",
-            help="Where frames are kept until the host that leads has them.",
+            help="Folder for frames until the leader has fetched them.",
         ),
     ] = None,
     camera: CameraOption = None,
     request: Annotated[NodeRequest, OPTIONS] = NO_OPTIONS,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Serve the cameras of this host to the one that leads.
+    """Serve the cameras of this host to the leader.
 
-    Joins the Ray cluster (pip install -e '.[cluster]') of the host that leads, which captures with
-    rig capture RIG.toml; cameras whose tables name this node are then driven here. Stays until Ctrl-C. The
-    cluster lets in who has its token, which the first node makes; what its hosts say to each other is not
-    encrypted.
+    Joins the Ray cluster (pip install -e '.[cluster]') of the leader, which captures with rig capture
+    RIG.toml; this node then drives the cameras whose tables name it. Runs until Ctrl-C. Access to the cluster
+    needs its token, which the first node creates; the traffic between the hosts is not encrypted.
 
     Example: rig node left --ray 192.168.1.10:6379
     """

@@ -63,9 +63,9 @@ def reconstruct(
 ) -> CommandResult:
     """Train a scene on a calibrated session.
 
-    The scene is made of Gaussians, measured on held-out views and reported. Ctrl-C saves the scene trained
+    Trains Gaussians, measures them on held-out views and writes a report. Ctrl-C saves the scene trained
     so far; the same command continues from there. A finished scene is never overwritten without --replace.
-    Its folder needs nothing else to be rendered. Runs on the GPU if there is one. With several GPUs or
+    Its folder is enough for rendering. Runs on the GPU if there is one. With several GPUs or
     machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
 
     Example: rig reconstruct S --budget 5m

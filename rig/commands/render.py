@@ -30,7 +30,7 @@ def _layers(text: str) -> tuple[Layer, ...]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in LAYERS:
-            raise InputError(f"There is no layer {name!r}: name any of {', '.join(LAYERS)}.")
+            raise InputError(f"There is no layer {name!r}: choose from {', '.join(LAYERS)}.")
     return tuple(layer for layer in LAYERS if layer in names)
 
 
@@ -61,15 +61,15 @@ OPTIONS = Asked(
 def render(
     reconstructions: ReconstructionsArgument,
     out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where to write, one folder for each scene.")
+        Path, typer.Option(metavar="FOLDER", help="Output folder; each scene gets a subfolder.")
     ] = Path("renders"),
     request: Annotated[RenderRequest, OPTIONS] = NO_OPTIONS,
     probe: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Write the light that arrives there from all sides instead, a map of latitude and longitude "
-            "(probe.exr) to light things with; in coordinates of the calibration.",
+            help="Write the light arriving at this point from all directions instead, as a "
+            "latitude-longitude map (probe.exr) for lighting; in coordinates of the calibration.",
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
@@ -77,7 +77,7 @@ def render(
         str | None,
         typer.Option(
             metavar="FRAME/CAMERA",
-            help="The same, where the camera of a view stood.",
+            help="The same, at the camera position of a view.",
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
@@ -85,7 +85,7 @@ def render(
         str,
         typer.Option(
             metavar="NAME",
-            help="display.Shown as in rig view, such as linear, aces-2.0, agx, filmic or false-colour.",
+            help="Tone curve of rig view, such as linear, aces-2.0, agx, filmic or false-colour.",
             rich_help_panel=_PICTURES,
         ),
     ] = "linear",
@@ -93,9 +93,9 @@ def render(
 ) -> CommandResult:
     """Render scenes to EXR and PNG files.
 
-    Every view of the scene, or a camera that moves through it, in linear light of Rec.709, ACEScg or
-    ACES2065-1 (EXR), and as a display shows it (PNG), into FOLDER/NAME. Needs only the scene's folder, not
-    its session. Files of a path are called NAME.1001.exr and so on. docs/render.md has more.
+    Renders every view of the scene, or a moving camera, into FOLDER/NAME: EXR in linear light of Rec.709,
+    ACEScg or ACES2065-1, and PNG encoded for display. Needs only the scene's folder, not its session. Files
+    of a path are named NAME.1001.exr and so on. docs/render.md has the details.
 
     Example: rig render S --path spline:240 --layers depth,normal
     """
@@ -149,13 +149,17 @@ def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | Non
     if probe is None:
         return view
     if view is not None:
-        raise InputError("--probe and --probe-view both say where the probe stands: name one of them.")
+        raise InputError(
+            "--probe and --probe-view both set the position of the probe: give only one of them."
+        )
     try:
         numbers = tuple(float(part) for part in probe.split(","))
     except ValueError:
         numbers = ()
     if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
-        raise InputError(f"--probe {probe!r} is no place: write X,Y,Z, three numbers with commas between.")
+        raise InputError(
+            f"--probe {probe!r} is not a position: write X,Y,Z, three numbers separated by commas."
+        )
     return numbers
 
 
@@ -172,7 +176,7 @@ def _tones(name: str) -> "display.Shown":
     names = {one.lower().replace(" ", "-"): one for one in look.TONE_MAPS}
     tone_map = names.get(name.lower().replace(" ", "-"))
     if tone_map is None:
-        raise InputError(f"There are no tones {name!r}: name one of {', '.join(names)}.")
+        raise InputError(f"There are no tones {name!r}: choose one of {', '.join(names)}.")
     return look.Look(tones=tone_map).shown
 
 

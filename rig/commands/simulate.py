@@ -46,14 +46,16 @@ def simulate(
     ptpip: Annotated[
         Address | None,
         typer.Option(
-            parser=address, metavar="HOST:PORT", help="Where to listen for PTP/IP; port 0 takes a free one."
+            parser=address,
+            metavar="HOST:PORT",
+            help="Address to listen on for PTP/IP; port 0 uses a free one.",
         ),
     ] = None,
     gige: Annotated[
         str | None,
         typer.Option(
             metavar="IPV4",
-            help="The address of this host, such as 127.0.0.2, to be a GigE Vision camera at instead.",
+            help="Simulate a GigE Vision camera at this address of the host, such as 127.0.0.2, instead.",
         ),
     ] = None,
     usbip: Annotated[
@@ -61,8 +63,8 @@ def simulate(
         typer.Option(
             parser=address,
             metavar="HOST:PORT",
-            help="Where to listen for USB/IP instead, by which Linux has the camera on its USB; the port is "
-            "3240 as a rule.",
+            help="Address to listen on for USB/IP instead, through which Linux attaches the camera as a USB "
+            "device; the usual port is 3240.",
         ),
     ] = None,
     profile: Annotated[
@@ -79,7 +81,7 @@ def simulate(
     """Simulate a PTP/IP, a GigE Vision, a USB3 Vision or a USB still camera.
 
     Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, to GigE Vision hosts, such as
-    Aravis, or over USB/IP to any Linux host, whose programs find it on USB, until Ctrl-C. There is no
+    Aravis, or over USB/IP to any Linux host as a USB device, until Ctrl-C. There is no
     password: listen on 127.0.0.1 unless the network is your own.
 
     Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6
@@ -103,7 +105,7 @@ def _listening(where: Address, listen: Callable[[str, int], socket.socket]) -> s
     except OSError as error:
         reason = str(error.strerror).partition(" (")[0]
         raise InputError(
-            f"{where[0]}:{where[1]} cannot be listened on ({reason}): choose another one."
+            f"{where[0]}:{where[1]} cannot be opened for listening ({reason}): choose another one."
         ) from error
 
 
@@ -148,7 +150,9 @@ def _gige(host: str, seed: int) -> CommandResult:
             try:
                 number = socket.inet_aton(host).hex()
             except OSError:
-                raise InputError(f"{host!r} is no address: write one of this host as 127.0.0.2.") from None
+                raise InputError(
+                    f"{host!r} is not an address: write one of this host, such as 127.0.0.2."
+                ) from None
             rig = rigs.simulate("demo", seed)
             status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)

@@ -45,13 +45,13 @@ def trade(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Measure what settings cost and what they buy.
+    """Measure the cost and the gain of settings.
 
-    Trains the presets, then with one thing changed at a time (iterations, Gaussians, resolution, SH
-    degree, loss, growth, views, exposures, corrections), then near the best; measures each on held-out
-    views. Writes SESSION/trade/trade.json and report.html, with the command that makes each of the
-    scenes. What is done is kept: the same command continues where the budget or Ctrl-C ended it. With --ray,
-    seconds stay comparable where --cores is all that a node has, and all nodes are of one kind.
+    Trains the presets, then variations with one setting changed at a time (iterations, Gaussians, resolution,
+    SH degree, loss, growth, views, exposures, corrections), then variations near the best; measures each on
+    held-out views. Writes SESSION/trade/trade.json and report.html, with the command that makes each scene.
+    Finished trainings are kept: the same command continues where the budget or Ctrl-C ended it. With --ray,
+    seconds stay comparable if --cores is the number of cores of a node, and all nodes are identical.
 
     Example: rig trade S --budget 10m
     """

@@ -25,30 +25,32 @@ def view(
         list[Path],
         typer.Argument(
             metavar="RECON...",
-            help="SESSION/reconstructions/NAME, or a session, whose newest is taken; two are compared.",
+            help="SESSION/reconstructions/NAME, or a session for its newest; two are compared.",
         ),
     ],
     port: Annotated[
         int,
-        typer.Option(metavar="PORT", min=1, max=65535, help="Where to serve; the next free one if taken."),
+        typer.Option(
+            metavar="PORT", min=1, max=65535, help="Port of the server; the next free one if it is taken."
+        ),
     ] = 8080,
     host: Annotated[
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Address to serve at, such as 0.0.0.0: other machines may look then, with the token in the "
-            "URL that is printed.",
+            help="Address of the server; 0.0.0.0 lets other machines connect, with the token in the printed "
+            "URL.",
         ),
     ] = "127.0.0.1",
     as_json: JsonOption = False,
 ) -> CommandResult:
     """View a scene in the browser.
 
-    Move through it with the mouse, at any exposure in stops; see it through ACES 2.0, AgX or a filmic curve,
-    in false colours by stops or with what clips; measure light by a click; stand where a photograph was taken
-    and compare. A scene that `rig reconstruct` trains meanwhile is shown as it goes. Of a session without a
-    scene the photographs are seen, and the rig once it is calibrated. All is drawn here in float and served
-    to this machine alone, until Ctrl-C.
+    Move with the mouse and set any exposure in stops. Choose ACES 2.0, AgX or a filmic curve, false colours
+    by stops, or a map of clipped pixels. Click to measure light; go to the viewpoint of a photograph to
+    compare. A scene that `rig reconstruct` is training is shown as it progresses. A session without a scene
+    shows its photographs, and the rig once it is calibrated. Pictures are rendered in float and served to
+    this machine only, until Ctrl-C.
 
     Example: rig view S
     """

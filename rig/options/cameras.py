@@ -25,7 +25,7 @@ def addresses_of(given: Sequence[str] | None, sim: str | None) -> "list[NetworkA
     from imaging.errors import InputError
 
     if given and sim is not None:
-        raise InputError("--camera names a camera that is there: leave out --sim, or --camera.")
+        raise InputError("--camera names a connected camera: leave out --sim, or --camera.")
     addresses = []
     for text in given or ():
         try:

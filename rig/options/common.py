@@ -16,7 +16,7 @@ ReconstructionsArgument = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECON...",
-        help="Reconstructions: SESSION/reconstructions/NAME, or a session, whose newest is taken.",
+        help="Reconstructions: SESSION/reconstructions/NAME, or a session for its newest.",
     ),
 ]
 JsonOption = Annotated[
@@ -28,7 +28,7 @@ QuietOption = Annotated[
     typer.Option(
         "--quiet",
         "-q",
-        help="Print no progress and no result (but that of --json): only what is missing or wrong.",
+        help="Print only warnings and errors (and the output of --json).",
     ),
 ]
 """Every command has it (`rig.cli`)."""
@@ -45,9 +45,7 @@ RayOption = Annotated[
         "sessions at the same paths.",
     ),
 ]
-CoresOption = Annotated[
-    int, typer.Option(min=1, max=256, metavar="N", help="With --ray: cores of a node that each takes.")
-]
+CoresOption = Annotated[int, typer.Option(min=1, max=256, metavar="N", help="With --ray: cores per task.")]
 SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="The same seed gives the same bytes.")]
 
 

@@ -50,12 +50,12 @@ def _tables(path: Path, commands: Iterable[str]) -> dict[str, dict[str, Any]]:
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"{path} cannot be read ({reason}): correct the file or {NAMED_BY}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no TOML ({error}): correct it.") from error
+        raise InputError(f"{path} is not valid TOML ({error}): correct it.") from error
     for command, table in tables.items():
         if command not in commands:
             raise InputError(f"{path}: there is no command {command!r}: name one of {', '.join(commands)}.")
         if not isinstance(table, dict):
-            raise InputError(f"{path}: {command} is no table: write [{command}], and its options below.")
+            raise InputError(f"{path}: {command} is not a table: write [{command}], and its options below.")
     return tables
 
 
@@ -89,5 +89,5 @@ def _of_command(table: dict[str, Any], where: str, command: Any, tried: bool) ->
 def _typed(value: object, where: str) -> str:
     """A value as it would be typed."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise InputError(f"{where} is no text and no number: write it as on the command line, in quotes.")
+        raise InputError(f"{where} is neither text nor a number: write it as on the command line, in quotes.")
     return str(value)

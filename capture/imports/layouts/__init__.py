@@ -45,5 +45,5 @@ def read_layout(folder: Path, name: LayoutName) -> Given | None:
         "llff": llff.read,
     }
     if name not in readers:
-        raise InputError(f"{name!r} is no layout: give one of {', '.join(get_args(LayoutName))}.")
+        raise InputError(f"{name!r} is not a layout: choose one of {', '.join(get_args(LayoutName))}.")
     return with_lists(readers[name](folder), folder)

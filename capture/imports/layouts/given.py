@@ -89,11 +89,13 @@ def pose_of(cam_from_world: Array, where: str) -> Pose:
     """A rigid motion [4, 4] in OpenCV's axes as a Pose; InputError, naming `where`, if it is not rigid."""
     rotation, translation = cam_from_world[:3, :3], cam_from_world[:3, 3]
     if cam_from_world.shape != (4, 4) or not np.isfinite(cam_from_world).all():
-        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+        raise InputError(f"{where} has a pose that is not a 4x4 matrix of finite numbers: export it again.")
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > ROUNDING or np.linalg.det(rotation) < 0:
-        raise InputError(f"{where} has a pose that is no rotation but scales, shears or mirrors: correct it.")
+        raise InputError(
+            f"{where} has a pose that scales, shears or mirrors instead of only rotating: correct it."
+        )
     if not np.allclose(cam_from_world[3], [0, 0, 0, 1]) or np.abs(translation).max() > FARTHEST:
-        raise InputError(f"{where} has a pose that no camera can have: correct it or take the entry out.")
+        raise InputError(f"{where} has an impossible pose: correct it or remove the entry.")
     w, x, y, z = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
     tx, ty, tz = translation.tolist()
     return Pose(quaternion=(w, x, y, z), translation=(tx, ty, tz))
@@ -106,7 +108,7 @@ def pose_seen(world_from_cam: Array, where: str) -> Pose:
     far from the origin its inverse would move the camera.
     """
     if np.isfinite(world_from_cam).all() and not np.linalg.det(world_from_cam):
-        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+        raise InputError(f"{where} has a pose that is not a 4x4 matrix of finite numbers: export it again.")
     centre = pose_of(world_from_cam, where)
     rotation = centre.matrix()[:3, :3]
     cam_from_world = np.eye(4)

@@ -211,7 +211,7 @@ def _handed_on(folder: Path) -> Given:
         match = _NAME.fullmatch(Path(image.name).stem)
         if match is None or match[1] not in views:
             raise InputError(
-                f"{place} names {shown(image.name)}, which is no photo in {root}: copy it there."
+                f"{place} names {shown(image.name)}, which is not a photo in {root}: copy it there."
             )
         lens = colmap.lens_of_camera(model.cameras[image.camera_id], place)
         pose = colmap.pose_of_image(image, place) if lens is not None and image.has_pose else None

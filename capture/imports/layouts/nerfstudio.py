@@ -119,7 +119,7 @@ def _scene_points(folder: Path, top: dict[str, Any], source: Path) -> Array | No
     if name is None:
         return None
     if not isinstance(name, str):
-        raise InputError(f"{source} has a ply_file_path that is no name: correct it or take it out.")
+        raise InputError(f"{source} has a ply_file_path that is not a file name: correct or remove it.")
     points = read_ply_points(file_named(folder, name))
     points = points[np.isfinite(points).all(axis=1)] * applied_scale(PosedFrame({}, top, str(source)))
     # Laser scanners write millions; training starts from some ten thousand.
@@ -158,5 +158,5 @@ def _file(folder: Path, entry: PosedFrame, key: str) -> Path | None:
         return None
     path = file_named(folder, name) if isinstance(name, str) and name else None
     if path is None or not path.is_file():
-        raise InputError(f"{entry.where} has a {key} {name!r} that is no file: correct it or take it out.")
+        raise InputError(f"{entry.where} has a {key} {name!r} that is not a file: correct or remove it.")
     return path

@@ -39,7 +39,7 @@ def read_ply_points(path: Path) -> Array:
         raise InputError(f"{path} cannot be read: copy it again or take its name out.") from error
     except (ValueError, KeyError, IndexError, OverflowError, MemoryError, StopIteration) as error:
         raise InputError(
-            f"{path} is no PLY file of points, or it is cut off: copy it again or take its name out."
+            f"{path} is not a PLY file of points, or it is truncated: copy it again or remove its name."
         ) from error
 
 

@@ -61,7 +61,7 @@ class PosedFrame:
 
     def _finite(self, value: Any, key: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
-            raise InputError(f"{self.where} has a {key} that is no finite number: correct it.")
+            raise InputError(f"{self.where} has a {key} that is not a finite number: correct it.")
         return float(value)
 
     def _numbers(self, key: str, counts: tuple[int, ...]) -> list[float]:
@@ -71,7 +71,7 @@ class PosedFrame:
             return []
         if not isinstance(listed, list) or len(listed) not in counts:
             wanted = " or ".join(map(str, counts))
-            raise InputError(f"{self.where} has a {key} that is no list of {wanted} numbers: correct it.")
+            raise InputError(f"{self.where} has a {key} that is not a list of {wanted} numbers: correct it.")
         return [self._finite(value, key) for value in listed]
 
     @property
@@ -115,7 +115,7 @@ class PosedFrame:
         """
         listed = self._numbers("rolling_shutter", (3, 4))
         if any(abs(value) > _LONGEST for value in listed):
-            raise InputError(f"{self.where} has a rolling_shutter that cannot be: correct it or take it out.")
+            raise InputError(f"{self.where} has an invalid rolling_shutter: correct or remove it.")
         return [*listed, 0.0, 0.0, 0.0, 0.0][:4]
 
     def _times(self) -> tuple[float, float, float]:

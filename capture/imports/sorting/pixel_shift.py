@@ -38,7 +38,7 @@ def _together(group: Sequence[Original]) -> Original:
     for other in group:
         name = f"{shown(other.path)} cannot be part of a pixel shift"
         if other.kind != "raw":
-            raise InputError(f"{name}: it is no RAW file; import such photographs without --pixel-shift.")
+            raise InputError(f"{name}: it is not a RAW file; import such photographs without --pixel-shift.")
         same = first.exposure == other.exposure or (
             first.exposure is not None
             and other.exposure is not None

@@ -61,7 +61,7 @@ def space_of(body: bytes, bits: int, where: str = "cICP chunk") -> tuple[str, Ar
     if (primaries, transfer) == (UNSPECIFIED, UNSPECIFIED):
         return None
     if matrix != 0:
-        raise InputError(f"has samples that are no RGB, as its {where} says: convert it to RGB")
+        raise InputError(f"has samples that are not RGB, as its {where} says: convert it to RGB")
     refuse_hdr(transfer, where)
     points = _POINTS.get(1 if primaries == UNSPECIFIED else primaries)
     codes = np.linspace(0.0, 1.0, 65536)

@@ -54,7 +54,7 @@ def read_reference(merged: Path, shot: Path, ratio: float) -> Reference:
     if (clean.pixels.shape, clean.cfa) != (raw.pixels.shape, raw.cfa):
         raise InputError(f"{merged} and {shot} differ in size or colour filters: copy the scene again.")
     if raw.cfa is None or raw.cfa.letters != "RGB":
-        raise InputError(f"{shot} is no mosaic of red, green and blue: copy the scene again.")
+        raise InputError(f"{shot} is not a mosaic of red, green and blue: copy the scene again.")
     if raw.neutral is None or raw.camera_from_xyz is None:
         raise InputError(f"{shot} has no white balance or no colour matrix of RGB: copy the scene again.")
     black = raw.black_map()

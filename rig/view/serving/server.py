@@ -215,7 +215,7 @@ def _require_address(host: str) -> None:
             trial.bind(place)
     except OSError as error:
         raise InputError(
-            f"{host} is no address of this machine: name one of its own, or 0.0.0.0 for all of them."
+            f"{host} is not an address of this machine: give one that is, or 0.0.0.0 for all of them."
         ) from error
 
 

@@ -81,7 +81,7 @@ def test_latitudes_become_metres(tmp_path: Path) -> None:
         ("name,lat,lon,alt\nA,111,48,0\n", "exchanged"),
         (GOOD.encode("utf-16"), "UTF-8"),
         (b"\x89PNG\0\1\2", "UTF-8"),
-        (b"name,x,y,z\nA,0,0\0,0\n", "no text"),
+        (b"name,x,y,z\nA,0,0\0,0\n", "not a text file"),
         ('name,x,y,z\n"A"b,0,0,0\n', "quotes"),
     ],
 )

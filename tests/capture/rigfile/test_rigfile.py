@@ -81,8 +81,8 @@ def test_byte_order_marks_and_line_ends_of_other_systems_are_read(tmp_path: Path
         ("pause = 10", 'pause = "kye"', 2, 'pause has to be "key", or seconds'),
         ("pause = 10", "pause = nan", 2, 'pause has to be "key", or seconds'),
         ("pause = 10", "pase = 10", 2, "there is no key 'pase'; did you mean pause?"),
-        ("pause = 10", "pause 10", 2, "this is no TOML (expected '=' after a key"),
-        ("pause = 10", "frames = 3", 2, "this is no TOML (cannot overwrite a value)"),
+        ("pause = 10", "pause 10", 2, "this is not valid TOML (expected '=' after a key"),
+        ("pause = 10", "frames = 3", 2, "this is not valid TOML (cannot overwrite a value)"),
         ("[bracket]", "[brackets]", 4, "there is no key 'brackets'; did you mean bracket?"),
         ("[4, -4, 0]", "[]", 5, 'exposures has to be "auto", or stops'),
         ("[4, -4, 0]", "[4, 'x']", 5, 'exposures has to be "auto", or stops'),
@@ -105,7 +105,7 @@ def test_byte_order_marks_and_line_ends_of_other_systems_are_read(tmp_path: Path
         ('serial = "B"', 'serail = "B"', 19, "there is no key 'serail'; did you mean serial?"),
         ('"right"', '"LEFT"', 18, "line 13 has the name 'LEFT' already"),
         ('"B"', '"A"', 19, "line 14 has the serial 'A' already"),
-        ('"B"', '"B', 19, "this is no TOML"),
+        ('"B"', '"B', 19, "this is not valid TOML"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(tmp_path, old: str, new: str, line: int, words: str) -> None:

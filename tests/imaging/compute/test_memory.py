@@ -143,8 +143,8 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "a.jpg": (lambda: jpeg(65_500, 65_500), "claims 65500x65500 pixels"),
     "fits.jpg": (lambda: jpeg(20_000, 10_000), TAKES),
     "strip.tif": (lambda: tiff(20_000, 10_000, compression="deflate"), TAKES),
-    "a.ply": (lambda: PLY % 900_000 + b"1 " * 900_000, "is no PLY file of points|takes"),
-    "count.ply": (lambda: PLY % 10**12, "is no PLY file of points"),
+    "a.ply": (lambda: PLY % 900_000 + b"1 " * 900_000, "is not a PLY file of points|takes"),
+    "count.ply": (lambda: PLY % 10**12, "is not a PLY file of points"),
     "a.npy": (lambda: npy((10**9, 18)), "cannot be read as an array"),
 }
 

@@ -159,7 +159,7 @@ def test_what_is_no_pixel_shift_is_refused(toy: SimulatedRig) -> None:
     still = shot(toy, [(0, 0)] * 4)
     with pytest.raises(InputError, match="did not move by one photosite"):
         combined(still)
-    with pytest.raises(InputError, match="3 files are no group"):
+    with pytest.raises(InputError, match="3 files are not a complete pixel-shift group"):
         combined(still[:3])
     with pytest.raises(InputError, match="Bayer mosaics only"):
         combined([replace(still[0], cfa=Cfa.X_TRANS)] * 4)

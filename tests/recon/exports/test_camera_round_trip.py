@@ -196,7 +196,7 @@ def test_a_render_that_sees_nothing_says_so(made: Path, name: str, tmp_path: Pat
     assert len(render(scene, tmp_path / "out", path=both, on_message=said.append)) == 4
     coordinates, empty = said
     assert "taken for those of the calibration" in coordinates
-    assert empty == "1 of 2 frames see nothing of the scene, both 1001 first"
+    assert empty == "1 of 2 frames do not see the scene, the first is both 1001"
 
 
 def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
             camera_path(scene, shot, within=tmp_path / name)
     with pytest.raises(InputError, match="has no cameras by name"):
         camera_path(scene, shot, camera="a")
-    with pytest.raises(InputError, match="is no file of cameras"):
+    with pytest.raises(InputError, match="is not a file of cameras"):
         camera_path(scene, "orbit", within=shot)
     for line, words in (("# up: x", "write y or z"), ("# metersPerUnit: 0", "a number above 0")):
         with pytest.raises(InputError, match=words):

@@ -271,8 +271,8 @@ def request(budget=None, **options):
     ("options", "words"),
     [
         ({"method": "hdr-gs"}, "no tone curve"),
-        ({"budget": -1.0}, "no time to train"),
-        ({"budget": float("nan")}, "no time to train"),
+        ({"budget": -1.0}, "too short for training"),
+        ({"budget": float("nan")}, "too short for training"),
         ({"seed": -1}, "out of range"),
         ({"name": "../elsewhere"}, "leads out of"),
     ],

@@ -142,9 +142,9 @@ def refuse(path: Path, match: str) -> None:
     ("changed", "match"),
     [
         ({"qw": 5}, "not of length 1"),
-        ({"x": "nan"}, "no finite number"),
+        ({"x": "nan"}, "not a finite number"),
         ({"y": "left"}, "'left' for y"),
-        ({"frame": 1.5}, "no whole number"),
+        ({"frame": 1.5}, "not an integer"),
         ({"frame": -1}, "above the last"),
         ({"width": 0}, "a lens that cannot be"),
         ({"width": 1e9}, "has a picture of"),
@@ -170,13 +170,13 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
         ("a.csv", b"x,y,z,qw,qx,qy,qz\n", "has 0 cameras"),
         ("a.csv", b"\xff\xfe\x00", "cannot be read as text"),
         ("a.json", b'{"frames": 3}', "no list of frames"),
-        ("a.json", b'{"frames": [{"transform_matrix": [[1, 2], [3]]}]}', "4x4 finite numbers"),
+        ("a.json", b'{"frames": [{"transform_matrix": [[1, 2], [3]]}]}', "4x4 matrix of finite numbers"),
         ("a.json", b'{"camera_model": "EQUIRECTANGULAR", "frames": [{}]}', "which rig cannot draw"),
-        ("a.json", b'{"x_fov": 50, "frames": [{}]}', "has a x_fov, which rig does not draw by"),
+        ("a.json", b'{"x_fov": 50, "frames": [{}]}', "has a x_fov, which rig does not support"),
         ("a.json", b'{"rolling_shutter": [0, 0, 1], "frames": [{}]}', "has a rolling_shutter"),
         ("a.json", b'{"frames": [{"transform_matrix_end": [[1]]}]}', "has a transform_matrix_end"),
-        ("a.json", b'{"w": "wide", "frames": [{}]}', "no number"),
-        ("a.json", b'{"w": NaN, "frames": [{}]}', "no number"),
+        ("a.json", b'{"w": "wide", "frames": [{}]}', "not a number"),
+        ("a.json", b'{"w": NaN, "frames": [{}]}', "not a number"),
         ("a.json", b'{"h": Infinity, "frames": [{}]}', "too large"),
         ("a.json", b'{"fl_x": 1e400, "frames": [{}]}', "too large"),
         ("a.json", b'{"k1": 0.1, "k3": 0.1, "frames": [{}]}', "a lens with k3"),
@@ -184,7 +184,7 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
         ("a.abc", b"", "Alembic"),
         ("a.usda", b"#usda 1.0\n", "has no camera"),
         ("a.usdc", b"nonsense", "damaged or not USD"),
-        ("a.txt", b"", "no file of cameras"),
+        ("a.txt", b"", "not a file of cameras"),
     ],
 )
 def test_a_file_that_holds_no_cameras_is_refused(
@@ -198,7 +198,7 @@ def test_a_mirrored_camera_a_missing_file_and_an_empty_folder_are_refused(tmp_pa
     pose = (matrices()[0] @ np.diag([-1.0, 1, 1, 1])).tolist()
     (tmp_path / "a.json").write_text(json.dumps({"frames": [{"transform_matrix": pose}]}))
     refuse(tmp_path / "a.json", "mirrors")
-    refuse(tmp_path / "b.csv", "is no path to render")
+    refuse(tmp_path / "b.csv", "is not a path to render")
     (tmp_path / "empty").mkdir()
     refuse(tmp_path / "empty", "COLMAP model")
 

@@ -148,7 +148,7 @@ def test_the_vertical_axis_of_nerfstudio(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "says"),
     [("trbf_center", "that move"), ("motion_0", "that move"), ("t", "that move"), ("scale_t", "that move")]
-    + [(name, "that are no Gaussians") for name in ("shape", "beta", "nu_degree")],
+    + [(name, "that are not valid Gaussians") for name in ("shape", "beta", "nu_degree")],
 )
 def test_splats_that_move_or_are_no_gaussians_are_refused(name: str, says: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"{says} \({name}\)"):

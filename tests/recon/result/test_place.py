@@ -52,7 +52,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
 )
 def test_other_settings_do_not_overwrite_a_scene(scene, options, words):
     session, before = scene.parent.parent, files(scene.parent)
-    with pytest.raises(InputError, match=rf"c1 is there already, {words}.* --name, or --replace"):
+    with pytest.raises(InputError, match=rf"c1 exists already, {words}.* --name, or --replace"):
         reconstruct(session, TrainingRequest(quality="draft", name="c1", **options))
     assert files(scene.parent) == before
 

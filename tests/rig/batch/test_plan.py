@@ -53,14 +53,17 @@ export = ["scene.usdc"]
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('sessions = ["nowhere"]', "line 1: 'nowhere' is no session"),
-        ('sessions = ["scans/notes"]', "line 1: 'scans/notes' is no session"),
-        ('sessions = ["**x"]', "line 1: '**x' is no "),
+        ('sessions = ["nowhere"]', "line 1: 'nowhere' is not a session"),
+        ('sessions = ["scans/notes"]', "line 1: 'scans/notes' is not a session"),
+        ('sessions = ["**x"]', "line 1: '**x' is not a "),
         ("sessions = []", "line 1: sessions"),
         ("[[scene]]", "sessions is missing"),
         ('sessions = ["other"]\nqualty = 1', "line 2: there is no setting 'qualty'"),
         ('sessions = ["other"]\n[[scene]]\nquality = "good"', "line 3: scene.0.quality"),
-        ('sessions = ["other"]\n[[scene]]\nset = { gaussian = 3 }', "line 2: --set gaussian=3 sets nothing"),
+        (
+            'sessions = ["other"]\n[[scene]]\nset = { gaussian = 3 }',
+            "line 2: --set gaussian=3 is not a setting",
+        ),
         ('sessions = ["other"]\n[[scene]]\nbudget = "soon"', "A budget of 'soon'"),
         ('sessions = ["other"]\n[[scene]]\nexport = ["../x.ply"]', "line 3: scene.0.export.0"),
         ('sessions = ["other"]\n[[scene]]\n[[scene]]', "2 scenes that are called 'auto standard'"),

@@ -137,7 +137,7 @@ def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Pa
         (["--board", "--slowest", "1/8"], "an automatic bracket, and its limits, are for scenes"),
         (["--rough"], "--seed and --rough are for simulated rigs"),
         (["third"], "unexpected extra argument (third)"),
-        (["--bracket", "0,3", "--snr", "30"], "stops given by hand are not planned"),
+        (["--bracket", "0,3", "--snr", "30"], "explicit stops are not planned"),
     ],
 )
 def test_what_does_not_go_together_is_told(rig, file: Path, tmp_path: Path, arguments, words: str) -> None:

@@ -36,8 +36,8 @@ def test_what_fails_is_named(rig) -> None:
     ("arguments", "says"),
     [
         (["--camera", "4711", "--sim", "toy"], "(SIM-RAW-001, SIM-RAW-002 found)"),
-        (["--sim", "toy"], "--sim is for --camera"),
-        (["--camera", "4711", "--stability"], "two examinations"),
+        (["--sim", "toy"], "--sim needs --camera"),
+        (["--camera", "4711", "--stability"], "separate examinations"),
         (["--camera", "4711", "--sim", "none"], "none"),
     ],
 )

@@ -114,16 +114,16 @@ def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_p
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--probe", "1,2"], "three numbers with commas between"),
-        (["--probe", "-1,2,inf"], "three numbers with commas between"),
-        (["--probe", "1,2,3", "--probe-view", "0000/cam0"], "name one of them"),
+        (["--probe", "1,2"], "three numbers separated by commas"),
+        (["--probe", "-1,2,inf"], "three numbers separated by commas"),
+        (["--probe", "1,2,3", "--probe-view", "0000/cam0"], "give only one of them"),
         (["--probe", "1,2,3", "--path", "orbit"], "leave --path"),
         (["--probe-view", "0000/none"], "has no view '0000/none'"),
         (["--start-frame", "7"], "name one by --path"),
         (["--layers", "depth,colour"], "no layer 'colour'"),
         (["--tones", "sepia"], "no tones 'sepia'"),
-        (["--path", "orbit:0"], "is no path"),
-        (["--path", "nowhere.csv"], "nowhere.csv is no path to render"),
+        (["--path", "orbit:0"], "is not a path"),
+        (["--path", "nowhere.csv"], "nowhere.csv is not a path to render"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_a_sentence(

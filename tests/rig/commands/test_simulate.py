@@ -79,7 +79,10 @@ def test_an_address_that_is_taken_is_told_before_anything_is_rendered(
         port = taken.getsockname()[1]
         code, _, err = rig("simulate", option, f"127.0.0.1:{port}")
     assert code == 2
-    assert f"127.0.0.1:{port} cannot be listened on (Address already in use): choose another one." in err
+    assert (
+        f"127.0.0.1:{port} cannot be opened for listening (Address already in use): choose another one."
+        in err
+    )
 
 
 def test_it_is_a_gige_camera_at_an_address_of_this_host() -> None:

@@ -73,12 +73,16 @@ def test_a_folder_of_depths_beside_the_photos(photos, tmp_path):
 @pytest.mark.parametrize(
     ("key", "top", "said"),
     [
-        ({"depth_file_path": "depth/9.png"}, {}, r"frame 0 .* depth_file_path 'depth/9.png' that is no file"),
+        (
+            {"depth_file_path": "depth/9.png"},
+            {},
+            r"frame 0 .* depth_file_path 'depth/9.png' that is not a file",
+        ),
         ({"depth_file_path": "../x.png"}, {}, r"outside|leads out|lies out"),
-        ({"depth_file_path": 7}, {}, "depth_file_path 7 that is no file"),
+        ({"depth_file_path": 7}, {}, "depth_file_path 7 that is not a file"),
         ({"depth_file_path": "0.png"}, {}, "is a picture of 8 bits"),
         ({"depth_file_path": "depth/0.png"}, {"integer_depth_scale": 0}, "integer_depth_scale of 0: correct"),
-        ({"depth_file_path": "depth/0.png"}, {"integer_depth_scale": "mm"}, "that is no finite number"),
+        ({"depth_file_path": "depth/0.png"}, {"integer_depth_scale": "mm"}, "that is not a finite number"),
         ({"depth_file_path": "depth/wide.npy"}, {}, "has 16x6 pixels and its photograph 16x12"),
         ({"depth_file_path": "depth/cut.npy"}, {}, "is damaged"),
     ],

@@ -89,7 +89,7 @@ def test_mask_path_of_nerfstudio(photos, tmp_path):
     assert shots["1.png"].mask is None
     frames[1]["mask_path"] = "masks/1.png"
     (photos / "transforms.json").write_text(json.dumps(top))
-    with pytest.raises(InputError, match=r"frame 1 .* has a mask_path 'masks/1.png' that is no file"):
+    with pytest.raises(InputError, match=r"frame 1 .* has a mask_path 'masks/1.png' that is not a file"):
         import_photos(photos, tmp_path / "T")
 
 

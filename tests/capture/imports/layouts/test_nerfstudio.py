@@ -213,10 +213,10 @@ def test_a_point_file_cut_off_anywhere_is_refused(tmp_path, form):
     path = tmp_path / "p.ply"
     for end in range(len(data) - 2):
         path.write_bytes(data[:end])
-        with pytest.raises(InputError, match="is no PLY file of points, or it is cut off"):
+        with pytest.raises(InputError, match="is not a PLY file of points, or it is truncated"):
             read_ply_points(path)
     path.write_bytes(data.replace(b"vertex 3", b"vertex 3000000000"))
-    with pytest.raises(InputError, match="cut off"):
+    with pytest.raises(InputError, match="truncated"):
         read_ply_points(path)
     with pytest.raises(InputError, match="leads out of"):
         imported(scene(tmp_path / "n", LENS | {"ply_file_path": "../p.ply", "frames": frames()}))

@@ -81,7 +81,7 @@ def test_a_narrow_range_has_its_black_and_white_inside(tmp_path: Path, pixels: n
     [
         ((9, 16, 0, 1), "is HDR coded by PQ, as its cICP chunk says"),
         ((1, 18, 0, 1), "is HDR coded by HLG, as its cICP chunk says"),
-        ((1, 13, 1, 1), "no RGB, as its cICP chunk says"),
+        ((1, 13, 1, 1), "not RGB, as its cICP chunk says"),
         ((1, 9, 0, 1), "curve 9, which rig does not read"),
         ((77, 13, 0, 1), "primaries 77"),
     ],

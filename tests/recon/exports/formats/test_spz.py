@@ -114,7 +114,7 @@ def test_damaged_files_are_refused_in_a_sentence(shown: Splats, tmp_path: Path) 
     for number, damaged in enumerate((b"", b"NGSP", data[:200], data[:-9], b"\x1f\x8b" + bytes(40), lies)):
         path = tmp_path / f"{number}.spz"
         path.write_bytes(damaged)
-        with pytest.raises(InputError, match="is no SPZ file, or a damaged one"):
+        with pytest.raises(InputError, match="is not an SPZ file, or it is damaged"):
             read_spz(path)
     with pytest.raises(InputError, match="cannot be read"):
         read_spz(tmp_path / "none.spz")

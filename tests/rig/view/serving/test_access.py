@@ -86,7 +86,7 @@ def test_a_page_that_others_reach_wants_its_token(open_to_all: Viewer) -> None:
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "no such name"])
 def test_an_address_of_others_is_told(host: str) -> None:
-    with pytest.raises(InputError, match=f"{host} is no address of this machine"):
+    with pytest.raises(InputError, match=f"{host} is not an address of this machine"):
         Viewer("toy", 0, host=host)
 
 
