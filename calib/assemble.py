@@ -1,7 +1,6 @@
 """Assembly of a calibration's record from its measurements."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from math import degrees, hypot
@@ -10,19 +9,17 @@ from typing import Literal
 
 from calib.boards.measure import MeasuredBoard
 from calib.colour import unfiltered
-from calib.colour.measure import Charts
-from calib.colour.recorded import with_charts
-from calib.data.views import View
-from calib.light import vignetting
-from calib.light.parts import LightPart
-from calib.light.radiometry import Radiometry
-from calib.poses import sfm
+from calib.colour.recorded import with_balance, with_charts, with_development
+from calib.evidence import Evidence
+from calib.measures import Measures
+from calib.place_views import Placement
+from calib.poses.sfm import SceneModel
+from calib.scene_light import SceneLight
 from calib.sensor import metadata
 from calib.sensor.metadata import CameraSensor
-from calib.survey.control import Control
-from calib.survey.onto import Target
 from imaging.files import store
 from imaging.session.calibration import (
+    COLOUR,
     CalibrationRecord,
     CameraCalibration,
     LensError,
@@ -30,53 +27,27 @@ from imaging.session.calibration import (
     Response,
     ViewCalibration,
 )
-from imaging.session.coordinates import CoordinateSystem
-from imaging.session.luminance import LuminanceReading
 from imaging.session.records import CameraRecord, Rung
-from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """Evidence of a session before its views are placed; sensors: of every camera that has shots."""
-
-    session: Session
-    views: Sequence[View]
-    sensors: Mapping[str, CameraSensor]
-    light: Radiometry
-    charts: Charts
-    readings: Sequence[LuminanceReading] | None = None
-    """Readings of luminance; None: those of the earlier calibration."""
-    board: MeasuredBoard | None = None
-    control: Control | None = None
-    """Surveyed points that the scene is placed by."""
-    target: Target | None = None
-    """A session in whose coordinates it is placed."""
-    without: Collection[LightPart] = ()
-    """Parts of the light that are not estimated from scene points."""
-
-    @property
-    def has_sensor_frames(self) -> bool:
-        """True if there are darks or flats."""
-        return bool(self.session.shots("dark") or self.session.shots("flat"))
+_STATED = ("noise", "camera_from_rec709")
+"""Fields that the files of a camera may state, so that no calibration has to measure them."""
+_STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 
 
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """Poses of the views, and the measurements that rest on them.
+def assemble(
+    evidence: Evidence, placement: Placement | None = None, light: SceneLight | None = None
+) -> CalibrationRecord:
+    """Assemble what is written of a session.
 
-    by_rig: views placed by their rig alone. coordinates: None: the scene's own.
+    Args:
+        evidence: Measurements that need no pose.
+        placement: Placed views; None: there are no poses, and lenses only as far as a board gave them.
+        light: Light of the placed scene.
+
+    Returns:
+        The record, without a scale of its light.
     """
-
-    model: sfm.SceneModel
-    falloff: vignetting.Falloff
-    by_rig: Collection[ViewId]
-    coordinates: CoordinateSystem | None = None
-
-
-def assemble(evidence: Evidence, placement: Placement | None = None) -> CalibrationRecord:
-    """Return what is written; without a placement no poses, and lenses only as far as a board gave them."""
     session, board = evidence.session, evidence.board
     model = None if placement is None else placement.model
     poses = {} if model is None else model.poses
@@ -85,7 +56,7 @@ def assemble(evidence: Evidence, placement: Placement | None = None) -> Calibrat
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
         shots_sha256=store.sha256(session.folder / "shots.jsonl"),
-        cameras=tuple(_camera(camera, evidence, placement) for camera in session.record.cameras),
+        cameras=tuple(_camera(camera, evidence, model, light) for camera in session.record.cameras),
         views=() if placement is None else _views(placement, board),
         unregistered=tuple(sorted(view.id for view in evidence.views if view.id not in poses)),
         contradicted=() if model is None else tuple(sorted(model.contradicted)),
@@ -95,23 +66,66 @@ def assemble(evidence: Evidence, placement: Placement | None = None) -> Calibrat
         points=0 if model is None else int(model.reconstruction.num_points3D()),
         reprojection_px=None if model is None else model.reprojection_px,
         exposure_scale=evidence.light.scale,
-        rungs=_rungs(evidence, placement),
+        rungs=_rungs(evidence, model, light),
     )
-    return with_charts(record, evidence.charts)
+    record = with_charts(record, evidence.charts)
+    if light is None:
+        return record
+    record = with_balance(record, light.white)
+    return (
+        record if light.development is None else with_development(record, light.development, evidence.views)
+    )
 
 
-def _camera(camera: CameraRecord, evidence: Evidence, placement: Placement | None) -> CameraCalibration:
+def with_part(evidence: Evidence, measures: Measures) -> CalibrationRecord:
+    """The earlier calibration with one part measured again; without one, that part and what it needs."""
+    fresh, earlier = assemble(replace(evidence, views=())), evidence.earlier
+    if earlier is None:
+        return fresh
+    # Poses that were given came without a look at what the files say of the cameras themselves.
+    stated = not any(rung.name == COLOUR for rung in earlier.rungs)
+    names = measures.rungs | (_STATED_RUNGS if stated else frozenset())
+    cameras = []
+    for camera in earlier.cameras:
+        sensor = evidence.sensors.get(camera.name)
+        flat = measures.sensors and sensor is not None and sensor.measured.falloff is not None
+        fields = (*measures.fields, *(_STATED if stated else ()), *(("vignetting",) if flat else ()))
+        new = fresh.camera(camera.name)
+        cameras.append(camera.model_copy(update={field: getattr(new, field) for field in fields}))
+    others = [rung for rung in earlier.rungs if rung.name not in names]
+    update: dict[str, object] = {
+        "created": fresh.created,
+        "versions": fresh.versions,
+        "cameras": tuple(cameras),
+        "rungs": (*(rung for rung in fresh.rungs if rung.name in names), *others),
+    }
+    if "response" in measures.fields:
+        developed = {view.id: view.exposure for view in earlier.views}
+        update["exposure_scale"] = {
+            shot.file: fresh.exposure_scale[shot.file] * developed.get(view.id, 1.0)
+            for view in evidence.views
+            for shot in view.shots
+        }
+    return earlier.model_copy(update=update)
+
+
+def _camera(
+    camera: CameraRecord, evidence: Evidence, model: SceneModel | None, light: SceneLight | None
+) -> CameraCalibration:
     """Calibration of one camera from all sources; a later one overrides an earlier."""
     name, board = camera.name, evidence.board
     sensor = evidence.sensors.get(name)
-    posed = placement is not None and name in placement.model.lenses
     update: dict[str, object] = {}
-    if placement is not None and posed and sensor is not None:
-        update |= _lens_of_scene(placement.model, name, sensor)
+    posed = model is not None and name in model.lenses
+    if model is not None and posed and sensor is not None:
+        update |= _lens_of_scene(model, name, sensor)
     if board is not None and name in board.lenses and (not posed or name in board.sure_lenses):
         update |= _of_board(board, name)
-    if placement is not None and posed and sensor is not None:
-        update |= _place_in_scene(placement, name, board)
+    if model is not None and posed and sensor is not None:
+        update["cam_from_rig"] = model.cam_from_rig.get(name)
+        update["cam_from_rig_error"] = _rig_error(model, name, board)
+    if light is not None and posed and sensor is not None:
+        update |= {"vignetting": light.falloff.vignetting[name], "gain": light.falloff.gain[name]}
     if sensor is not None:
         update |= _of_sensor(sensor)
     kind: Literal["linear", "srgb"] = "linear" if camera.kind == "raw" else "srgb"
@@ -140,18 +154,9 @@ def _of_board(board: MeasuredBoard, name: str) -> dict[str, object]:
     }
 
 
-def _lens_of_scene(model: sfm.SceneModel, name: str, sensor: CameraSensor) -> dict[str, object]:
+def _lens_of_scene(model: SceneModel, name: str, sensor: CameraSensor) -> dict[str, object]:
     size = (sensor.lens.width, sensor.lens.height)
     return {"lens": model.lenses[name].resized(*size), "lens_error": _lens_error(model, name, *size)}
-
-
-def _place_in_scene(placement: Placement, name: str, board: MeasuredBoard | None) -> dict[str, object]:
-    return {
-        "cam_from_rig": placement.model.cam_from_rig.get(name),
-        "cam_from_rig_error": _rig_error(placement.model, name, board),
-        "vignetting": placement.falloff.vignetting[name],
-        "gain": placement.falloff.gain[name],
-    }
 
 
 def _views(placement: Placement, board: MeasuredBoard | None) -> tuple[ViewCalibration, ...]:
@@ -169,19 +174,20 @@ def _views(placement: Placement, board: MeasuredBoard | None) -> tuple[ViewCalib
     )
 
 
-def _rungs(evidence: Evidence, placement: Placement | None) -> tuple[Rung, ...]:
+def _rungs(evidence: Evidence, model: SceneModel | None, light: SceneLight | None) -> tuple[Rung, ...]:
     session, board = evidence.session, evidence.board
     raw = {name: sensor for name, sensor in evidence.sensors.items() if session.camera(name).kind == "raw"}
     return (
         *metadata.rungs(raw),
         *unfiltered.rungs(raw),
         *evidence.light.rungs,
-        *(() if placement is None else (*placement.model.rungs, *placement.falloff.rungs)),
+        *(() if model is None else model.rungs),
+        *(() if light is None else light.falloff.rungs),
         *(() if board is None else board.rungs),
     )
 
 
-def _lens_error(model: sfm.SceneModel, name: str, width: int, height: int) -> LensError | None:
+def _lens_error(model: SceneModel, name: str, width: int, height: int) -> LensError | None:
     """Standard errors at the size of the images; the model's are those of its pictures."""
     if model.errors is None or name not in model.errors.lenses:
         return None
@@ -192,7 +198,7 @@ def _lens_error(model: sfm.SceneModel, name: str, width: int, height: int) -> Le
     return LensError.model_validate({**terms, "focal_untold": name in model.focal_held})
 
 
-def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) -> PoseError | None:
+def _rig_error(model: SceneModel, name: str, board: MeasuredBoard | None) -> PoseError | None:
     """A board's where its rig was kept; else that of the camera's views, which the rig makes all alike.
 
     Where motion ties cameras together, views of one are sure of each other and not of those of the other.
@@ -214,7 +220,7 @@ def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) ->
     )
 
 
-def _pose_error(model: sfm.SceneModel, view: ViewId, board: MeasuredBoard | None) -> PoseError | None:
+def _pose_error(model: SceneModel, view: ViewId, board: MeasuredBoard | None) -> PoseError | None:
     """Errors from the scene, or of lens and rig from a board that were kept."""
     if model.errors is None or view not in model.errors.rotation:
         return None

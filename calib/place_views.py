@@ -1,27 +1,18 @@
-"""Poses of a session's views, and the lenses, falloff and colours that follow from them."""
+"""Poses of a session's views, by SIFT's features, and by further ones where these leave views out."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from statistics import median
 
-from calib import all_views
-from calib.assemble import Evidence, Placement, assemble
+from calib import view_images
 from calib.boards.measure import picture_of
-from calib.colour.recorded import balance, with_balance, with_development
-from calib.colour.white_balance import Balance
 from calib.data import learned
 from calib.data.features import ENOUGH_FEATURES, MORE_FEATURES, MOST_FEATURES, FeatureKind
 from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
-from calib.exports import pictures
-from calib.exports.output import write_calibration
-from calib.light import each_photograph, tracks, vignetting
-from calib.light.parts import ASKED
-from calib.light.photograph_sights import sights_of
-from calib.light.stated import stated_by
-from calib.luminance.measure import scaled
+from calib.evidence import Evidence
 from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.refusals import OnePlace
@@ -30,12 +21,10 @@ from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
 from calib.survey.stated import stated_places
 from calib.view_images import ViewSummary
-from imaging.errors import CalibrationError, InputError, PartialError
-from imaging.plates.middle_grey import lasting_factor
+from imaging.errors import CalibrationError
 from imaging.progress import Progress
-from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
-from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
 FURTHER: dict[FeatureKind, str] = {"more": "more_features", "learned": "learned_matching"}
@@ -45,38 +34,47 @@ WORDS: dict[FeatureKind, str] = {
 }
 FEW = 0.8
 """Share of the images that show something; learned features are tried where SIFT's place fewer."""
-
-
 LEAST_SIDE = 16
 """px; nothing can be found in narrower pictures, and what reduces them is made for no such strips."""
 
 
-def with_poses(
-    evidence: Evidence, board_refused: str, keep_doubtful: bool, progress: Progress
-) -> CalibrationRecord:
-    """Place the views and write the calibration, which is returned.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Placed views of a session.
 
-    board_refused: why shots of a board gave nothing. keep_doubtful: keep views that others contradict.
-    CalibrationError when no view can be placed and nothing else was learnt, or an earlier calibration has
-    poses; PartialError when only the rest could be written.
+    Attributes:
+        model: Poses, lenses and scene points.
+        summaries: Features of every view, from which it was made, and the brightness around them.
+        by_rig: Views placed by their rig alone.
+        coordinates: Coordinates that the model is in; None: its own.
+    """
+
+    model: sfm.SceneModel
+    summaries: Mapping[ViewId, ViewSummary]
+    by_rig: Collection[ViewId]
+    coordinates: CoordinateSystem | None
+
+
+def place_views(
+    evidence: Evidence, unfinished: Unfinished, keep_doubtful: bool, progress: Progress
+) -> Placement:
+    """Place the views of a session, in the best coordinates available.
+
+    Args:
+        evidence: Views, their sensors and light, and the coordinates that are wanted.
+        unfinished: Store of features and matches of an interrupted run.
+        keep_doubtful: True to keep views that others contradict.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The placed views.
+
+    Raises:
+        CalibrationError: No view can be placed, or a photograph is too small.
     """
     session = evidence.session
-    _check_sizes(evidence)
-    unfinished = Unfinished(session.folder, _question(evidence))
-    summaries = all_views.summaries(evidence, unfinished, progress)
-    try:
-        # One thread: Ceres adds up in the order in which its threads finish.
-        model, summaries = _placed(evidence, summaries, unfinished, keep_doubtful, progress)
-    except CalibrationError as error:
-        unfinished.finish()
-        cause = f"{str(error)[0].lower()}{str(error)[1:]}"
-        measured = _measured_without_poses(evidence)
-        if not measured or _has_poses(session):
-            raise CalibrationError(f"{session.folder}: {cause}") from error
-        write_calibration(session, with_scales(assemble(evidence), evidence), (), None, progress)
-        also = f" The board was left out: {board_refused}" if board_refused else ""
-        raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
-    rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
+    summaries = view_images.summaries(evidence, unfinished, progress)
+    model, summaries = _by_features(evidence, summaries, unfinished, keep_doubtful, progress)
     model, coordinates = located(
         session,
         evidence.views,
@@ -87,54 +85,15 @@ def with_poses(
         partial(picture_of, session),
         progress,
     )
+    # Views that show too little stand where the others of their rig say.
+    rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
     model, by_rig = place_by_rig(model, summaries, rigs)
     shots = [shot for view in evidence.views for shot in view.shots]
     model = replace(model, rungs=(*model.rungs, *moving.rungs(shots)))
-    names = sorted(model.lenses)
-    progress("measuring falloff", 0, 1)
-    brightness = {view: summary.brightness for view, summary in summaries.items()}
-    colours = {view: summary.colour for view, summary in summaries.items()}
-    photographs = {camera.name for camera in session.record.cameras if camera.kind == "ldr"}
-    development, stated = each_photograph.Development({}, {}), stated_by(session, evidence.views)
-    without = evidence.without
-    if photographs:
-        sights = sights_of(model, colours, photographs, None)
-        development = each_photograph.estimate(*sights, stated, without)
-        brightness = development.brightness(brightness)
-    through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
-    filters = list(dict.fromkeys(through[name] for name in names))
-    falloff = vignetting.estimate(
-        tracks.tracks_of(model, brightness, names).apart([filters.index(through[name]) for name in names]),
-        names,
-        {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
-        comparable=len(filters) == 1,
-        uncorrected={
-            camera.name: vignetting.natural(model.lenses[camera.name])
-            for camera in session.record.cameras
-            if camera.kind == "raw" and camera.name in model.lenses
-        },
-        without=without,
-    )
-    if development.differs:
-        # The first estimate took the falloff for part of what photographs differ by.
-        sights = sights_of(model, colours, photographs, falloff)
-        development = each_photograph.estimate(*sights, stated, without)
-    white = Balance({}, {}, (Rung(name="white_balance", taken=False, reason=ASKED),))
-    if "white_balance" not in without:
-        white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
-    record = with_balance(assemble(evidence, Placement(model, falloff, by_rig, coordinates)), white)
-    if photographs:
-        record = with_development(record, development, evidence.views)
-    record = with_scales(record, evidence)
-    factor = pictures.exposure(brightness)
-    sizes = {view: (summary.width, summary.height) for view, summary in summaries.items()}
-    shown = all_views.shown(evidence, record, sizes, factor)
-    write_calibration(session, record, shown, model, progress)
-    unfinished.finish()
-    return record
+    return Placement(model, summaries, by_rig, coordinates)
 
 
-def _check_sizes(evidence: Evidence) -> None:
+def require_sizes(evidence: Evidence) -> None:
     """Raise CalibrationError for the first photograph that is smaller than any that could be placed."""
     for shot in (shot for view in evidence.views for shot in view.shots):
         if min(shot.width, shot.height) < LEAST_SIDE:
@@ -145,21 +104,8 @@ def _check_sizes(evidence: Evidence) -> None:
             )
 
 
-def with_scales(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:
-    """Add the scale of the light to the record, by the readings of the evidence, else by those of the earlier
-    calibration, and the factor that shows it as middle grey.
-    """
-    session, earlier = evidence.session, None
-    if (session.folder / "calibration" / "calibration.json").exists():
-        earlier = read_calibration(session.folder)
-    factor = lasting_factor(session, record, None if earlier is None else earlier.exposure_factor)
-    record = record.model_copy(update={"exposure_factor": factor})
-    before = None if earlier is None or evidence.readings is not None else earlier.luminance
-    return scaled(session, record, evidence.readings, before)
-
-
-def _question(evidence: Evidence) -> list[object]:
-    """All that features and matches follow from."""
+def cache_key(evidence: Evidence) -> list[object]:
+    """List all that features and matches follow from."""
     session, shots = evidence.session, [shot for view in evidence.views for shot in view.shots]
     masks = {path: path.stat() for path in map(session.mask, shots) if path is not None and path.is_file()}
     return [
@@ -172,7 +118,7 @@ def _question(evidence: Evidence) -> list[object]:
     ]
 
 
-def _placed(
+def _by_features(
     evidence: Evidence,
     summaries: dict[ViewId, ViewSummary],
     unfinished: Unfinished,
@@ -189,7 +135,7 @@ def _placed(
     """
     model, refusal = None, None
     try:
-        model = _solved(evidence, summaries, 1, unfinished, keep_doubtful, progress)
+        model = _solved(evidence, summaries, unfinished, keep_doubtful, progress)
     except (Contradicted, OnePlace):
         raise
     except CalibrationError as error:
@@ -203,9 +149,9 @@ def _placed(
         held, placed = _held(model)
         if held >= least * len(showing) or (model is not None and _taken(model, CHECK)):
             continue
-        others = all_views.summaries(evidence, unfinished, progress, kind)
+        others = view_images.summaries(evidence, unfinished, progress, kind)
         try:
-            another = _solved(evidence, others, 1, unfinished, keep_doubtful, progress)
+            another = _solved(evidence, others, unfinished, keep_doubtful, progress)
         except CalibrationError:
             continue
         if _held(another) > (held, placed) and not _taken(another, CHECK, *DOUBTS):
@@ -235,7 +181,6 @@ def _taken(model: sfm.SceneModel, *names: str) -> bool:
 def _solved(
     evidence: Evidence,
     summaries: Mapping[ViewId, ViewSummary],
-    threads: int,
     unfinished: Unfinished,
     keep_doubtful: bool,
     progress: Progress,
@@ -266,7 +211,7 @@ def _solved(
         {view: summary.features for view, summary in summaries.items()},
         guesses,
         list(rigs.values()),
-        threads,
+        1,  # thread: Ceres adds up in the order in which its threads finish
         progress,
         focal=focal,
         stated=stated_places(evidence.session, evidence.views),
@@ -281,25 +226,3 @@ def _solved(
         keep_doubtful=keep_doubtful,
         names=evidence.session.photograph_names(),
     )
-
-
-def _measured_without_poses(evidence: Evidence) -> str:
-    """Return the results that need no pose, as the beginning of a sentence; empty without any."""
-    parts = {
-        "exposures and response": evidence.light.measured,
-        "the board's lenses": evidence.board is not None,
-        "sensors": evidence.has_sensor_frames,
-        "colours": bool(evidence.charts.evidence),
-    }
-    measured = ", ".join(part for part, there in parts.items() if there)
-    if measured:
-        return f"{measured} are measured"
-    named = any(sensor.camera_from_rec709 is not None for sensor in evidence.sensors.values())
-    return "colours are as the files say" if named else ""
-
-
-def _has_poses(session: Session) -> bool:
-    try:
-        return bool(read_calibration(session.folder).views)
-    except InputError:
-        return False

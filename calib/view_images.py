@@ -1,4 +1,4 @@
-"""Features of one view: only one view's images are held at a time."""
+"""Features of the views, and the brightness of the scene around them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,17 +10,23 @@ import numpy as np
 
 from calib.data.features import FeatureKind, Features, find, unmasked
 from calib.data.previews import is_faint, preview
-from calib.data.unfinished import Arrays
+from calib.data.unfinished import Arrays, Unfinished
 from calib.data.views import View, of_one_band, read_view
+from calib.evidence import Evidence
 from calib.light.tracks import brightness_at, colour_at, light
 from imaging.arrays import Array
+from imaging.compute import memory
+from imaging.compute.cores import available_cores
+from imaging.compute.processes import in_processes
 from imaging.files.photo import encode_png
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.masks import mask_of, masked
 from imaging.mosaic import Matrix
+from imaging.progress import Progress
 from imaging.session.calibration import Response
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 BLANK_SHARE = 0.95
 """Share of black or saturated pixels above which the view shows nothing."""
@@ -31,6 +37,16 @@ that."""
 LIT_REACH = 5
 """px: what is lit has company in a square so wide, as the image of any light has, and a hot photosite has
 not. In it a mosaic has every colour several times."""
+WORTHWHILE = 50e6
+"""Samples of all images above which other processes are begun: each takes some two seconds to begin, in which
+it would be through ten million."""
+PER_SAMPLE = 40
+"""Bytes that looking at a view takes for each sample of its images: 21 of a JPEG, 34 of a RAW bracket
+were measured."""
+PER_PROCESS = 400_000_000
+"""Bytes of a process besides: of its libraries and its compiled kernels; 240 million were measured."""
+ROOM = 0.5
+"""Share of the free memory that all processes together may take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +93,56 @@ class ViewSummary:
             arrays["png"].tobytes(), width, height, features, arrays["brightness"], arrays["colour"],
             blank, bool(arrays["faint"]),
         )  # fmt: skip
+
+
+def summaries(
+    evidence: Evidence, unfinished: Unfinished, progress: Progress, kind: FeatureKind = "sift"
+) -> dict[ViewId, ViewSummary]:
+    """Summarise the images of every view, several at a time, as cores and memory allow.
+
+    Args:
+        evidence: Views, and what their images are read with.
+        unfinished: Store of what an interrupted run has found, which is not looked for again.
+        progress: Callback for the current step, the steps done, and all of them.
+        kind: Features to look for.
+    """
+    every = {view.id: unfinished.large(f"{kind} {view.id}") for view in evidence.views}
+    missing = [view for view in evidence.views if every[view.id] is None]
+    known = len(every) - len(missing)
+    computed = in_processes(
+        processes(missing),
+        summarise,
+        [
+            (
+                evidence.session,
+                view,
+                {shot.file: evidence.light.scale[shot.file] for shot in view.shots},
+                evidence.light.responses[view.camera.name],
+                evidence.sensors[view.camera.name].camera_from_rec709,
+                kind,
+            )
+            for view in missing
+        ],
+    )
+    step = "finding features" if kind == "sift" else f"finding {kind} features"
+    progress(step, known, len(every))
+    for done, (view, summary) in enumerate(zip(missing, computed, strict=True), known + 1):
+        every[view.id] = arrays = summary.arrays()
+        unfinished.keep_large(f"{kind} {view.id}", arrays)
+        progress(step, done, len(every))
+    return {view: ViewSummary.of(arrays) for view, arrays in every.items() if arrays is not None}
+
+
+def processes(views: Sequence[View]) -> int:
+    """Return how many processes are to look at views at a time; 1: this one."""
+    samples = [
+        sum(shot.width * shot.height * (1 if view.camera.kind == "raw" else 3) for shot in view.shots)
+        for view in views
+    ]
+    if sum(samples) < WORTHWHILE:
+        return 1
+    fit = ROOM * memory.available() / (PER_PROCESS + PER_SAMPLE * max(samples))
+    return max(min(available_cores(), len(views), int(fit)), 1)
 
 
 def summarise(

@@ -256,7 +256,7 @@ def small(own_arm: Path, looks: dict[ViewId, ViewSummary], monkeypatch: pytest.M
         if ViewId(shot["frame"], shot["camera"]) in looks:
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
-    monkeypatch.setattr("calib.all_views.summarise", lambda session, view, *rest: looks[view.id])
+    monkeypatch.setattr("calib.view_images.summarise", lambda session, view, *rest: looks[view.id])
     monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record, ()))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm

@@ -9,7 +9,7 @@ import pytest
 
 from calib import place_views
 from calib.data import learned
-from calib.place_views import _question
+from calib.place_views import cache_key
 from calib.poses.resolution import Contradicted
 from imaging.errors import CalibrationError
 from imaging.progress import unreported
@@ -39,19 +39,19 @@ def evidence(
 @pytest.mark.parametrize(
     "changed", [{"sha256": "bb"}, {"scale": 0.25}, {"kind": "linear"}, {"sensors": {"cam": 1}}]
 )
-def test_another_shot_exposure_response_or_sensor_is_another_question(tmp_path, changed):
-    assert _question(evidence(tmp_path)) == _question(evidence(tmp_path))
-    assert _question(evidence(tmp_path, **changed)) != _question(evidence(tmp_path))
+def test_another_shot_exposure_response_or_sensor_is_anothercache_key(tmp_path, changed):
+    assert cache_key(evidence(tmp_path)) == cache_key(evidence(tmp_path))
+    assert cache_key(evidence(tmp_path, **changed)) != cache_key(evidence(tmp_path))
 
 
 def test_a_mask_that_is_written_again_is_another_question_and_one_that_is_gone_no_failure(tmp_path):
-    gone = _question(evidence(tmp_path))
+    gone = cache_key(evidence(tmp_path))
     (tmp_path / "mask.png").write_bytes(b"one")
-    before = _question(evidence(tmp_path))
+    before = cache_key(evidence(tmp_path))
     (tmp_path / "mask.png").write_bytes(b"two")
     os.utime(tmp_path / "mask.png", ns=(0, 0))
     assert gone != before
-    assert _question(evidence(tmp_path)) != before
+    assert cache_key(evidence(tmp_path)) != before
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ def test_learned_features_place_nothing_where_things_look_alike(monkeypatch, kin
 
     monkeypatch.setattr(learned, "available", lambda: True)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1]))
-    model, _ = place_views._placed(None, given("sift"), None, False, unreported)
+    monkeypatch.setattr(place_views.view_images, "summaries", lambda *asked: given(asked[-1]))
+    model, _ = place_views._by_features(None, given("sift"), None, False, unreported)
     # A few views that nothing confirms are what learned features are for.
     assert len(model.poses) == (9 if (kind, name) == ("sift", "pose_unconfirmed") else 2)
 
@@ -93,7 +93,7 @@ def test_views_that_contradict_each_other_are_refused_as_before(monkeypatch):
     monkeypatch.setattr(learned, "available", lambda: True)
     monkeypatch.setattr(place_views, "_solved", refused)
     with pytest.raises(Contradicted):
-        place_views._placed(None, given("sift"), None, False, unreported)
+        place_views._by_features(None, given("sift"), None, False, unreported)
 
 
 @pytest.mark.parametrize(
@@ -120,13 +120,13 @@ def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, th
 
     monkeypatch.setattr(learned, "available", lambda: there)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1]))
+    monkeypatch.setattr(place_views.view_images, "summaries", lambda *asked: given(asked[-1]))
     asked = None, given("sift"), None, False, unreported
     if expected is None:
         with pytest.raises(CalibrationError, match="sift places none"):
-            place_views._placed(*asked)
+            place_views._by_features(*asked)
         return
-    model, summaries = place_views._placed(*asked)
+    model, summaries = place_views._by_features(*asked)
     assert len(model.poses) == expected
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["learned"]]
     assert bool(said) == (summaries[0].kind == "learned") == (expected == by_learned)
@@ -151,11 +151,11 @@ def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
     monkeypatch.setattr(place_views, "_solved", solved)
     asked = []
     monkeypatch.setattr(
-        place_views.all_views,
+        place_views.view_images,
         "summaries",
         lambda *given_: asked.append(given_[-1]) or given(given_[-1], count),
     )
-    model, _ = place_views._placed(None, given("sift", count), None, False, unreported)
+    model, _ = place_views._by_features(None, given("sift", count), None, False, unreported)
     assert len(model.poses) == expected
     assert asked == (["more"] if count == 6000 and by_sift != 10 else [])
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["more"]]
@@ -180,8 +180,8 @@ def test_views_that_one_pair_holds_count_for_less(monkeypatch, by_sift, by_more,
 
     monkeypatch.setattr(learned, "available", lambda: False)
     monkeypatch.setattr(place_views, "_solved", solved)
-    monkeypatch.setattr(place_views.all_views, "summaries", lambda *asked: given(asked[-1], 6000))
-    model, _ = place_views._placed(None, given("sift", 6000), None, False, unreported)
+    monkeypatch.setattr(place_views.view_images, "summaries", lambda *asked: given(asked[-1], 6000))
+    model, _ = place_views._by_features(None, given("sift", 6000), None, False, unreported)
     assert (len(model.poses), len(model.hanging)) == expected
     said = [rung.reason for rung in model.rungs]
     if by_sift == (9, 1):
@@ -196,4 +196,4 @@ def test_photographs_that_are_too_narrow_are_told(tmp_path, size):
         session=SimpleNamespace(folder=tmp_path), views=[SimpleNamespace(shots=(shot,))]
     )
     with pytest.raises(CalibrationError, match=rf"cam_0\.png has {size[0]}x{size[1]} pixels, and views need"):
-        place_views.with_poses(evidence, "", False, unreported)
+        place_views.require_sizes(evidence)

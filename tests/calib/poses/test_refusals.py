@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from calib import all_views
+from calib import view_images
 from calib.calibrate import calibrate
 from calib.view_images import ViewSummary
 from imaging.cfa import Cfa
@@ -74,10 +74,10 @@ def test_no_further_features_are_looked_for_from_one_place(
 
     def summaries(*given: Any) -> dict[ViewId, ViewSummary]:
         kinds.append(given[3:])
-        return all_views.summaries(*given)
+        return view_images.summaries(*given)
 
     monkeypatch.setattr("calib.place_views.learned.available", lambda: True)
-    monkeypatch.setattr("calib.place_views.all_views", SimpleNamespace(summaries=summaries))
+    monkeypatch.setattr("calib.place_views.view_images", SimpleNamespace(summaries=summaries))
     # The same picture three times: all of it matches, without parallax.
     for pictures, cause in (([noise(0)], "only one view"), ([noise(0)] * 3, "show no depth")):
         session = make_session(tmp_path / f"{len(pictures)}", [[(picture, None)] for picture in pictures])

@@ -92,12 +92,14 @@ def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: P
     off = to_truth(np.array([centre(ours[view]) for view in ours])) - [centre(truth[view]) for view in ours]
     assert np.linalg.norm(off, axis=1).max() < 0.05  # of 3 m to the table
 
-    from calib.calibrate import _target
+    from calib.evidence import _target
 
-    again = _target(Session.open(later), CalibrationRequest())  # where the next calibration places it
+    again = _target(
+        Session.open(later), CalibrationRequest(), read_calibration(later)
+    )  # where the next calibration places it
     assert again is not None
     assert again.folder == arm
-    assert _target(Session.open(later), CalibrationRequest(onto="none")) is None
+    assert _target(Session.open(later), CalibrationRequest(onto="none"), read_calibration(later)) is None
 
 
 def test_sessions_that_share_nothing_are_not_placed(

@@ -180,17 +180,18 @@ def test_large_coordinates_are_kept_apart(placed: Path) -> None:
 
 
 def test_a_survey_stays_until_it_is_forgotten(placed: Path) -> None:
-    from calib.calibrate import _control
+    from calib.evidence import _control
 
     session = Session.open(placed)
-    before = read_calibration(placed).coordinates
-    again = _control(session, CalibrationRequest())
+    earlier = read_calibration(placed)
+    before = earlier.coordinates
+    again = _control(session, CalibrationRequest(), earlier)
     assert before is not None
     assert again is not None
     assert list(again.survey.points) == [point.name for point in before.points]
     assert again.survey.system == "EPSG:25832"
     assert sum(map(len, again.marks.values())) == sum(len(point.marks) for point in before.points)
-    assert _control(session, CalibrationRequest(survey="none")) is None
+    assert _control(session, CalibrationRequest(survey="none"), earlier) is None
 
 
 def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
