@@ -10,11 +10,10 @@ from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import charts_of
 from calib.data.views import View, scene_views
 from calib.light import radiometry
-from calib.light.parts import LightPart
 from calib.light.radiometry import Radiometry, light_of
 from calib.luminance.area import require_places
 from calib.measures import MEASURES
-from calib.request import CalibrationRequest
+from calib.request import CalibrationRequest, LightPart
 from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor

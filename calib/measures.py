@@ -5,9 +5,8 @@ from typing import Literal, get_args
 
 from calib.colour import unfiltered
 from calib.colour.recorded import CHART_RUNGS
-from calib.light.parts import LightPart
 from calib.light.radiometry import LIGHT_RUNGS
-from calib.request import CalibrationRequest, Part
+from calib.request import CalibrationRequest, LightPart, Part
 from calib.sensor.rungs import NAMES
 from imaging.errors import InputError
 from imaging.request import value_of

@@ -14,10 +14,10 @@ from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
 from calib.evidence import Evidence
 from calib.poses import moving, sfm
-from calib.poses.known_rig import KnownRig
 from calib.poses.refusals import OnePlace
 from calib.poses.resolution import CHECK, DOUBTS, Contradicted
-from calib.poses.rig_placement import place_by_rig
+from calib.poses.rigs.known_rig import KnownRig
+from calib.poses.rigs.rig_placement import place_by_rig
 from calib.survey.locate import located
 from calib.survey.stated import stated_places
 from calib.view_images import ViewSummary

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from calib.light.parts import LightPart
 from imaging.request import Forget, Request
 
 if TYPE_CHECKING:
@@ -13,6 +12,11 @@ if TYPE_CHECKING:
     from imaging.session.records import Board
 
 Part = Literal["sensor", "response", "colour", "poses", "luminance"]
+LightPart = Literal["exposure", "white_balance", "falloff", "gain"]
+"""Parts of the light that scene points determine: exposure of each photograph, beside its label; white
+balance of each photograph, and between the cameras of a rig; falloff towards the corners; sensitivities of
+the cameras."""
+ASKED = "left out, as was asked"
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from calib.colour.white_balance import Balance
 from calib.evidence import Evidence
 from calib.light import each_photograph, tracks, vignetting
 from calib.light.each_photograph import Development
-from calib.light.parts import ASKED
 from calib.light.photograph_sights import sights_of
 from calib.light.stated import stated_by
 from calib.light.vignetting import Falloff
 from calib.place_views import Placement
+from calib.request import ASKED
 from imaging.arrays import Array
 from imaging.progress import Progress
 from imaging.session.records import Rung

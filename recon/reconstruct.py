@@ -19,13 +19,13 @@ from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
 from recon.data.overruled import overruled
-from recon.decide.countdown import Countdown, TooShort
+from recon.decide.cost.countdown import Countdown, TooShort
+from recon.decide.cost.duration import how_long, slowdown
+from recon.decide.cost.memory_need import fitting, free
+from recon.decide.cost.prediction import Prediction
 from recon.decide.decisions import TrainingPlan, iterations_at_most, planned
-from recon.decide.duration import how_long, slowdown
 from recon.decide.evidence import Run
-from recon.decide.memory_need import fitting, free
 from recon.decide.method_choice import method_for, rungs, uncoloured
-from recon.decide.prediction import Prediction
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
@@ -69,9 +69,9 @@ def reconstruct(
     A budget of time is that from the call to the return, or what `countdown` says, whose time began before or
     ends later. The whole schedule is made shorter if the preset's iterations do not fit at the speed measured
     at the start, and again on the way if that was misjudged. What else has no room is left out as
-    `recon.decide.countdown` says; where 50 iterations do not fit, the scene gets the width and the number of
-    Gaussians of a smaller preset, unless both were set. With early stop or a budget in dB some of the
-    held-out views are for that alone (`Dataset.with_validation`).
+    `recon.decide.cost.countdown` says; where 50 iterations do not fit, the scene gets the width and the
+    number of Gaussians of a smaller preset, unless both were set. With early stop or a budget in dB some of
+    the held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same request (with a time to keep, as fast as the machine then is); a finished

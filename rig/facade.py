@@ -79,7 +79,7 @@ def reconstruct(
         InputError: A setting is invalid, or the scene exists with other settings.
         StorageError: The disk refuses.
     """
-    from recon.decide.budget import Budget
+    from recon.decide.cost.budget import Budget
     from recon.decide.request import TrainingRequest
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene

@@ -9,7 +9,7 @@ from unittest.mock import patch
 from calib import place_views
 from calib.calibrate import calibrate
 from calib.poses import first_model, resolution
-from calib.poses.contradictions import placed_views
+from calib.poses.checks.contradictions import placed_views
 from calib.poses.sfm import SceneModel
 from imaging.errors import CalibrationError, PartialError
 from imaging.session.calibration import POSE_HANGING, POSE_LOOSE

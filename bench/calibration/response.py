@@ -35,9 +35,9 @@ from bench.calibration.response_curves import (
 )
 from bench.support.hdr_nerf_scene import curve as curve_of_hdr_nerf
 from bench.support.record import arguments, deliver, machine, words
-from calib.light.codes import Samples, patches, sample
-from calib.light.response import Estimate, estimate
-from calib.light.response_curve import channel_of, neighbours
+from calib.light.curves.codes import Samples, patches, sample
+from calib.light.curves.response import Estimate, estimate
+from calib.light.curves.response_curve import channel_of, neighbours
 from imaging.arrays import Array
 from imaging.files.photo import read_photo
 from imaging.merge.bracket import merge_bracket

@@ -6,8 +6,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.light.codes import patches, sample
-from calib.light.response import Estimate, estimate
+from calib.light.curves.codes import patches, sample
+from calib.light.curves.response import Estimate, estimate
 from imaging.arrays import Array, Bytes
 from imaging.colour import srgb_encode
 from imaging.merge.linear_frame import decode

@@ -37,12 +37,12 @@ from imaging.session.session import SESSION
 from recon.data.dataset import Dataset, View
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.decide.presets import QualityName
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
-from recon.result.scene import Opened, open_model
+from recon.result.opened import Opened, open_model
 from recon.start.initialisation import start_points
 from recon.train.warm_up import warm_up
 

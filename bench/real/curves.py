@@ -28,7 +28,7 @@ from bench.support.trial import Cache
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.train.warm_up import warm_up
 
 ITERATIONS = (250, 1000, 3000)

@@ -30,8 +30,9 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib import place_views
 from calib.data import learned
-from calib.poses import first_model, resolution, sfm, tied_model
+from calib.poses import first_model, resolution, sfm
 from calib.poses.resolution import ResolvedModel
+from calib.poses.rigs import tied_model
 from capture.imports.photos import import_photos
 from imaging.session.session import Session
 from tests.foreign.photographs import session as foreign_session

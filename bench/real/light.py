@@ -44,7 +44,7 @@ from imaging.session.view_id import ViewId
 from recon.decide.request import TrainingRequest
 from recon.observe.recorded import as_recorded
 from recon.reconstruct import reconstruct
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 
 REAL: Mapping[str, tuple[str, int, int]] = {
     "banana": ("banana/*.JPG", 960, 1),

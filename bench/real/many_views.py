@@ -35,11 +35,11 @@ ROOM = 8_000_000_000
 _TRAINING = f"""
 import json, sys, time
 from pathlib import Path
-import recon.decide.memory_need as deciding
+import recon.decide.cost.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
 from imaging.compute import memory
-from recon.decide.memory_need import need
+from recon.decide.cost.memory_need import need
 from recon.decide.overrides import Overrides
 {PEAK}
 session, width, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])

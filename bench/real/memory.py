@@ -38,10 +38,10 @@ def status(name):
 _RUN = f"""
 import json, sys
 from recon.decide.overrides import Overrides
-import recon.decide.memory_need as deciding
+import recon.decide.cost.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
-from recon.decide.memory_need import need
+from recon.decide.cost.memory_need import need
 {PEAK}
 needs = []
 deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
@@ -64,10 +64,10 @@ TRAININGS = ((6, False), (12, False), (6, True), (12, True))
 GAUSSIANS, DEGREES = 1_000_000, (0, 1, 2)
 _TRAINING = f"""
 import json, sys, time
-import recon.decide.memory_need as deciding
+import recon.decide.cost.memory_need as deciding
 import recon.reconstruct as stage
 from recon.decide.request import TrainingRequest
-from recon.decide.memory_need import Need, need
+from recon.decide.cost.memory_need import Need, need
 from recon.decide.overrides import Overrides
 {PEAK}
 session, stored, seed = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])

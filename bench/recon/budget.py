@@ -25,7 +25,7 @@ from typing import Any
 from bench.recon.presets import SCENES, TOYS, Scene, folder_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, prepare, run, session
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.methods import nh_3dgs
 from recon.result.model import read_model
 

@@ -25,7 +25,7 @@ from recon.decide.presets import QUALITIES, MethodName
 from recon.decide.request import TrainingRequest
 from recon.measure.views import measured
 from recon.reconstruct import reconstruct
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.trade.point import MEASURES, measuring, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 from recon.trade.sweep import trade_sweep

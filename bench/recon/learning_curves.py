@@ -7,10 +7,10 @@ Scenes of bench/recon/presets.py, in FOLDER of --work, and the first of each kin
 that of
 --ladder, trained at the preset `best` with whole schedules of 6 to 3200 iterations, until one takes more
 than --longest seconds; some of them narrower or with few Gaussians too, and the real photographs where
-RIG_DATA names the folder that has them. A curve is fitted to each (recon.decide.prediction), and each is
+RIG_DATA names the folder that has them. A curve is fitted to each (recon.decide.cost.prediction), and each is
 predicted from each of its schedules by the curves of scenes of other kinds. Finished rows are kept in --work.
 --write puts the table into bench/results/learning_curves.md and the curves into learning_curves.json, which a
-test holds the curves of recon.decide.prediction against.
+test holds the curves of recon.decide.cost.prediction against.
 """
 
 import argparse
@@ -30,8 +30,8 @@ from bench.recon.presets import CASTLE, SCENES, TOYS, folder_of
 from bench.support.record import RESULTS, WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.files import store
+from recon.decide.cost.prediction import lacking, predicted
 from recon.decide.overrides import Overrides
-from recon.decide.prediction import lacking, predicted
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model

@@ -24,7 +24,7 @@ import recon.splat.cpu.rasterizer
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import prepare, session
 from imaging.compute import threads
-from recon.decide.probe import LATE
+from recon.decide.cost.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
 from recon.scene.appearance import LuminanceChromaticity

@@ -9,7 +9,7 @@ import numpy as np
 from calib.adjustment.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
-from calib.poses.known_rig import camera_of
+from calib.poses.rigs.known_rig import camera_of
 from imaging.arrays import Array, Integers
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap

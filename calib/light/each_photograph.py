@@ -17,12 +17,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.light.parts import ASKED, LightPart
 from calib.light.photograph_sights import HUBER, PhotographSights, residual_of, shared, solved
 from calib.light.stated import NOTHING, Stated
 from calib.light.tracks import LUMINANCE
-from calib.light.viewing_sides import by_side
-from calib.light.vignetting import NOTICED_IN_SHEEN
+from calib.light.vignetting import NOTICED_IN_SHEEN, by_side
+from calib.request import ASKED, LightPart
 from imaging.arrays import Array
 from imaging.robust import huber_loss, robust_scale
 from imaging.session.records import ONE_OF_SEVERAL, Rung

@@ -4,16 +4,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from calib.data.views import View
-from calib.light import exposures, response
-from calib.light.codes import Patches, Samples, patches, sample
-from calib.light.track_codes import sample_tracks
-from calib.light.wrong_labels import WRONG, departures
+from calib.light import exposures
+from calib.light.curves import response
+from calib.light.curves.codes import Patches, Samples, patches, sample
+from calib.light.curves.track_codes import sample_tracks
+from imaging.arrays import Array
 from imaging.dial_settings import meant
 from imaging.files.photo import read_photo
+from imaging.merge.linear_frame import decode
 from imaging.merge.masks import mask_of
-from imaging.merge.ratios import Linearity
+from imaging.merge.ratios import LABEL_SIGMA, Linearity
 from imaging.progress import Progress
 from imaging.session.calibration import RAW_CURVE, CalibrationRecord, Response
 from imaging.session.records import Rung, ShotRecord
@@ -25,6 +29,10 @@ LIGHT_RUNGS = frozenset({*response.RUNGS, "exposure_ratios", "exposure_per_shot"
 CURVES = "gamma, lookup table, tone curve and contrast"
 LINEAR = 0.01
 """Departure from a straight line, relative, that still counts as linear."""
+WRONG = 0.25
+"""Departure from a label, natural log, that no shutter has: the label is another photograph's."""
+FEWEST_CODES = 60
+"""Codes that two photographs must share to be compared."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +187,7 @@ def _developed(
     right, corrections, corrected = dict(labels), [], []
     for view, samples in parts:
         log_k = samples.log_k.copy()
-        for column, away in enumerate(departures(samples, estimate.response, estimate.shift).tolist()):
+        for column, away in enumerate(_departures(samples, estimate.response, estimate.shift).tolist()):
             if abs(away) > WRONG:
                 file = view.shots[column].file
                 label = _nearest(labels[file] * float(np.exp(away)), list(labels.values()))
@@ -231,3 +239,39 @@ def _trained_on(session: Session, views: Sequence[View]) -> list[View]:
     used = set(split.train)
     trained = [replace(view, shots=tuple(shot for shot in view.shots if shot.file in used)) for view in views]
     return [view for view in trained if view.shots]
+
+
+def _departures(samples: Samples, response: Response, shift: dict[float, float]) -> Array:
+    """Natural log of the exposure over label and shift, [S], of each photograph of one view.
+
+    Most of a view's photographs are taken to be right. NaN if undecidable: of two photographs that contradict
+    each other, and of those that share too few codes with the others.
+    """
+    departed = np.full(samples.codes.shape[1], np.nan)
+    if not len(samples.codes):
+        return departed
+    moved = np.vectorize(lambda label: label + shift.get(round(float(label), 6), 0.0))(samples.log_k[0])
+    codes = samples.codes / 255.0
+    with np.errstate(divide="ignore"):
+        light = np.log(decode(np.nan_to_num(codes, nan=0.5), response).astype(np.float64))
+    light = np.where(np.isfinite(codes), light - moved[:, None], np.nan)
+    pairs, rows, goals = [], [], []
+    for first in range(len(departed)):
+        for second in range(first):
+            away = light[:, first] - light[:, second]
+            away = away[np.isfinite(away)]
+            if len(away) >= FEWEST_CODES:
+                pairs.append((first, second))
+                rows.append(np.eye(len(departed))[first] - np.eye(len(departed))[second])
+                goals.append(float(np.median(away)))
+    if not pairs:
+        return departed
+    graph = sparse.csr_array((np.ones(len(pairs)), np.array(pairs).T), (len(departed), len(departed)))
+    part = connected_components(graph, directed=False)[1]
+    together = part == np.bincount(part).argmax()
+    if together.sum() < 3:
+        return departed
+    offset = np.linalg.lstsq(np.array(rows), np.array(goals))[0]
+    from_each = offset[together][None] - offset[together][:, None]
+    departed[together] = from_each[np.argmin(np.log1p((from_each / LABEL_SIGMA) ** 2).sum(1))]
+    return departed

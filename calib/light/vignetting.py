@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.light.falloff import DARKEST, Fit, Terms, Tracks, darkest, fit_terms, log_light, track_losses
-from calib.light.parts import ASKED, LightPart
-from calib.light.viewing_sides import by_side
-from imaging.arrays import Array
+from calib.request import ASKED, LightPart
+from imaging.arrays import Array, Integers
 from imaging.lens import Lens
 from imaging.session.records import Rung
 
@@ -31,6 +30,8 @@ LEAST_FALLOFF = 0.02
 NOTICED_IN_SHEEN = 0.02
 """And so much where surfaces shine: views of one side still see unlike sheen, which passes for sensitivities
 that differ by 0.8 to 1.6 % on the glossy scenes of bench/recon/ladder_scenes.py, whose cameras are alike."""
+ASIDE = 10.0
+"""Degrees between the first view of a side and its others: sheen changes little within them."""
 AT_BOUND = 1.02
 UNIT = "robust whitened loss per track of a held-out region"
 TOO_DARK = (
@@ -236,3 +237,22 @@ def _mean_and_error(differences: Sequence[Array]) -> tuple[float, float]:
     """Mean and standard error over all regions."""
     gains = np.concatenate(differences)
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def by_side(point: Integers, direction: Array) -> Integers:
+    """Number of the side that each observation looks from, int64 [N]; sides of different points differ.
+
+    point: of each observation [N]; direction: unit, from the point to the camera [N, 3]. The first
+    observation of a point begins a side, those within `ASIDE` join it, the first of the others begins the
+    next.
+    """
+    side = np.full(len(point), -1, np.int64)
+    remaining, begun = np.arange(len(point)), 0
+    while len(remaining):
+        points, first, group = np.unique(point[remaining], return_index=True, return_inverse=True)
+        cosine = (direction[remaining] * direction[remaining[first]][group]).sum(1)
+        near = cosine >= np.cos(np.radians(ASIDE))
+        near[first] = True  # whatever rounding does
+        side[remaining[near]] = begun + group[near]
+        remaining, begun = remaining[~near], begun + len(points)
+    return side

@@ -68,7 +68,7 @@ def measure_scale(
         if reading.view is not None and reading.area is not None:
             light = area_light(session, record, reading.view, reading.area)
             views.append((reading.view,))
-            lights.append(area_light(session, record, reading.view, reading.area))
+            lights.append(light)
             known.append(reading.luminance or reading.known(1.0) * (reading.reflectance or 1.0))
         else:
             views.append(chart_views(record))

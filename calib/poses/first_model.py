@@ -7,10 +7,9 @@ from typing import Any
 from calib.adjustment.place_priors import StatedPlace
 from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
-from calib.poses.apart import cameras_apart, unjoined
-from calib.poses.brightness_steps import Pairs
-from calib.poses.contradictions import placed_views
-from calib.poses.known_rig import KnownRig
+from calib.poses.checks.brightness_steps import Pairs
+from calib.poses.checks.contradictions import placed_views
+from calib.poses.checks.rival import agreement, hanging_on, joined_groups
 from calib.poses.mapping import map_at_once, map_views
 from calib.poses.refusals import require_depth
 from calib.poses.resolution import (
@@ -20,8 +19,9 @@ from calib.poses.resolution import (
     ResolvedModel,
     resolve_contradictions,
 )
-from calib.poses.rig_twins import twins
-from calib.poses.rival import agreement, hanging_on, joined_groups
+from calib.poses.rigs.apart import cameras_apart, unjoined
+from calib.poses.rigs.known_rig import KnownRig
+from calib.poses.rigs.rig_twins import twins
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError

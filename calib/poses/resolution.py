@@ -11,9 +11,9 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calib.poses.brightness_steps import Pairs, lit_apart, mostly_apart, otherwise_lit, warning
-from calib.poses.confirmation import seen_by_three, unconfirmed
-from calib.poses.contradictions import (
+from calib.poses.checks.brightness_steps import Pairs, lit_apart, mostly_apart, otherwise_lit, warning
+from calib.poses.checks.confirmation import seen_by_three, unconfirmed
+from calib.poses.checks.contradictions import (
     contradicting,
     fitting,
     most_doubtful,
@@ -21,7 +21,7 @@ from calib.poses.contradictions import (
     shut_out,
     strong,
 )
-from calib.poses.loops import open_pairs, turns_of
+from calib.poses.checks.loops import open_pairs, turns_of
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.session.records import Rung

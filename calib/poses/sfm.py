@@ -13,14 +13,14 @@ from calib.adjustment.point_refinement import refine_points
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
-from calib.poses.apart import Joined, join, unjoined
-from calib.poses.confirmation import hanging, loose
+from calib.poses.checks.confirmation import hanging, loose
 from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
 from calib.poses.focal import focal_priors, settle_focal
-from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
 from calib.poses.places import align_to_places
 from calib.poses.refusals import require_features
-from calib.poses.tied_model import polish, tied_model
+from calib.poses.rigs.apart import Joined, join, unjoined
+from calib.poses.rigs.known_rig import NOTHING, KnownRig, camera_of, to_metres
+from calib.poses.rigs.tied_model import polish, tied_model
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError

@@ -16,12 +16,12 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.data.overruled import asked_parts, overruled
 from recon.decide.corrections import UNCORRECTED, Corrections, corrections_for
-from recon.decide.countdown import MOST_OF_START
+from recon.decide.cost.countdown import MOST_OF_START
+from recon.decide.cost.prediction import Prediction, enough, predicted
+from recon.decide.cost.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.evidence import Evidence, Run
 from recon.decide.far_field import environment_for
 from recon.decide.measured_depth import depth_for
-from recon.decide.prediction import Prediction, enough, predicted
-from recon.decide.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.stated_settings import in_words, overruled_parts

@@ -10,7 +10,7 @@ from imaging.progress import Progress
 from recon.data.dataset import Dataset
 from recon.data.light import Images, Light, light_of, radiance_images
 from recon.data.measured_depth import DepthFit
-from recon.decide.countdown import Countdown
+from recon.decide.cost.countdown import Countdown
 from recon.decide.measured_depth import depth_fit
 from recon.decide.settings import Settings
 from recon.train.ranks import Ranks

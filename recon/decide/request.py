@@ -8,7 +8,7 @@ from imaging.request import Request
 from recon.decide.presets import QUALITIES, MethodName, QualityName
 
 if TYPE_CHECKING:
-    from recon.decide.budget import Budget
+    from recon.decide.cost.budget import Budget
     from recon.decide.overrides import Overrides
 
 LARGEST_SEED = 2**32 - 1

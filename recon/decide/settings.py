@@ -8,7 +8,7 @@ from imaging.record import Record
 from imaging.session.calibration import StatedPart
 from recon.data.dataset import Dataset
 from recon.data.light import Light
-from recon.decide.budget import Budget, Unit
+from recon.decide.cost.budget import Budget, Unit
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, START_SHARE, downwards
 from recon.decide.request import TrainingRequest

@@ -25,7 +25,7 @@ from recon.measure.views import measured, reference_light
 from recon.observe.mixed import Mixed
 from recon.observe.photographs import ToneCurve
 from recon.result.model import SPLATS, read_model
-from recon.result.scene import Opened, open_model
+from recon.result.opened import Opened, open_model
 from recon.splat.torch_threads import torch_on_one_thread
 
 METRICS = "metrics.json"

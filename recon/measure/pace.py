@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from recon.data.dataset import View
-from recon.result.scene import Opened
+from recon.result.opened import Opened
 
 Clock = Callable[[], float]
 
@@ -40,22 +40,20 @@ class Pace:
         return True
 
 
-def views_in_time(
-    opened: Opened, until: float, measure: Callable[[Opened], object], clock: Clock = time.monotonic
-) -> Opened:
+def views_in_time(opened: Opened, until: float, measure: Callable[[Opened], object]) -> Opened:
     """The scene with as many of its reported views as there is time to measure, evenly chosen, at least one.
 
-    until: reading of `clock`. The first view says how long `measure` takes: again where it would be too
-    long, since what is called for the first time has to be loaded.
+    until: reading of the monotonic clock. The first view says how long `measure` takes: again where it
+    would be too long, since what is called for the first time has to be loaded.
     """
     views = opened.dataset.reported
     fits = len(views)
     if until == math.inf or fits < 2:
         return opened
     for _ in range(2):
-        began = clock()
+        began = time.monotonic()
         measure(_of(opened, views[:1]))
-        fits = math.floor((until - clock()) / max(clock() - began, 1e-6))
+        fits = math.floor((until - time.monotonic()) / max(time.monotonic() - began, 1e-6))
         if fits >= len(views):
             return opened
     fits = max(fits, 1)

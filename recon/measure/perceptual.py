@@ -26,7 +26,7 @@ from recon.data.light import Images
 from recon.measure.flip import Flips, LightPair, Pair
 from recon.rendering.light_files import header_of, stem, write_light
 from recon.result.display import displayed, in_colour
-from recon.result.scene import Opened
+from recon.result.opened import Opened
 
 RENDERS, REFERENCES = "renders", "references"
 A_PIXEL = 1000

@@ -17,7 +17,7 @@ from recon.data.shot import Shot
 from recon.measure.recorded_light import RecordedLight, against_photographs, recorded_light
 from recon.measure.truth import has_truth, true_radiance
 from recon.observe.recorded import as_recorded, shot_psnr
-from recon.result.scene import Opened
+from recon.result.opened import Opened
 
 DISPLAY_PEAK = 1000.0
 """cd/m2 at which PU21 takes the truth's maximum."""

@@ -12,8 +12,8 @@ from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.dataset import View
 from recon.data.tone import encode
-from recon.observe.display_kernel import photographed
 from recon.observe.glare import scattered
+from recon.observe.kernels.display_kernel import photographed
 from recon.observe.linear import Observation
 from recon.observe.targets import Targets
 from recon.observe.tone_grid import apply_curve, curve_values, roughness

@@ -17,7 +17,7 @@ from imaging.arrays import Array
 from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.tone import encode
-from recon.observe.tone_curve_kernel import look_up
+from recon.observe.kernels.tone_curve_kernel import look_up
 
 LEAK = 0.01
 CORE_DENSITY, TAIL_DENSITY = 128, 64

@@ -11,7 +11,7 @@ from imaging.progress import Progress
 from imaging.session.lock import held
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
-from recon.decide.prediction import Prediction
+from recon.decide.cost.prediction import Prediction
 from recon.decide.settings import Settings
 from recon.result.display import exposure_of
 from recon.result.live import Snapshots

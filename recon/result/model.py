@@ -15,7 +15,7 @@ from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Band, Name, Rung
 from imaging.session.view_id import ViewId
 from recon.data.world import Vector, WorldTransform
-from recon.decide.prediction import Prediction
+from recon.decide.cost.prediction import Prediction
 from recon.decide.settings import Settings
 from recon.splat import SplatCamera
 

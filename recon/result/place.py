@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imaging.errors import InputError
 from imaging.record import parse
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.decide.settings import Settings
 from recon.result.model import CHECKPOINT, MODEL
 from recon.scene.checkpoint import Checkpoint, read_checkpoint

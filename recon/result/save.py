@@ -16,7 +16,7 @@ from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
 from recon.data.load import photographs_sha256
 from recon.data.shot import measured_light
-from recon.decide.prediction import ENOUGH, Prediction, enough
+from recon.decide.cost.prediction import ENOUGH, Prediction, enough
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
 from recon.observe.photographs import Display, ToneCurve

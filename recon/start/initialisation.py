@@ -27,6 +27,8 @@ dark end.
 """
 MOST_FIRST = 16
 """Views that are swept over all depths, where poses came without points."""
+OPACITY, SIZE = 0.7, 0.6
+"""Of Gaussians at their start; size: standard deviation over the distance to their neighbours."""
 
 
 @dataclass(frozen=True)
@@ -214,20 +216,17 @@ def gaussians_at(
     start: Start,
     appearance: Appearance,
     units: Callable[[torch.Tensor], torch.Tensor],
-    *,
-    opacity: float = 0.7,
-    size: float = 0.6,
 ) -> Gaussians:
     """Round Gaussians at the points, as large as the distance to their neighbours.
 
     `units` turns radiance into what a rendered image holds (`Observation.units`).
-    Standard deviation: `size` times the root mean squared distance to the three nearest (3DGS takes
+    Standard deviation: `SIZE` times the root mean squared distance to the three nearest (3DGS takes
     the distance itself), not more than four times the median, so that a stray point is no fog.
     """
     distances = cKDTree(start.xyz).query(start.xyz, k=min(4, len(start.xyz)))[0][:, 1:]
     spacing = np.sqrt((distances**2).mean(1))
     middle = float(np.median(spacing[spacing > 0])) if (spacing > 0).any() else 1.0
-    spacing = spacing.clip(middle / 16, middle * 4) * size
+    spacing = spacing.clip(middle / 16, middle * 4) * SIZE
     count = len(start.xyz)
     quats = torch.zeros(count, 4)
     quats[:, 0] = 1
@@ -236,7 +235,7 @@ def gaussians_at(
             "means": torch.from_numpy(start.xyz.astype(np.float32)),
             "log_scales": torch.from_numpy(np.log(spacing).astype(np.float32))[:, None].repeat(1, 3),
             "quats": quats,
-            "opacity_logits": torch.full((count,), float(np.log(opacity / (1 - opacity)))),
+            "opacity_logits": torch.full((count,), float(np.log(OPACITY / (1 - OPACITY)))),
             **appearance.start(units(torch.from_numpy(start.rgb.astype(np.float32)))),
         }
     )

@@ -22,6 +22,8 @@ from recon.data.light import Images, grey
 from recon.start.warped_plane import compare_planes
 
 PLANES = 56
+WIDTH = 160
+"""px of the pictures that are swept."""
 NEIGHBOURS = 4
 MOST_SWEPT = 48
 """Most views of a larger session whose depths are swept; the others serve as their neighbours."""
@@ -62,7 +64,6 @@ def plane_sweep(
     points: Array | None,
     *,
     dimmest: float = 0.0,
-    width: int = 160,
     progress: Progress = unreported,
     most: int = MOST_SWEPT,
     over: Callable[[], bool] | None = None,
@@ -82,7 +83,7 @@ def plane_sweep(
     everyone = range(len(views))
     logs, lit = [], {}
     for index, (view, (image, _)) in enumerate(zip(views, images, strict=True)):
-        logs.append(_log_image(image, view, width))
+        logs.append(_log_image(image, view))
         if index in chosen:
             lit[index] = _at_size(np.nanmax(image, axis=-1), logs[-1]) > dimmest
 
@@ -94,7 +95,7 @@ def plane_sweep(
         if (measured := _measured(views[index], logs[index])) is not None:
             return measured
         near = _neighbours(index, views, everyone)
-        bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
+        bounds = _reach(views[index], near, views) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
     swept: dict[int, tuple[Array32, Array32]] = {}
@@ -127,8 +128,8 @@ def plane_sweep(
     ]
 
 
-def _log_image(image: Array32, view: View, width: int) -> Array32:
-    size = (min(width, view.lens.width), max(1, round(view.lens.height * min(1, width / view.lens.width))))
+def _log_image(image: Array32, view: View) -> Array32:
+    size = (min(WIDTH, view.lens.width), max(1, round(view.lens.height * min(1, WIDTH / view.lens.width))))
     small = cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA)
     # Noise of the shadows would be the only texture left without a floor; a thousandth of the view's
     # bright end keeps ten stops of structure.
@@ -150,11 +151,11 @@ def _bounds(view: View, points: Array) -> tuple[float, float] | None:
     return float(far * 0.75), float(near * 1.25)
 
 
-def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> tuple[float, float] | None:
+def _reach(view: View, near: list[int], views: tuple[View, ...]) -> tuple[float, float] | None:
     if not near:
         return None
     baseline = float(np.median([np.linalg.norm(views[other].centre - view.centre) for other in near]))
-    focal = view.lens.fx * min(1.0, width / view.lens.width)
+    focal = view.lens.fx * min(1.0, WIDTH / view.lens.width)
     return 0.0, (PLANES - 1) * MOST_PARALLAX / (focal * baseline)
 
 

@@ -19,7 +19,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.views import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
 from recon.train.device import training_device
 from recon.train.warm_up import warm_up

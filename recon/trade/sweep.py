@@ -17,7 +17,7 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
-from recon.decide.memory_need import forecast
+from recon.decide.cost.memory_need import forecast
 from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest

@@ -36,7 +36,7 @@ class EarlyStop:
 
     least: float = 0.3
     """dB that the rest has to promise at the present slope. The cool-down brings most of it anyway, but where
-    no more is planned than is worth it (recon.decide.prediction) stopping at 1 cost a tenth of a dB, and
+    no more is planned than is worth it (recon.decide.cost.prediction) stopping at 1 cost a tenth of a dB, and
     more."""
     moments: int = 5
     begin: float = 0.3

@@ -5,8 +5,8 @@ import torch
 
 from imaging.compute.jit import cache_folder
 from imaging.progress import Progress
-from recon.observe.display_kernel import photographed
-from recon.observe.linear_kernel import Sites, recorded
+from recon.observe.kernels.display_kernel import photographed
+from recon.observe.kernels.linear_kernel import Sites, recorded
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.splat.limits import CHANNELS_MOST

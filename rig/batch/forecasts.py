@@ -4,7 +4,7 @@ from pathlib import Path
 
 from imaging.compute.workers import Task, Workers
 from imaging.session.session import Session
-from recon.decide.memory_need import forecast
+from recon.decide.cost.memory_need import forecast
 from recon.result.model import SPLATS
 from rig.batch.plan import PlannedScene
 

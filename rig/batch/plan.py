@@ -12,7 +12,7 @@ from capture.rigfile.toml_lines import key_lines, line_of
 from imaging.errors import InputError
 from imaging.session.records import Name
 from imaging.session.session import SESSION
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName, QualityName
 from recon.decide.request import TrainingRequest

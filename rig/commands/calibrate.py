@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Annotated, get_args
 
 from calib import calibrate as calibrating
-from calib.light.parts import LightPart
-from calib.request import CalibrationRequest
+from calib.request import CalibrationRequest, LightPart
 from imaging.compute.cores import available_cores
 from imaging.compute.free_share import free_share, if_so
 from imaging.errors import PartialError

@@ -6,7 +6,7 @@ from typing import Any
 
 from calib import place_views
 from calib.data import learned
-from calib.light.parts import LightPart
+from calib.request import LightPart
 from imaging.session import calibration as calibrations
 from imaging.session import coordinates, view_id
 from imaging.session import session as sessions

@@ -9,8 +9,8 @@ import typer
 
 from capture.request import RigRequest
 from imaging.session import calibration as calibrations
-from recon.decide import budget as budgets
 from recon.decide import request as requests
+from recon.decide.cost import budget as budgets
 from recon.decide.presets import MethodName
 from recon.train import device as devices
 from recon.train import warm_up

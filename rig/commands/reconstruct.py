@@ -11,9 +11,10 @@ import typer
 
 from recon import reconstruct as reconstructing
 from recon.data import pixels
-from recon.decide import budget as budgets
-from recon.decide import countdown as countdowns
-from recon.decide import overrides, prediction
+from recon.decide import overrides
+from recon.decide.cost import budget as budgets
+from recon.decide.cost import countdown as countdowns
+from recon.decide.cost import prediction
 from recon.decide.presets import OVERRIDES
 from recon.decide.request import TrainingRequest
 from recon.result import model as models

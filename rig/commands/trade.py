@@ -8,7 +8,7 @@ import typer
 
 from imaging.compute import workers as pools
 from imaging.errors import InputError
-from recon.decide import budget as budgets
+from recon.decide.cost import budget as budgets
 from rig.batch import processes
 from rig.options.common import CoresOption, JsonOption, RayOption, SeedOption, SessionArgument
 from rig.report.pages import trade as trade_page

@@ -51,7 +51,7 @@ SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="The same seed
 
 def budget(text: str) -> str:
     """`90s`, `5m`, `300MB`, `100k`, `35dB` or the like, unchanged; typer.BadParameter if it is nonsense."""
-    from recon.decide.budget import Budget
+    from recon.decide.cost.budget import Budget
 
     try:
         Budget.parse(text)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.data.views import scene_views
 from calib.light import exposures, radiometry
-from calib.light.codes import patches, sample
+from calib.light.curves.codes import patches, sample
 from calib.sensor import brackets
 from calib.view_images import summarise
 from drivers.sim.camera.sensor import SimulatedSensor
@@ -20,7 +20,7 @@ from imaging.merge.linear_frame import decode
 from imaging.mosaic import RawMosaic
 from imaging.progress import unreported
 from imaging.session.session import Session
-from tests.calib.light.test_response import smooth
+from tests.calib.light.curves.test_response import smooth
 from tests.calib.sensor.conftest import MODEL
 
 from .conftest import make_session

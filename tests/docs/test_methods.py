@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from calib.adjustment import focal_evidence, lens_ladder, place_priors, uncertainty
-from calib.light import exposures, response_band
+from calib.light import exposures
+from calib.light.curves import response_band
 from calib.sensor import linearity
 from imaging.merge import bracket, ratios
 from imaging.noise import SensorNoise

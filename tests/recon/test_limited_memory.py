@@ -23,9 +23,9 @@ LIMITED = f"""
 import resource, sys
 from dataclasses import replace
 from pathlib import Path
-import recon.decide.memory_need as deciding
+import recon.decide.cost.memory_need as deciding
 import recon.reconstruct as stage
-from recon.decide.memory_need import need
+from recon.decide.cost.memory_need import need
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate

@@ -56,7 +56,7 @@ def test_the_wheel_holds_every_package_and_its_data(installed: Path) -> None:
     for folder in (Path("rig", "report", "templates"), Path("recon", "exports", "formats", "viewer")):
         names = {path.name for path in (REPOSITORY / folder).iterdir()}
         assert {path.name for path in (installed / folder).iterdir()} == names
-    assert (installed / "recon" / "decide" / "scene_curves.json").is_file()
+    assert (installed / "recon" / "decide" / "cost" / "scene_curves.json").is_file()
     assert not [name for name in ("tests", "bench", "docs") if (installed / name).exists()]
     for package in PACKAGES:
         assert (installed / package / "py.typed").is_file()

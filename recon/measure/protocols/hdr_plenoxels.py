@@ -15,7 +15,7 @@ from imaging import metrics
 from imaging.arrays import Array, Array32
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 
 WIDEST, FINEST = 6.0, 0.01
 """Stops: how far the search of an exposure reaches, and how finely it ends."""

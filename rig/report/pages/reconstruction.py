@@ -10,7 +10,7 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import is_stale
 from imaging.session.session import Session
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.splat.torch_threads import torch_on_one_thread
 from rig.report.page import Page, now, write_page
 from rig.report.sections.calibrated import calibrated

@@ -16,7 +16,7 @@ from recon.data.dataset import View
 from recon.data.shot import Shot
 from recon.measure.truth import has_truth, true_radiance
 from recon.result.display import in_colour
-from recon.result.scene import Opened
+from recon.result.opened import Opened
 from rig.report.charts.pictures import (
     MAP_STOPS,
     colour_bar,

@@ -97,7 +97,7 @@ def _commands(
     if calibrated:
         yield f"rig calibrate {name}"
     if model is not None:
-        from recon.decide.budget import Budget
+        from recon.decide.cost.budget import Budget
         from recon.result.place import default_name
 
         chosen = model.settings

@@ -11,7 +11,7 @@ from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import first_guess
-from calib.poses.known_rig import camera_of
+from calib.poses.rigs.known_rig import camera_of
 from imaging.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId

@@ -18,7 +18,7 @@ from imaging.progress import unreported
 from imaging.session.session import Session
 from tests.calib.conftest import make_session
 
-from .test_response import smooth
+from .curves.test_response import smooth
 
 Curve = Callable[[np.ndarray], np.ndarray]
 BLACK, WHITE, ELECTRONS = 256, 4095, 9000

@@ -15,7 +15,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.splat import SplatCamera
 from tests.recon.ply_files import read_ply
 from tests.recon.worlds import ECEF, UTM, put

@@ -11,10 +11,10 @@ import torch
 import recon.decide as package
 from imaging.progress import unreported
 from recon.decide import decisions
-from recon.decide.countdown import Countdown
+from recon.decide.cost.countdown import Countdown
+from recon.decide.cost.prediction import enough
 from recon.decide.decisions import NO_TIME, TrainingPlan, decide
 from recon.decide.evidence import Evidence, Run
-from recon.decide.prediction import enough
 from recon.train.ranks import Ranks
 
 from .test_corrections import settings

@@ -6,11 +6,11 @@ import pytest
 
 from imaging.errors import InputError
 from recon.decide import decisions
-from recon.decide.budget import Budget
-from recon.decide.countdown import TooShort
+from recon.decide.cost.budget import Budget
+from recon.decide.cost.countdown import TooShort
+from recon.decide.cost.probe import Probe
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality, downwards
-from recon.decide.probe import Probe
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model

@@ -8,9 +8,9 @@ from imaging.compute import memory
 from imaging.compute.threads import thread_count
 from imaging.errors import InputError
 from recon.data.dataset import Dataset
-from recon.decide import memory_need as module
-from recon.decide.budget import Budget
-from recon.decide.memory_need import ARENA, KERNELS, LOOKS, Need, fitting, forecast, need
+from recon.decide.cost import memory_need as module
+from recon.decide.cost.budget import Budget
+from recon.decide.cost.memory_need import ARENA, KERNELS, LOOKS, Need, fitting, forecast, need
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest

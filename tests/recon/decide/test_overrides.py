@@ -11,7 +11,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, Quality
 from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 
 
 def test_the_names_that_help_shows_are_those_that_there_are() -> None:

@@ -35,7 +35,7 @@ from recon.decide.trials import Trials, reason_against_trials
 from recon.decide.view_dependence import Gains
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.scene.ply import most_gaussians
 from recon.start.initialisation import Start, start_points
 

@@ -23,7 +23,7 @@ from recon.decide.request import TrainingRequest
 from recon.decide.stated_settings import overruled_parts, tried
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS, read_model
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from tests.conftest import MadeOnce
 
 from .light_of_photographs import drawn, session_lit_by

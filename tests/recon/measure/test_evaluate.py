@@ -13,7 +13,7 @@ from imaging.colour import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.files.exr import read_exr
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
@@ -22,7 +22,7 @@ from recon.measure.views import measured
 from recon.reconstruct import reconstruct
 from recon.rendering.render import render
 from recon.result.model import read_model
-from recon.result.scene import Opened, open_model
+from recon.result.opened import Opened, open_model
 from tests.recon.ply_files import read_ply
 
 

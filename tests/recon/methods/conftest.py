@@ -32,7 +32,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.measure.truth import true_radiance
 from recon.result.model import SPLATS
-from recon.result.scene import Opened, open_model
+from recon.result.opened import Opened, open_model
 from tests.recon.ply_files import read_ply
 
 SHORT = Quality(iterations=100, gaussians=1000, width=320)

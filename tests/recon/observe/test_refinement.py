@@ -18,7 +18,7 @@ from recon.methods import METHODS
 from recon.observe.refinement import Refinement, camera_delta
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat.moved import moved

@@ -23,7 +23,8 @@ from recon.rendering.render import render, render_probe
 from recon.rendering.video import Video
 from recon.result.data_layers import DataLayers
 from recon.result.layer_names import LAYERS
-from recon.result.scene import open_model, open_scene
+from recon.result.opened import open_model
+from recon.result.scene import open_scene
 
 
 @pytest.fixture(scope="module")

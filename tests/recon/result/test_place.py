@@ -7,7 +7,7 @@ import pytest
 
 import recon.reconstruct as stage
 from imaging.errors import InputError, StorageError
-from recon.decide.budget import Budget
+from recon.decide.cost.budget import Budget
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest

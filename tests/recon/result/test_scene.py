@@ -19,7 +19,8 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.rendering.render import render
-from recon.result.scene import open_model, open_scene
+from recon.result.opened import open_model
+from recon.result.scene import open_scene
 
 SMALL = Quality(20, 300, 32)
 

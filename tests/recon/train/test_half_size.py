@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from recon.data.light import light_of, radiance_image
-from recon.decide.duration import slowdown
+from recon.decide.cost.duration import slowdown
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.start.initialisation import gaussians_at, start_points

@@ -14,7 +14,7 @@ import torch
 from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.decide.countdown import TooShort
+from recon.decide.cost.countdown import TooShort
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.model import read_model

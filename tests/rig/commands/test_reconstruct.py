@@ -12,7 +12,7 @@ import pytest
 from imaging.files import store
 from imaging.session.session import SPLIT, Session, brackets
 from recon.data import pixels
-from recon.decide.prediction import enough
+from recon.decide.cost.prediction import enough
 from recon.decide.presets import QUALITIES, Quality
 from tests.recon.ply_files import read_ply
 from tests.recon.worlds import UTM, put

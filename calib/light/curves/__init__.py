@@ -1,0 +1,1 @@
+"""Response curves of cameras that develop their pictures, from exposures that overlap."""

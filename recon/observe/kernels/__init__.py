@@ -1,0 +1,1 @@
+"""Compiled kernels of image formation and their gradients."""
