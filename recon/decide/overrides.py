@@ -11,7 +11,7 @@ from imaging.errors import InputError
 from imaging.record import Record
 
 if TYPE_CHECKING:
-    from recon.data.dataset import Dataset, View
+    from recon.data.dataset import Dataset
     from recon.methods.method import Method
 
 T = TypeVar("T")
@@ -83,7 +83,7 @@ class Overrides(Record):
         """The training views and exposures of a data set that are used; held-out views stay as they are."""
         train = dataset.train if self.views is None else _evenly(dataset.train, self.views)
         if self.exposures is not None:
-            train = tuple(_with_exposures(view, self.exposures) for view in train)
+            train = tuple(replace(view, shots=_evenly(view.shots, self.exposures)) for view in train)
         return replace(dataset, train=train)
 
     def composed(self, method: "Method") -> "Method":
@@ -93,10 +93,6 @@ class Overrides(Record):
         if self.degree is not None:
             method = replace(method, degrees=method.degrees[: self.degree])
         return method
-
-
-def _with_exposures(view: "View", count: int) -> "View":
-    return replace(view, shots=_evenly(view.shots, count))
 
 
 def _evenly(items: tuple[T, ...], count: int) -> tuple[T, ...]:

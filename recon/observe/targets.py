@@ -37,7 +37,9 @@ class Targets(Generic[TargetsOfView]):
         width, targets = self._cached.get(view.name, (0, None))
         if targets is None or width != view.lens.width:
             targets = make()
-            if fits := device.type != "cpu" and _size(targets) <= room(device):
+            if fits := device.type != "cpu" and sum(
+                tensor.nbytes for tensor in _tensors(targets).values()
+            ) <= room(device):
                 targets = _moved(targets, device)
             if fits or view.held:
                 self._cached[view.name] = view.lens.width, targets
@@ -76,10 +78,6 @@ def sent(tensor: Tensor, device: torch.device) -> Tensor:
 def _tensors(targets: Any) -> dict[str, Tensor]:
     values = {each.name: getattr(targets, each.name) for each in fields(targets)}
     return {name: value for name, value in values.items() if isinstance(value, Tensor)}
-
-
-def _size(targets: Any) -> int:
-    return sum(tensor.nbytes for tensor in _tensors(targets).values())
 
 
 def _moved(targets: TargetsOfView, device: torch.device) -> TargetsOfView:

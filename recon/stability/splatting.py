@@ -49,7 +49,9 @@ def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> It
         if name.startswith("card"):
             with torch.no_grad():
                 image = draw(case, torch.float32, grad=False)[0].image
-            yield StressCase.of("splatting", name, "the card's light", "truth", _off(image), LAYERS)
+            yield StressCase.of(
+                "splatting", name, "the card's light", "truth", float((image - 1).abs().max()), LAYERS
+            )
     layers = max(million().values())
     yield StressCase.of("splatting", "a million Gaussians before one pixel", "all", "truth", layers, LAYERS)
     for changed, count in exactness(seed, quick).items():
@@ -65,10 +67,6 @@ def _worst(figures: dict[str, Any], kind: str) -> float:
     if not figures["finite"]:
         return math.nan
     return 0.0 if figures[kind] is None else float(figures[kind]["worst"])
-
-
-def _off(image: torch.Tensor) -> float:
-    return float((image - 1).abs().max())
 
 
 def draw(

@@ -119,7 +119,8 @@ def estimate(samples: Samples | None) -> Estimate:
         [
             held_out(channels, noise, shape, labels_hold=samples.rough)
             for shape in variants
-            if _determined(channels, shape)
+            # Two exposures are one step apart and say nothing about ripples: only stiff splines are tried.
+            if not isinstance(shape, Spline) or len(channels[0].steps) > 2 or shape.smoothness >= 1e5
         ]
         # A free curve would follow what gloss and edges do to rough samples.
         for variants in (LADDER[:-1] if samples.rough else LADDER)
@@ -231,11 +232,6 @@ def _contradiction(labels: Array, shift: Array) -> str:
         for place in np.flatnonzero(wrong)
     ]
     return "; " + ", ".join(named)
-
-
-def _determined(channels: Sequence[Channel], shape: Shape) -> bool:
-    """Two exposures are one step apart and say nothing about ripples: only stiff splines are tried then."""
-    return not isinstance(shape, Spline) or len(channels[0].steps) > 2 or shape.smoothness >= 1e5
 
 
 def _exported(

@@ -49,7 +49,9 @@ def twins(
         if len(usual) < max(FEWEST_FRAMES, 2 * len(relative) / 3):
             continue
         agreeing = max(agreeing, len(usual))
-        middle = relative[min(usual, key=lambda frame: _spread(relative[frame], relative, usual))]
+        middle = relative[
+            min(usual, key=lambda one: sum(_apart(relative[one], relative[frame])[0] for frame in usual))
+        ]
         baseline = float(np.linalg.norm(middle[:3, 3]))
         right = {ViewId(frame, camera) for frame in usual for camera in (one, other)}
         for frame in relative.keys() - usual:
@@ -68,11 +70,6 @@ def _usual(relative: Mapping[int, Array]) -> set[int]:
         apart = {frame: _apart(pose, middle) for frame, pose in relative.items()}
         sets.append({frame for frame, (turn, shift) in apart.items() if turn <= NEAR and shift <= most})
     return max(sets, key=len, default=set())
-
-
-def _spread(pose: Array, relative: Mapping[int, Array], frames: set[int]) -> float:
-    """Sum of the degrees between a pose and those of frames."""
-    return sum(_apart(pose, relative[frame])[0] for frame in frames)
 
 
 def _apart(one: Array, other: Array) -> tuple[float, float]:
