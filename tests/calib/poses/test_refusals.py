@@ -169,7 +169,7 @@ def test_poses_that_were_found_before_are_not_given_up(
         raise CalibrationError("No two views share enough of the scene.")
 
     monkeypatch.setattr("calib.poses.sfm.solve", fail)
-    monkeypatch.setattr("calib.calibrate.scene_views", lambda session: scene_of_two(session))
+    monkeypatch.setattr("calib.evidence.scene_views", lambda session: scene_of_two(session))
     before = read_calibration(own_arm)
     with pytest.raises(CalibrationError, match="no two views share"):
         calibrate(own_arm, on_progress=unreported)

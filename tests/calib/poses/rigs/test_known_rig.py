@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import calibrate as calibrating
+from calib import evidence
 from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
 from imaging.arrays import Array
@@ -101,7 +101,7 @@ def test_what_a_board_knows_well_stays_as_it_is(short: Path, monkeypatch: pytest
         sure_lenses=frozenset(truth),
         sure_rig=True,
     )
-    monkeypatch.setattr(calibrating, "measure_board", lambda *args: board)
+    monkeypatch.setattr(evidence, "measure_board", lambda *args: board)
     record = calibrate(short, on_progress=unreported)
     assert record.unit == "m"
     assert record.board == board.evidence
