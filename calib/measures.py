@@ -43,7 +43,7 @@ MEASURES: dict[Part | None, Measures] = {
     "luminance": Measures(),
     "poses": Measures(sensors=True, poses=True, scene="without a board"),
 }
-"""Of each part; None: of a whole calibration."""
+"""Measurements by part; those under None are of a whole calibration."""
 
 
 def require_usable(request: CalibrationRequest) -> None:

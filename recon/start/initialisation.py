@@ -28,7 +28,7 @@ dark end.
 MOST_FIRST = 16
 """Views that are swept over all depths, where poses came without points."""
 OPACITY, SIZE = 0.7, 0.6
-"""Of Gaussians at their start; size: standard deviation over the distance to their neighbours."""
+"""Opacity of Gaussians at their start, and their standard deviation over the distance to neighbours."""
 
 
 @dataclass(frozen=True)
