@@ -92,27 +92,27 @@ def gather(session: Session, request: CalibrationRequest, progress: Progress) ->
     earlier = _earlier(session, request)
     target = _target(session, request, earlier) if measures.poses else None
     control = _control(session, request, earlier) if target is None else None
-    kept = None if request.only is None else earlier
+    base = None if request.only is None else earlier
     # Darks and flats alone measure the sensor, a board alone lenses and rig.
     needless = measures.scene == "never" or (
         measures.scene == "without a board" and bool(session.shots("board"))
     )
     views = scene_views(session) if session.shots("scene") or not needless else []
-    if measures.sensors or kept is None:
+    if measures.sensors or base is None:
         measured = measure_sensors(session, views, progress)
     else:
-        measured = {camera.name: MeasuredSensor(at=camera.sensors) for camera in kept.cameras}
+        measured = {camera.name: MeasuredSensor(at=camera.sensors) for camera in base.cameras}
     sensors = _sensors(session, views, measured)
     views = [replace(view, sensors=sensors[view.camera.name].measured.at) for view in views]
-    if measures.light or kept is None:
+    if measures.light or base is None:
         light = radiometry.measure_light(session, views, progress)
     else:
-        light = light_of(kept, views)
+        light = light_of(base, views)
     sensors = unfiltered.measured(session, views, sensors, light)
-    charts = charts_of(kept) if measures.poses and kept is not None else Charts()
+    charts = charts_of(base) if measures.poses and base is not None else Charts()
     sensors = charts.applied(sensors)
     if request.chart:
-        charts = measure_charts(session, views, sensors, light, kept, progress)
+        charts = measure_charts(session, views, sensors, light, base, progress)
         sensors = charts.applied(sensors)
     return Evidence(
         session, views, sensors, light, charts, earlier, readings,

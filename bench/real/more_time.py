@@ -27,7 +27,7 @@ from recon.decide.presets import QualityName
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.result.scene import open_model
+from recon.result.opened import open_model
 from recon.train.warm_up import warm_up
 
 SETS = ("castle", "monstree", "banana", "brighton")
