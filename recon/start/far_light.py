@@ -18,7 +18,7 @@ FINEST = 768
 """Rows at most: 3.5 million numbers, whose steps take a tenth of a training's time."""
 TEXEL = 1.0
 """Pixels of a training view that a texel is across. Of a sun of three pixels, and its halo, fitted alone, 1.5
-leave it a stop too dark, and 1.0 a quarter (bench/foreign/yards.py has them trained)."""
+leave it a stop too dark, and 1.0 a quarter."""
 MOST_LOOKS = 8
 """Most samples of a direction; more views add nothing."""
 ALIKE = 0.2
