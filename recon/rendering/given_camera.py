@@ -46,7 +46,7 @@ def camera_of(
     turn = turn @ _OPENCV_FROM_OPENGL if opengl else turn
     try:
         camera = SplatCamera(np.eye(4), **lens)
-    except (TypeError, ValueError) as error:
+    except (InputError, TypeError, ValueError) as error:
         raise InputError(f"{where} has a lens that cannot be ({error}): correct it.") from error
     if not (camera.width <= MOST_PIXELS and camera.height <= MOST_PIXELS):
         raise InputError(f"{where} has a picture of {camera.width}x{camera.height} pixels: correct it.")
