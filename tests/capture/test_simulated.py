@@ -137,7 +137,7 @@ def test_resume_with_another_plan_is_refused(toy, changed, sentence):
         ({"bracket": ()}, "the bracket is empty"),
         ({"bracket": (0, 0.01)}, "a second time"),
         ({"bracket": (0, 12)}, "out of reach"),
-        ({"bracket": (float("nan"),)}, "no exposure"),
+        ({"bracket": (float("nan"),)}, "not an exposure"),
         ({"resume": True}, "is not a folder"),
     ],
 )

@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 from imaging.arrays import Array, Bytes
-from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
+from imaging.pose import OPENGL_FROM_OPENCV
 from recon.splat import SplatCamera
 
 MODULES = Path(__file__).parents[2] / ".judges" / "node_modules"
