@@ -1,8 +1,19 @@
-"""CIEDE2000 against the data that its authors published."""
+"""CIEDE2000 against colour-science and the data that its authors published."""
 
+import colour
+import numpy as np
 import pytest
 
 from imaging.colour_difference import ciede2000, delta_e
+
+
+def test_it_is_that_of_colour_science() -> None:
+    rng = np.random.default_rng(0)
+    one = rng.uniform([0, -100, -100], 100, (20_000, 3))
+    other = one + rng.normal(0, 1, one.shape) * rng.uniform(0, 60, (len(one), 1))
+    one[:50, 1:] = 0
+    other[:25, 1:] = 0
+    assert np.abs(ciede2000(one, other) - colour.delta_E(one, other, method="CIE 2000")).max() < 1e-9
 
 
 @pytest.mark.parametrize(

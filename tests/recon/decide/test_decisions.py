@@ -1,14 +1,11 @@
-"""The order of the decisions is the one that the package states, and each leaves what the next looks at."""
+"""What each decision of a training leaves for the next, and what a small session is decided by."""
 
-import inspect
-import re
 import time
 
 import numpy as np
 import pytest
 import torch
 
-import recon.decide as package
 from imaging.progress import unreported
 from recon.decide import decisions
 from recon.decide.cost.countdown import Countdown
@@ -24,20 +21,6 @@ def run_of(dataset, wanted, countdown=None, said=None) -> Run:
     say = (said if said is not None else []).append
     cpu = torch.device("cpu")
     return Run(dataset, wanted, cpu, Ranks(), countdown, unreported, say, time.monotonic)
-
-
-def test_the_package_states_the_order_of_the_decisions():
-    stated = re.findall(r"^(\d+)\. (.+?)[:,]", package.__doc__, re.M)
-    assert [int(number) for number, _ in stated] == list(range(1, 14))
-    page = inspect.getsource(decide)
-    made = [
-        "iterations_at_most(", "countdown.plan(", "degree_for(", "most_for(", "_require_room(", "_start(",
-        "_reason_against_trials(", "environment_for(", "depth_for(", "corrections_for(", "gaussians_for(",
-        "_within_budget(",
-    ]  # fmt: skip
-    assert len(made) == len(stated) - 1  # the method is chosen before the views are looked at
-    places = [page.index(name) for name in made]
-    assert places == sorted(places)
 
 
 def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.errors import InputError
 from recon.data.light import Light
 from recon.observe.linear import LIGHT_MU
 from recon.observe.losses import Photometric, mu_law
@@ -112,5 +113,5 @@ def test_half_precision_is_refused(scene_of: Any) -> None:
     """Its exponential overflows at 11 and its mu-law at 13: it is for storage only."""
     scene = scene_of("plain")
     for kind in (torch.float16, torch.bfloat16):
-        with pytest.raises(ValueError, match=str(kind)):
+        with pytest.raises(InputError, match=str(kind)):
             rasterize(*scene.tensors(kind, grad=False), scene.camera)

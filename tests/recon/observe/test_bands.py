@@ -25,7 +25,11 @@ def shot(band: int, k: float, saturated: bool = False) -> Shot:
 def view(*shots: Shot) -> Any:
     falloff = RNG.uniform(0.5, 1, SIZE).astype(np.float32)
     return SimpleNamespace(
-        held=True, name="0000/cam0", shots=shots, sensor=SimpleNamespace(falloff=falloff, glare=0.0)
+        held=True,
+        name="0000/cam0",
+        lens=SimpleNamespace(width=SIZE[1]),
+        shots=shots,
+        sensor=SimpleNamespace(falloff=falloff, glare=0.0),
     )
 
 

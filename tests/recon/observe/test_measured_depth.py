@@ -33,7 +33,8 @@ def scene(dtype: torch.dtype, count: int = 12) -> Gaussians:
 
 def measured(depth: np.ndarray) -> SimpleNamespace:
     stand_in = SimpleNamespace(read=lambda view: depth.astype(np.float32))
-    return SimpleNamespace(name="0000/cam0", held=True, depth=stand_in)
+    lens = SimpleNamespace(width=depth.shape[1])
+    return SimpleNamespace(name="0000/cam0", held=True, lens=lens, depth=stand_in)
 
 
 def card(distance: float) -> Gaussians:

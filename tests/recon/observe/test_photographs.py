@@ -165,7 +165,8 @@ def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_d
     (ours,), (theirs,) = (torch.autograd.grad(each, shown, pull) for each in (prediction, expected))
     assert torch.equal(ours, theirs)
 
-    stored = vars(display._prepared._cached[view.name]).values()
+    _, prepared = display._prepared._cached[view.name]
+    stored = vars(prepared).values()
     held = sum(each.nbytes for each in stored if each is not None)
     assert held == (3 if whole else 6) * target.numel()
 

@@ -75,7 +75,7 @@ def test_a_session_without_a_chart_is_told_so(rig: Callable[..., tuple[int, str,
     assert (toy / "calibration" / "calibration.json").read_bytes() == before
     code, _, err = rig("calibrate", str(toy), "--only", "poses", "--chart")
     assert code == 2
-    assert "not of poses" in err
+    assert "not the poses" in err
     code, out, _ = rig("calibrate", str(toy), "--only", "colour", "--json")
     assert code == 0
     assert json.loads(out)["charts"] == {}
