@@ -59,6 +59,7 @@ FORMATS: dict[FormatName, Format] = {
 class Exported:
     """Written export and its loss; None if it holds no Gaussians.
 
+    exposure_factor: of the linear values of the file on the light of `Scene.render`, as EXR headers have it.
     brightest: largest light of a Gaussian, as a multiple of a display's white; None: any. opening: the way in
     which the program opens it, and how far that was tried, if one was named.
     """
@@ -67,7 +68,7 @@ class Exported:
     linear: bool
     gaussians: int
     views: int
-    factor: float
+    exposure_factor: float
     files: list[Path]
     loss: Loss | None
     brightest: float | None = None
@@ -82,7 +83,7 @@ class Exported:
             "gaussians": self.gaussians,
             "views": self.views,
             "brightest": self.brightest,
-            "factor": self.factor,
+            "exposure_factor": self.exposure_factor,
             "files": [str(path) for path in self.files],
             "bytes": sum(path.stat().st_size for path in self.files),
             "loss": None if self.loss is None else self.loss.data(),
@@ -152,7 +153,7 @@ def export(
         job.linear,
         len(finite.gaussians) if written.held is None else len(written.held),
         len(finite.views),
-        job.factor,
+        job.exposure_factor,
         written.files,
         loss,
         None if written.held is None else written.held.brightest,

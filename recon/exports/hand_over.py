@@ -48,7 +48,7 @@ class HandOver:
     folder: Path
     files: list[Path]
     gaussians: int
-    factor: float
+    exposure_factor: float
     loss: Loss
     notes: tuple[str, ...]
 

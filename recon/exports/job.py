@@ -5,7 +5,7 @@ from pathlib import Path
 
 from imaging.progress import Progress
 from recon.exports.place import Place, bent_px
-from recon.exports.splats import Splats, display_splats, linear_splats
+from recon.exports.splats import Splats, display_splats, exposure_factor, linear_splats
 from recon.result.scene import Scene
 
 
@@ -32,8 +32,7 @@ class Job:
     @property
     def exposure_factor(self) -> float:
         """Factor on the light of `Scene.render` that gives values of the file, where these are linear."""
-        display = self.scene.record.display
-        return self.factor if display is None else self.factor * display.k
+        return exposure_factor(self.scene, self.factor)
 
     def splats(self, *, with_dome: bool = True) -> Splats:
         """The Gaussians as they are to be written, before the format's numbers hold them."""

@@ -174,6 +174,14 @@ def _decoded(scene: Scene, factor: float) -> Splats:
     return replace(shown, harmonics=harmonics, linear=True, factor=factor)
 
 
+def exposure_factor(scene: Scene, factor: float) -> float:
+    """Factor on the light of `Scene.render` that gives light of `factor` times the scene's own values: of a
+    scene of display values those have the exposure of its photographs.
+    """
+    display = scene.record.display
+    return factor if display is None else factor * display.k
+
+
 def display_splats(scene: Scene, stops: float | None, progress: Progress, end: float = 1.0) -> Splats:
     """Convert a scene to display values: sRGB of the radiance times 2^stops, None: as splats.ply has it.
 

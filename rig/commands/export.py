@@ -85,7 +85,7 @@ def export(
     lines = [
         f"{exported.files[0]}: {what}, {size / 1e6:.3g} MB",
         *(f"beside it: {path}" for path in exported.files[1:]),
-        *_lost(exported.factor, exported.loss, exported.notes),
+        *_lost(exported.exposure_factor, exported.loss, exported.notes),
         *((f"for {request.program}: {exported.opening}",) if exported.opening else ()),
     ]
     return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)
@@ -97,7 +97,7 @@ def _handed_over(folder: Path, done: "hand_over.HandOver") -> CommandResult:
         "reconstruction": str(folder),
         "vfx": str(done.folder),
         "gaussians": done.gaussians,
-        "factor": done.factor,
+        "exposure_factor": done.exposure_factor,
         "files": [str(path) for path in done.files],
         "bytes": size,
         "loss": done.loss.data(),
@@ -106,7 +106,7 @@ def _handed_over(folder: Path, done: "hand_over.HandOver") -> CommandResult:
     lines = [
         f"{done.folder}: {counted(done.gaussians, 'Gaussian')} of {folder} in "
         f"{counted(len(done.files), 'file')}, {size / 1e6:.3g} MB; begin with {done.folder / 'index.html'}",
-        *_lost(done.factor, done.loss, done.notes),
+        *_lost(done.exposure_factor, done.loss, done.notes),
     ]
     return CommandResult(data, lines)
 

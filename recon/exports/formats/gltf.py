@@ -15,6 +15,7 @@ import numpy as np
 
 from imaging.arrays import AnyArray
 from imaging.files import store
+from imaging.files.exr import EXPOSURE_FACTOR
 from recon.exports.job import Job, Written
 from recon.exports.place import Place
 from recon.exports.splats import Splats
@@ -29,7 +30,7 @@ _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 def write(job: Job) -> Written:
     """Write the file, as a writer of `rig export`."""
     splats = job.splats()
-    store.write_bytes(job.out, packed_splats(splats, job.place))
+    store.write_bytes(job.out, packed_splats(splats, job.place, job.exposure_factor))
     notes = (
         ()
         if job.place.metres
@@ -61,7 +62,7 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def packed_splats(splats: Splats, place: Place) -> bytes:
+def packed_splats(splats: Splats, place: Place, exposure_factor: float) -> bytes:
     """The file of some Gaussians."""
     buffer = _Buffer()
     means = splats.means.astype(np.float32)
@@ -97,7 +98,7 @@ def packed_splats(splats: Splats, place: Place) -> bytes:
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "splats", "mesh": 0, "matrix": matrix.T.ravel().tolist()}],
-        "meshes": [{"primitives": [primitive], "extras": _facts(splats, place)}],
+        "meshes": [{"primitives": [primitive], "extras": _facts(splats, place, exposure_factor)}],
         "buffers": [{"byteLength": len(buffer.data)}],
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
@@ -109,10 +110,10 @@ def packed_splats(splats: Splats, place: Place) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _facts(splats: Splats, place: Place) -> dict[str, Any]:
+def _facts(splats: Splats, place: Place, exposure_factor: float) -> dict[str, Any]:
     """Return what the numbers are."""
     return {
-        "rig:radianceFactor": splats.factor,
+        EXPOSURE_FACTOR: exposure_factor,
         "rig:coordinates": place.note,
         "rig:lengthUnit": "m" if place.metres else "unknown",
         "rig:offset": list(splats.offset),

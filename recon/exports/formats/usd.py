@@ -18,7 +18,7 @@ from imaging.files.exr import write_exr
 from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.place import Place
-from recon.exports.splats import Splats
+from recon.exports.splats import Splats, exposure_factor
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene
@@ -125,7 +125,7 @@ def _define_dome(stage: Any, scene: Scene, name: str) -> None:
 def _facts(scene: Scene, splats: Splats, place: Place) -> dict[str, Any]:
     record = scene.record
     facts: dict[str, Any] = {
-        "radianceFactor": splats.factor,
+        "exposureFactor": exposure_factor(scene, splats.factor),
         "radiance": record.radiance,
         "coordinates": place.note,
         "lengthUnit": "m" if place.metres else "unknown",

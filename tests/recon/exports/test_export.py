@@ -125,7 +125,7 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
         assert np.allclose(splats.colours, factor * srgb_decode(values.clip(0, 1)), atol=1e-9)
     for name in ("a.usdc", "a.sog", "a.html"):
         exported = export(shown, tmp_path / name, linear=True)
-        assert (exported.linear, exported.factor, exported.gaussians) == (True, 1.0, 400)
+        assert (exported.linear, exported.exposure_factor, exported.gaussians) == (True, 1.0, 400)
         assert exported.loss is not None
         assert exported.loss.pixel_p99 > 0.001  # light is blended where the scene blends display values
         assert any("blends display values" in note for note in exported.notes)

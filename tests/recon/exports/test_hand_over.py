@@ -26,7 +26,7 @@ def test_every_file_that_is_told_is_there(handed: HandOver) -> None:
     assert {"scene.usdc", "scene.environment.exr", "config.ocio", "index.html"} <= {
         path.name for path in there
     }
-    assert handed.factor == 2.0
+    assert handed.exposure_factor == 2.0
 
 
 def test_renders_are_the_light_of_the_scene_as_the_pinholes_of_the_usd_see_it(

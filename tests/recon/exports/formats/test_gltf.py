@@ -66,7 +66,7 @@ def test_linear_light_is_whole(scene: Scene, tmp_path: Path) -> None:
     exported = export(scene, tmp_path / "scene.glb", linear=True)
     file = same(tmp_path / "scene.glb", linear_splats(scene, scene.exposure, with_dome=True))
     assert file.meshes[0].primitives[0].extensions[EXTENSION]["colorSpace"] == "lin_rec709_display"
-    assert file.meshes[0].extras["rig:radianceFactor"] == scene.exposure
+    assert file.meshes[0].extras["rig:exposureFactor"] == scene.exposure
     assert exported.loss is not None
     assert exported.loss.pixel_p99 < 1e-3
 

@@ -64,8 +64,10 @@ def test_a_sphere_is_a_sphere_in_linear_light(
     assert np.abs(surface.visual.vertex_colors[:, :3] - 255 * srgb_encode(colours.clip(0, 1))).max() <= 0.51
     side = (vertices - WORLD.origin)[:, 0] / WORLD.unit
     bright, dim = colours[side > 0.2], colours[side < -0.2]
-    assert np.median(bright) == pytest.approx(GREY * exported.factor, rel=0.05)
-    assert np.median(dim) == pytest.approx(GREY / 1024 * exported.factor, rel=0.2)  # some shines through
+    assert np.median(bright) == pytest.approx(GREY * exported.exposure_factor, rel=0.05)
+    assert np.median(dim) == pytest.approx(
+        GREY / 1024 * exported.exposure_factor, rel=0.2
+    )  # some shines through
 
 
 def test_a_scene_without_a_surface_is_refused(sphere: Scene, tmp_path: Path) -> None:

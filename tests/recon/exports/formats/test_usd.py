@@ -37,7 +37,7 @@ def read_back(stage: Usd.Stage, scene: Scene) -> Splats:
         opacities=np.array(field.GetOpacitiesAttr().Get(), np.float64),
         harmonics=harmonics.reshape(-1, (degree + 1) ** 2, 3),
         linear=True,
-        factor=stage.GetRootLayer().customLayerData["rig"]["radianceFactor"],
+        factor=stage.GetRootLayer().customLayerData["rig"]["exposureFactor"],
         world=scene.record.world,
         offset=scene.record.offset,
     )
@@ -87,7 +87,7 @@ def test_what_is_said_of_light_and_lengths(made: Path, made_sky: Path, tmp_path:
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     custom = stage.GetRootLayer().customLayerData["rig"]
-    assert (custom["lengthUnit"], custom["radianceFactor"]) == ("m", FACTOR)
+    assert (custom["lengthUnit"], custom["exposureFactor"]) == ("m", FACTOR)
     assert custom["whiteLuminance"] == pytest.approx(250 / FACTOR)
     assert "EPSG:25832 less (450000, 5410000, 300)" in custom["coordinates"]
     coefficients = stage.GetPrimAtPath("/World/Splats").GetAttribute(
