@@ -22,10 +22,10 @@ from recon.data.overruled import overruled
 from recon.decide.cost.countdown import Countdown, TooShort
 from recon.decide.cost.duration import how_long, slowdown
 from recon.decide.cost.memory_need import fitting, free
-from recon.decide.cost.prediction import Prediction
-from recon.decide.decisions import TrainingPlan, iterations_at_most, planned
+from recon.decide.decisions import iterations_at_most, planned
 from recon.decide.evidence import Run
 from recon.decide.method_choice import method_for, rungs, uncoloured
+from recon.decide.plan import TrainingPlan
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
@@ -152,7 +152,7 @@ def reconstruct(
         if checkpoint is not None:  # it goes on at the size that it began with
             began = Settings.model_validate(checkpoint.facts["settings"]).max_width
             sizes = (asked if began == asked.max_width else asked.no_larger(began),)
-        evidence = (*reasons, *rungs(dataset, chosen))
+        earlier = (*reasons, *rungs(dataset, chosen))
         for size, smaller in zip(sizes, (*sizes[1:], None), strict=True):
             # A mosaic that is not twice as wide stays as it is.
             if any(view.lens.width > size.max_width for view in dataset.views) and size is not asked:
@@ -160,7 +160,7 @@ def reconstruct(
             used = dataset.with_validation() if asked.watches else dataset
             run = Run(used, size, device, ranks, countdown, on_progress, on_message, clock, smaller=smaller)
             try:
-                _reconstruct(place, run, asked, checkpoint, evidence, on_log)
+                _reconstruct(place, run, asked, checkpoint, earlier, on_log)
                 break
             except TooShort:
                 if smaller is None:
@@ -170,7 +170,7 @@ def reconstruct(
                 line = f"{countdown.seconds:g} s leave no room for {size.size}: {instead}"
                 if ranks.first:
                     on_message(f"{line}.")
-                evidence = (*evidence, Rung(name="size of the preset", taken=False, reason=line))
+                earlier = (*earlier, Rung(name="size of the preset", taken=False, reason=line))
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
@@ -181,14 +181,15 @@ def _reconstruct(
     run: Run,
     asked: Settings,
     checkpoint: Checkpoint | None,
-    method_rungs: tuple[Rung, ...],
+    earlier: tuple[Rung, ...],
     on_log: Callable[[dict[str, Any]], None],
 ) -> None:
     """Run `reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write.
 
-    asked: the key of this training in the checkpoint, whatever size the time had room for.
+    asked: the key of this training in the checkpoint, whatever size the time had room for. earlier: rungs of
+    the method, its image formation and larger sizes.
     """
-    training, plan = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
+    training, plan = _begun(folder, run, earlier) if checkpoint is None else _resumed(run, checkpoint)
     dataset = overruled(run.dataset, plan.settings.overruled).with_depths(plan.settings.depth_scale)
     run = dataclasses.replace(run, dataset=dataset)
     schedule = training.schedule
@@ -201,10 +202,7 @@ def _reconstruct(
         run.dataset,
         training,
         asked,
-        plan.settings,
-        method_rungs,
-        plan.rungs,
-        plan.prediction,
+        plan,
         reserve=0.0 if run.countdown is None else run.countdown.reserve,
         progress=run.progress,
         on_log=on_log,
@@ -226,12 +224,12 @@ def _trained(scene: SceneFolder, run: Run, shown: Shown, *, resumed: bool) -> No
         train(
             training,
             run.dataset,
-            scene.settings.plan(),
+            scene.plan.settings.plan(),
             log=scene.log,
             save=scene.save,
             progress=run.progress,
             ranks=run.ranks,
-            steers=_steers(run, training, scene.settings, resumed=resumed),
+            steers=_steers(run, training, scene.plan.settings, resumed=resumed),
             shown=shown,
             clock=run.clock,
         )
@@ -242,7 +240,7 @@ def _trained(scene: SceneFolder, run: Run, shown: Shown, *, resumed: bool) -> No
         raise Interrupted(f"{scene.folder} has the scene after {training.iteration} iterations") from error
 
 
-def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
+def _begun(folder: Path, run: Run, earlier: tuple[Rung, ...]) -> tuple[Training, TrainingPlan]:
     """Gaussians at their start; what an earlier training left in the folder is removed.
 
     Trials count as training.
@@ -253,6 +251,7 @@ def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
     warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
     started = run.clock()
     plan = run.ranks.decided(lambda: planned(run))
+    plan = dataclasses.replace(plan, rungs=(*earlier, *plan.rungs))
     if run.ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):
@@ -264,17 +263,10 @@ def _begun(folder: Path, run: Run) -> tuple[Training, TrainingPlan]:
 
 def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, TrainingPlan]:
     """The training that was stopped, with what was decided of it."""
-    facts = checkpoint.facts
-    settings = Settings.model_validate(facts["settings"])
-    light, dataset = light_in(checkpoint), overruled(run.dataset, settings.overruled)
-    plan = TrainingPlan(
-        settings,
-        light,
-        rungs=tuple(Rung.model_validate(rung) for rung in facts["size"]),
-        prediction=Prediction.model_validate(facts["predicted"]) if facts["predicted"] else None,
-    )
+    plan = TrainingPlan.stored(checkpoint.facts, light_in(checkpoint))
+    dataset = overruled(run.dataset, plan.settings.overruled)
     refinement = Refinement.stored(dataset, checkpoint)
-    method = settings.composed(dataset, light)
+    method = plan.settings.composed(dataset, plan.light)
     training = restored(method, checkpoint, dataset.extent, run.device, refinement)
     if not run.ranks.first:  # the first one holds what all had counted
         training.count_anew()

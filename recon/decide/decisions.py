@@ -4,61 +4,30 @@
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import torch
 
 from imaging.arrays import Array
 from imaging.session.records import Rung
-from recon.data.dataset import Dataset
-from recon.data.light import Light
 from recon.data.overruled import asked_parts, overruled
-from recon.decide.corrections import UNCORRECTED, Corrections, corrections_for
+from recon.decide.corrections import corrections_for
 from recon.decide.cost.countdown import MOST_OF_START
-from recon.decide.cost.prediction import Prediction, enough, predicted
+from recon.decide.cost.prediction import enough, predicted
 from recon.decide.cost.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.evidence import Evidence, Run
 from recon.decide.far_field import environment_for
 from recon.decide.measured_depth import depth_for
+from recon.decide.plan import TrainingPlan
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials
-from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
-from recon.start.initialisation import Start, gaussians_at, points_of_poses, scattered, start_points
-from recon.train.training import Training
+from recon.start.initialisation import Start, points_of_poses, scattered, start_points
 
 NO_TIME = "not tried, since a trial would take its time from the budget"
-
-
-@dataclass(frozen=True)
-class TrainingPlan:
-    """A training as it was decided, without the photographs: several processes are sent the same one.
-
-    settings: the requested ones, with decisions in place of defaults. points: to start from, and `far`, the
-    environment behind them; a training that goes on has no more use for these and the corrections. rungs: the
-    evidence for the size, the environment and depth; that for the corrections is in `corrections`.
-    """
-
-    settings: Settings
-    light: Light
-    corrections: Corrections = UNCORRECTED
-    rungs: tuple[Rung, ...] = ()
-    prediction: Prediction | None = None
-    points: Start | None = None
-    far: Environment | None = None
-
-    def training(self, dataset: Dataset, device: torch.device) -> Training:
-        """A training of this plan, not yet begun."""
-        assert self.points is not None
-        method = self.settings.composed(dataset, self.light)
-        gaussians = gaussians_at(self.points, method.appearance, method.observation.units)
-        refinement = self.corrections.begun(dataset)
-        far = None if self.far is None else self.far.copied()
-        return Training.begin(method, self.light, gaussians, dataset.extent, device, refinement, far)
 
 
 def planned(run: Run) -> TrainingPlan:

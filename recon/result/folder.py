@@ -9,9 +9,8 @@ from typing import Any
 from imaging.files import store
 from imaging.progress import Progress
 from imaging.session.lock import held
-from imaging.session.records import Rung
 from recon.data.dataset import Dataset
-from recon.decide.cost.prediction import Prediction
+from recon.decide.plan import TrainingPlan
 from recon.decide.settings import Settings
 from recon.result.display import exposure_of
 from recon.result.live import Snapshots
@@ -26,20 +25,17 @@ from recon.train.training import Training
 class SceneFolder:
     """Folder that one training writes.
 
-    asked, settings: as asked for, and as decided. method_rungs: of the method and its image formation;
-    size_rungs: of degree and number of the Gaussians. reserve: seconds that a budget of time keeps for what
-    follows training. on_log: is given each line of the log. saved_at: the iteration of the checkpoint; None
-    until there is one. exposure: of the snapshots, so that they can be compared; None before the first.
+    asked, plan: the training as asked for, and as decided. reserve: seconds that a budget of time keeps for
+    what follows training. on_log: callback for each line of the log. saved_at: the iteration of the
+    checkpoint; None until there is one. exposure: of the snapshots, so that they can be compared; None before
+    the first.
     """
 
     folder: Path
     dataset: Dataset
     training: Training
     asked: Settings
-    settings: Settings
-    method_rungs: tuple[Rung, ...]
-    size_rungs: tuple[Rung, ...]
-    prediction: Prediction | None
+    plan: TrainingPlan
     reserve: float
     progress: Progress
     on_log: Callable[[dict[str, Any]], None]
@@ -67,27 +63,16 @@ class SceneFolder:
         """Write the checkpoint that the training can go on from."""
         facts = {
             "asked": self.asked.model_dump(mode="json"),
-            "settings": self.settings.model_dump(mode="json"),
-            "size": [rung.model_dump(mode="json") for rung in self.size_rungs],
+            **self.plan.facts(),
             "calibration_sha256": self.dataset.calibration_sha256,
             "reserve": self.reserve,
-            "predicted": self.prediction and self.prediction.model_dump(mode="json"),
         }
         write_checkpoint(self.folder / CHECKPOINT, checkpoint_of(self.training, facts))
         self.saved_at = self.training.iteration
 
     def write(self) -> None:
         """Write the scene as it is now, model.json last."""
-        write_scene(
-            self.folder,
-            self.dataset,
-            self.training,
-            self.settings,
-            self._loss,
-            self._rungs,
-            self.prediction,
-            self.progress,
-        )
+        write_scene(self.folder, self.dataset, self.training, self.plan, self._loss, self.progress)
 
     @contextmanager
     def shown(self, clock: Callable[[], float]) -> Iterator[Snapshots]:
@@ -107,21 +92,9 @@ class SceneFolder:
             self.exposure = exposure_of(training, as_corrected(self.dataset, training.refinement))
         degree = training.method.degree(training.schedule.progress(training.iteration))
         return record_of(
-            self.dataset,
-            training,
-            self.settings,
-            self._loss,
-            self._rungs,
-            self.prediction,
-            self.exposure,
-            degree,
-            display_db=None,
+            self.dataset, training, self.plan, self._loss, self.exposure, degree, display_db=None
         )
 
     @property
     def _loss(self) -> float | None:
         return float(self._lines[-1]["loss"]) if self._lines else None
-
-    @property
-    def _rungs(self) -> tuple[Rung, ...]:
-        return (*self.method_rungs, *self.size_rungs)

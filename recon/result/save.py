@@ -16,7 +16,8 @@ from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
 from recon.data.load import photographs_sha256
 from recon.data.shot import measured_light
-from recon.decide.cost.prediction import ENOUGH, Prediction, enough
+from recon.decide.cost.prediction import ENOUGH, enough
+from recon.decide.plan import TrainingPlan
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
 from recon.observe.photographs import Display, ToneCurve
@@ -42,10 +43,8 @@ def write_scene(
     folder: Path,
     dataset: Dataset,
     training: Training,
-    settings: Settings,
+    plan: TrainingPlan,
     loss: float | None,
-    ladder: tuple[Rung, ...],
-    predicted: Prediction | None,
     progress: Progress,
 ) -> None:
     """The PLY files, refinement.json of what was corrected, calibration.json as it was, and last model.json:
@@ -61,17 +60,15 @@ def write_scene(
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     store.write_json(folder / CALIBRATION, dataset.calibration.model_dump(mode="json"))
     degree = training.method.degree(1.0)
-    record = record_of(dataset, training, settings, loss, ladder, predicted, exposure, degree, display_db)
+    record = record_of(dataset, training, plan, loss, exposure, degree, display_db)
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
 
 
 def record_of(
     dataset: Dataset,
     training: Training,
-    settings: Settings,
+    plan: TrainingPlan,
     loss: float | None,
-    ladder: tuple[Rung, ...],
-    predicted: Prediction | None,
     exposure: float,
     degree: int,
     display_db: float | None,
@@ -86,7 +83,7 @@ def record_of(
     return ModelRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
-        settings=settings,
+        settings=plan.settings,
         session=session.record.name,
         photographs_sha256=photographs_sha256(shot for shot in session.shots() if shot.file in files),
         calibration_sha256=dataset.calibration_sha256,
@@ -114,8 +111,8 @@ def record_of(
         schedule=schedule.turns,
         ending="interrupted" if interrupted else training.ending or "schedule",
         held_out_db=training.curve[-1].db if training.curve else None,
-        predicted=predicted,
-        rungs=(*ladder, *why, *_early_stop(training, settings, len(dataset.train))),
+        predicted=plan.prediction,
+        rungs=(*plan.rungs, *why, *_early_stop(training, plan.settings, len(dataset.train))),
     )
 
 

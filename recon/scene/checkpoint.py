@@ -12,7 +12,7 @@ from torch import Tensor
 from imaging.errors import ReconstructionError
 from imaging.files import store
 
-FORMAT = "hdr-rig training 1"
+FORMAT = "hdr-rig training 2"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What each decision of a training leaves for the next, and what a small session is decided by."""
 
+import json
 import time
 
 import numpy as np
@@ -10,8 +11,9 @@ from imaging.progress import unreported
 from recon.decide import decisions
 from recon.decide.cost.countdown import Countdown
 from recon.decide.cost.prediction import enough
-from recon.decide.decisions import NO_TIME, TrainingPlan, decide
+from recon.decide.decisions import NO_TIME, decide
 from recon.decide.evidence import Evidence, Run
+from recon.decide.plan import TrainingPlan
 from recon.train.ranks import Ranks
 
 from .test_corrections import settings
@@ -37,6 +39,10 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
     assert len(decided.points.xyz) <= 200
     assert decided.prediction is None
     assert decided.settings.iterations == wanted.iterations
+
+    stored = json.loads(json.dumps(decided.facts()))
+    again = TrainingPlan.stored(stored, decided.light)
+    assert (again.settings, again.rungs, again.prediction) == (decided.settings, decided.rungs, None)
 
 
 def test_early_stop_asks_for_no_more_than_was_worth_it():
