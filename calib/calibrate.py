@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from os import PathLike
-from typing import Any
 
 from calib.assemble import assemble, with_part
 from calib.colour.recorded import rebalanced
@@ -39,7 +38,7 @@ def calibrate(
     request: CalibrationRequest = _DEFAULTS,
     *,
     on_progress: Progress = unreported,
-    **options: Any,
+    **options: object,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder, which is replaced as a whole or not at all.
 

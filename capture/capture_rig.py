@@ -2,7 +2,6 @@
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from usb.backend import IBackend  # noqa: F401
 
@@ -14,9 +13,7 @@ from capture.rig_of_nodes import ray_source
 from capture.rigfile.rigfile import RigFile
 from drivers.gige import Network  # noqa: F401
 from imaging.arguments import checked
-from imaging.files.tiff.dng import Compression  # noqa: F401
 from imaging.progress import Progress, unreported
-from imaging.session.records import Subject  # noqa: F401
 
 _DEFAULTS = RigRequest()  # its quoted types, checked by `checked`, are imported above
 
@@ -29,7 +26,7 @@ def capture_rig(
     *,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
-    **options: Any,
+    **options: object,
 ) -> CaptureResult:
     """Shoot with the connected cameras of a rig file into a session folder.
 

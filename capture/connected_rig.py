@@ -17,8 +17,9 @@ from drivers.clock import Clock, SystemClock
 from drivers.discovery import find_cameras
 from drivers.gige import ActionTeam, GigeCamera, Network
 from drivers.usb import default_backend
+from imaging.choices import Subject
 from imaging.errors import CameraError, CaptureError, InputError
-from imaging.session.records import CameraRecord, Subject
+from imaging.session.records import CameraRecord
 
 
 class Unattended:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 from capture.bracket.goals import BracketGoals
+from imaging.choices import Compression, Subject
 from imaging.request import Request
 
 if TYPE_CHECKING:
@@ -12,8 +13,6 @@ if TYPE_CHECKING:
     from capture.record.source import Operator
     from drivers.clock import Clock
     from drivers.gige import Network
-    from imaging.files.tiff.dng import Compression
-    from imaging.session.records import Subject
 
 Stops = tuple[float, ...]
 """Exposures relative to a middle one."""
@@ -23,7 +22,7 @@ Stops = tuple[float, ...]
 class CaptureRequest(Request):
     """Options of a capture; None: the default, or the value that a resumed session was begun with."""
 
-    kind: Annotated["Subject", "The scene, or frames for its calibration."] = "scene"
+    kind: Annotated[Subject, "The scene, or frames for its calibration."] = "scene"
     frames: Annotated[
         int | None,
         "Positions of the rig: if not given, as in the rig file, or all of a simulated rig. Poses of the "
@@ -37,7 +36,7 @@ class CaptureRequest(Request):
     resume: Annotated[
         bool, "Take exactly the shots that the last such plan of the session lacks; nothing is metered again."
     ] = False
-    compression: Annotated["Compression", "Compression of the RAW files."] = "none"
+    compression: Annotated[Compression, "Compression of the RAW files."] = "none"
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from capture.rigfile.rigfile import RigFile
 from capture.rigfile.tables import CameraTable
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
+from imaging.choices import Compression, Subject
 from imaging.errors import CaptureError, InputError
-from imaging.files.tiff.dng import Compression
-from imaging.session.records import Subject
 
 
 class OperatorOfNodes:

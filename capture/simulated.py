@@ -6,7 +6,6 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from capture.record.capture_run import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
@@ -19,10 +18,9 @@ from drivers.sim.truth import write_truth
 from imaging.arguments import checked
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
-from imaging.files.tiff.dng import Compression  # noqa: F401, quoted by CaptureRequest
 from imaging.progress import Progress, unreported
 from imaging.session.bands import in_order
-from imaging.session.records import Board, PlanRecord, Subject  # noqa: F401, quoted by CaptureRequest
+from imaging.session.records import Board, PlanRecord
 from imaging.session.session import Session
 
 _DEFAULTS = CaptureRequest()
@@ -38,7 +36,7 @@ def capture_simulated(
     mix: Mix | None = None,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
-    **options: Any,
+    **options: object,
 ) -> CaptureResult:
     """Shoot with a simulated rig into a session folder, and write the truth beside it.
 

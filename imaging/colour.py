@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import AnyArray, Array, Array32
-from imaging.spaces import SPACE_PRIMARIES, Space
+from imaging.choices import SPACE_PRIMARIES, Space
 
 PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
     "rec709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)),

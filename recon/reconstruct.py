@@ -62,7 +62,7 @@ def reconstruct(
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,
-    **options: Any,
+    **options: object,
 ) -> Path:
     """Train a scene on a calibrated session.
 

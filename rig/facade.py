@@ -10,6 +10,7 @@ from imaging.progress import Progress, unreported
 
 if TYPE_CHECKING:
     from drivers.discovery import ConnectedCamera
+    from recon.decide.cost.budget import Budget
     from recon.decide.overrides import Overrides
     from recon.decide.request import TrainingRequest
     from recon.result.scene import Scene
@@ -51,10 +52,12 @@ def reconstruct(
     session: str | PathLike[str],
     request: "TrainingRequest | None" = None,
     *,
+    budget: "Budget | float | str | None" = None,
+    settings: Mapping[str, object] | None = None,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
     on_log: Callable[[dict[str, Any]], None] = lambda line: None,
-    **options: Any,
+    **options: object,
 ) -> "Scene":
     """Train a scene on a calibrated session, keep it in SESSION/reconstructions/NAME, and open it.
 
@@ -64,12 +67,14 @@ def reconstruct(
     Args:
         session: Session, or its folder.
         request: Options.
+        budget: Budget in place of that of `request`: seconds, or text as on the command line (`5m`, `30MB`,
+            `100k`, `35dB`).
+        settings: Overrides in place of those of `request`, by the keys of `rig reconstruct --set`, such as
+            {"iterations": 500}.
         on_progress: Callback for the current step, the steps done, and all of them.
         on_message: Callback for lines on predictions and skipped steps.
         on_log: Callback for the numbers of train.jsonl.
-        options: Options by name, in place of those of `request`. A budget may be seconds, or text as on the
-            command line (`5m`, `30MB`, `100k`, `35dB`), and `settings` are overrides by the keys of `rig
-            reconstruct --set`, such as {"iterations": 500}.
+        options: Further options by name, in place of those of `request`.
 
     Returns:
         The scene.
@@ -84,10 +89,10 @@ def reconstruct(
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene
 
-    if "budget" in options:
-        options["budget"] = Budget.of(options["budget"])
-    if "settings" in options:
-        options["overrides"] = _overrides(options.pop("settings") or {})
+    if budget is not None:
+        options["budget"] = Budget.of(budget)
+    if settings is not None:
+        options["overrides"] = _overrides(settings)
     asked = TrainingRequest.of(request, options)
     return open_scene(train(session, asked, on_progress=on_progress, on_message=on_message, on_log=on_log))
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from imaging.arguments import checked
 from imaging.arrays import Array, Array32
+from imaging.choices import Space
 from imaging.errors import InputError, RigError
 from imaging.lens import Lens
 from imaging.notebook import gallery
@@ -18,7 +19,6 @@ from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord
 from imaging.session.session import brackets
 from imaging.session.view_id import ViewId
-from imaging.spaces import Space
 
 SHEET_MOST = 12
 """Pictures on the contact sheet of a notebook, evenly chosen."""

@@ -29,12 +29,12 @@ from calib.request import CalibrationRequest
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.arrays import Array, Array32
+from imaging.choices import Subject
 from imaging.errors import CalibrationError
 from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.session.luminance import Area, LuminanceReading
-from imaging.session.records import Subject
 from imaging.session.view_id import ViewId
 
 CANDELAS = 100.0

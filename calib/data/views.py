@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from imaging.choices import Subject
 from imaging.errors import CalibrationError, InputError
 from imaging.exposure import Exposure
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
-from imaging.session.records import CameraRecord, ShotRecord, Subject
+from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
 

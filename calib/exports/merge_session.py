@@ -15,6 +15,7 @@ from os import PathLike
 from pathlib import Path
 
 from imaging.arguments import checked
+from imaging.choices import Space
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.plates.merged_view import UNIT, MergedView, merge_view
@@ -23,7 +24,6 @@ from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
-from imaging.spaces import Space
 
 SUMMARY = "merge.json"
 

@@ -4,8 +4,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from imaging.choices import Subject
 from imaging.exposure import Exposure
-from imaging.session.records import ImageKind, Subject
+from imaging.session.records import ImageKind
 
 ProblemKind = Literal[
     "index",

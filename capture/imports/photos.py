@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from capture.bracket.deviation import deviates
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
@@ -77,7 +76,7 @@ def import_photos(
     request: ImportRequest = _DEFAULTS,
     *,
     on_progress: Progress = unreported,
-    **options: Any,
+    **options: object,
 ) -> ImportResult:
     """Make a session of photographs; these stay untouched.
 

@@ -17,9 +17,9 @@ from capture.record.memory_budget import MemoryBudget
 from capture.record.shot_files import must_decode, save_frame
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
+from imaging.choices import Compression
 from imaging.errors import CameraError, CaptureError
 from imaging.files import store
-from imaging.files.tiff.dng import Compression
 from imaging.progress import Progress, unreported
 from imaging.session.records import CameraRecord, PlanRecord
 from imaging.session.session import Session

@@ -17,9 +17,10 @@ from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import Metering
 from capture.record.source import Source
 from capture.request import CaptureRequest, Stops
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import PlanRecord, Subject
+from imaging.session.records import PlanRecord
 
 NAMES: dict[Subject, str] = {"scene": "scene", "dark": "darks", "flat": "flats", "board": "board"}
 REPEATS: dict[Subject, int] = {"dark": 16, "flat": 16, "board": 20}

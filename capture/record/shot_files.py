@@ -7,9 +7,10 @@ from typing import NamedTuple
 from capture.bracket.single_exposure import CapturedFrame
 from capture.record.exposure_step import ExposureStep, SavedShot
 from drivers.errors import CameraProtocol
+from imaging.choices import Compression
 from imaging.errors import InputError
 from imaging.files import photo, raw, store
-from imaging.files.tiff.dng import Compression, dng_pieces
+from imaging.files.tiff.dng import dng_pieces
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

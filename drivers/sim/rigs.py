@@ -20,9 +20,10 @@ from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
 from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa, as_tile
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import Band, CameraRecord, Subject
+from imaging.session.records import Band, CameraRecord
 
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
 RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))

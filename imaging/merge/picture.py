@@ -8,12 +8,12 @@ from scipy import ndimage
 
 from imaging.arrays import Array, Array32, Floats, Mask
 from imaging.cfa import Cfa
+from imaging.choices import Space
 from imaging.colour import of_channels, rec709_from_camera, space_from_rec709
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
 from imaging.session.calibration import CameraCalibration
 from imaging.session.falloff import falloff
-from imaging.spaces import Space
 
 CLIPPED, DARK, NOTHING, GHOST, HIDDEN = 1, 2, 4, 8, 16
 BITS = (

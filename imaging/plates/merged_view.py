@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from imaging.arrays import Array32, Mask
+from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, read_exr_header, white_luminance, write_exr
@@ -37,7 +38,6 @@ from imaging.session.calibration import CalibrationRecord, CameraCalibration, Re
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from imaging.spaces import SPACE_NAMES, SPACE_PRIMARIES, Space
 
 VERSION = 7
 """Version of the format; another number makes every file anew."""

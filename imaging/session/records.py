@@ -17,12 +17,10 @@ from pydantic import (
 )
 
 from imaging.arrays import Array
+from imaging.choices import Subject
 from imaging.exposure import Exposure
 from imaging.record import Record
 from imaging.session.view_id import ViewId
-
-Subject = Literal["scene", "dark", "flat", "board"]
-"""Purpose of a shot: scene to reconstruct, or calibration target."""
 
 
 def _plain_name(value: str) -> str:

@@ -6,10 +6,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Self
 
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
-from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord, Subject
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
 from imaging.session.view_id import ViewId
 
 SESSION = "session.json"

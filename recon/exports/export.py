@@ -99,7 +99,7 @@ def export(
     request: ExportRequest | FormatName = _DEFAULTS,
     *,
     on_progress: Progress = unreported,
-    **options: Any,
+    **options: object,
 ) -> Exported:
     """Write a scene as a file of another program.
 

@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from imaging.arrays import Array32
+from imaging.choices import SPACE_PRIMARIES, Space
 from imaging.colour import space_from_rec709
 from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
 from imaging.files.exr_camera import camera_attributes
 from imaging.session.bands import LAYOUT, channels
 from imaging.session.records import Band
-from imaging.spaces import SPACE_PRIMARIES, Space
 from recon.result.layer_names import Layer
 from recon.result.model import ModelRecord
 from recon.splat import SplatCamera

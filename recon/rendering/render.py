@@ -5,19 +5,18 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from imaging.arguments import checked
 from imaging.arrays import Array
+from imaging.choices import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr_camera import film_attributes
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
-from imaging.spaces import Space
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
 from recon.rendering.light_files import header_of, seen_by, stem, write_light
@@ -60,7 +59,7 @@ def render(
     *,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
-    **options: Any,
+    **options: object,
 ) -> list[Path]:
     """Render views of a reconstruction, or a path through it.
 
@@ -161,7 +160,7 @@ def render_probe(
     out: str | PathLike[str],
     place: Sequence[float] | str,
     request: RenderRequest = _DEFAULTS,
-    **options: Any,
+    **options: object,
 ) -> list[Path]:
     """Render all light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in
     `out`.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
+from imaging.choices import Space
 from imaging.request import Request
-from imaging.spaces import Space
 from recon.result.layer_names import Layer
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """`rig cameras`: what is connected, and what it can do."""
 
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -42,18 +42,14 @@ def cameras(
     return CommandResult(data, lines, missing, usable=len(failed) < len(listed))
 
 
-def _lines(camera: Any) -> list[str]:
+def _lines(camera: "discovery.ConnectedCamera") -> list[str]:
     """A camera in three lines."""
-    if camera.error:
-        who = (
-            f"{camera.identity.serial}  {camera.identity.make} {camera.identity.model}  "
-            if camera.identity
-            else ""
-        )
+    identity, able = camera.identity, camera.capabilities
+    if identity is None or able is None:
+        who = f"{identity.serial}  {identity.make} {identity.model}  " if identity else ""
         where = camera.where or camera.protocol
         named = who or not camera.error.startswith(where)  # a place that cannot be reached is in its error
         return [f"{who}{where}: {camera.error}" if named else camera.error]
-    identity, able = camera.identity, camera.capabilities
     size = f"{able.width}x{able.height}, {able.bit_depth} bit, " if able.width and able.bit_depth else ""
     parts = [f"{_time(able.times[0])} to {_time(able.times[-1])} s" if able.times else ""]
     parts += [f"f/{able.f_numbers[0]:g} to f/{able.f_numbers[-1]:g}" if able.f_numbers else ""]

@@ -13,8 +13,8 @@ from capture.bracket.goals import BracketGoals
 from capture.record import shooting
 from capture.request import RigRequest
 from capture.rigfile import rigfile
+from imaging import choices
 from imaging.errors import InputError
-from imaging.session import records
 from imaging.session import session as sessions
 from imaging.session.paths import has_shots
 from rig.commands.rehearsal import rehearse
@@ -135,7 +135,7 @@ def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple
     raise WrongUsage(f"Missing option '--sim', or the rig file before {paths[0]}", context)
 
 
-def _kind(context: typer.Context, wanted: dict[records.Subject, bool]) -> records.Subject:
+def _kind(context: typer.Context, wanted: dict[choices.Subject, bool]) -> choices.Subject:
     """Kind of shots: the scene, or one of the frames for calibration."""
     chosen = [kind for kind, is_wanted in wanted.items() if is_wanted]
     if len(chosen) > 1:

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from calib.exports import merge_session
+from imaging.choices import SPACE_NAMES
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
-from imaging.spaces import SPACE_NAMES
 from rig.options.common import JsonOption, SessionArgument, SpaceOption
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from imaging.choices import Space
 from imaging.errors import InputError
-from imaging.spaces import Space
 
 SessionArgument = Annotated[
     Path, typer.Argument(metavar="SESSION", help="A session folder, as created by rig capture or rig import.")

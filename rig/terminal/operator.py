@@ -6,8 +6,8 @@ from contextlib import suppress
 from typing import Literal
 
 from drivers.clock import Clock
+from imaging.choices import Subject
 from imaging.errors import InputError
-from imaging.session.records import Subject
 
 DO: dict[Subject, str] = {
     "dark": "Darks: cover every lens, and the viewfinders of still cameras.",

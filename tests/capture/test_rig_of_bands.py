@@ -22,9 +22,10 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.cfa import Cfa
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
-from imaging.session.records import Band, Subject
+from imaging.session.records import Band
 from imaging.session.session import Session
 
 FILTERS = ("650nm, 650, 40", "550nm, 550, 30")

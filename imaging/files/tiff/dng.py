@@ -8,13 +8,13 @@ import hashlib
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import imagecodecs
 import numpy as np
 import numpy.typing as npt
 
 from imaging.arguments import checked
+from imaging.choices import Compression
 from imaging.files import store
 from imaging.files.tiff import dng_tags as tag
 from imaging.files.tiff.directory import (
@@ -32,8 +32,6 @@ from imaging.files.tiff.directory import (
 )
 from imaging.files.tiff.exif import CAMERA_SERIAL, camera_entries, exif_entries
 from imaging.mosaic import RawMosaic
-
-Compression = Literal["none", "ljpeg"]
 
 _TILE = 256
 """Largest side of a lossless JPEG tile, px."""

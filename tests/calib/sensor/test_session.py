@@ -10,6 +10,7 @@ import pytest
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -17,7 +18,7 @@ from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import RawMosaic
 from imaging.session.calibration import CalibrationRecord, read_calibration
-from imaging.session.records import SessionRecord, ShotRecord, Subject
+from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
 
 FLATS = (1 / 1000, 1 / 250, 1 / 60, 1 / 30, 1 / 15, 1 / 8, 1 / 4)

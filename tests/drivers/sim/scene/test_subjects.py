@@ -14,11 +14,12 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.subjects import LIGHT
 from drivers.sim.truth import write_truth
 from imaging.cfa import bilinear
+from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 from imaging.pose import Pose
-from imaging.session.records import SessionRecord, ShotRecord, Subject
+from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
 
 MIDDLE = Exposure(time=1 / 60, f_number=4.0, iso=100.0)
