@@ -22,7 +22,7 @@ from recon.scene.gaussians import Gaussians
 from recon.splat import SplatCamera, rasterize
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import Change, DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -38,7 +38,7 @@ from recon.scene.gaussians import Gaussians, Renderer
 from recon.splat import SplatStats
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

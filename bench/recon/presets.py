@@ -24,7 +24,7 @@ from capture.simulated import capture_simulated
 from imaging.files import store
 from recon.decide.presets import QUALITIES, Quality
 from recon.trade import Point, Trade, front, trade_sweep
-from recon.trade.front import behind
+from recon.trade.point import behind
 
 TOLERANCE = 0.5
 """dB that a preset may lie behind the front of any scene, at SLACK times its seconds."""

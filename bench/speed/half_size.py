@@ -36,8 +36,8 @@ from recon.methods import METHODS
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train import half_size
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
 from recon.train.ranks import Ranks
+from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up

@@ -9,8 +9,7 @@ import numpy as np
 import torch
 
 from recon.splat import Limits, SplatCamera
-from recon.splat.cpu.buffers import Lease
-from recon.splat.cpu.rasterizer import _Tables
+from recon.splat.cpu.rasterizer import Lease, _Tables
 from recon.splat.cpu.tiles import ID_BITS
 from recon.splat.render import RenderCall
 

@@ -1,4 +1,4 @@
-"""Brightness of each scene point in each view that sees it."""
+"""Brightness of each scene point in each view that sees it, and the regions that the points belong to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.light.falloff import Tracks
-from calib.light.regions import regions_of
 from calib.poses.sfm import SceneModel
 from imaging.arrays import Array, Array32, Bytes, Integers, Mask
 from imaging.cfa import bilinear
@@ -227,3 +226,33 @@ def _radius(x: float, y: float, lens: Lens) -> float:
     return float(
         np.hypot(x - lens.width / 2, y - lens.height / 2) / np.hypot(lens.width / 2, lens.height / 2)
     )
+
+
+REGIONS = 20
+FEWEST = 12
+"""Points of a region, below which there are fewer regions."""
+SPAN = (0.1, 0.9)
+"""Quantiles between which a region is measured, so that stray points do not make it long."""
+
+
+def regions_of(places: Array) -> Integers:
+    """Number of the region of each point, int64 [N]: boxes of about as many points each.
+
+    Regions have to agree before light is corrected for all of a scene. Points that lie side by side belong to
+    one surface, and its sheen, its slope and its shadow change with the direction alike in all of them:
+    thousands of such points are one witness. What a camera does to a photograph it does to all regions.
+
+    places: of the points, float64 [N, 3], in any unit. The largest box is halved along its longest side until
+    there are enough.
+    """
+    boxes = [np.arange(len(places))]
+    while len(boxes) < min(REGIONS, len(places) // FEWEST):
+        boxes.sort(key=len)
+        largest = boxes.pop()
+        low, high = np.quantile(places[largest], SPAN, axis=0)
+        order = largest[np.argsort(places[largest, int((high - low).argmax())], kind="stable")]
+        boxes += [order[: len(order) // 2], order[len(order) // 2 :]]
+    region = np.zeros(len(places), np.int64)
+    for number, box in enumerate(boxes):
+        region[box] = number
+    return region

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.bracket.deviation import deviates, stops_apart
-from capture.check.companions import companion_problems
-from capture.check.developed_files import developed_problems
+from capture.check.companions import companion_problems, developed_problems
 from capture.check.examine import Read, examine_all
 from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.check.repair import RepairReport, repair

@@ -1,17 +1,19 @@
-"""One picture file read whole: what kind it is, its size, its metadata, its clipped and black shares."""
+"""One picture file read whole: its kind, size, metadata, clipped and black shares, and a thumbnail."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from capture.pictures import reduced, thumbnails
+from capture.pictures import reduced
 from capture.pictures.reduced import ReducedPicture
 from imaging.arrays import Array32, Mask
-from imaging.colour import srgb_encode
+from imaging.cfa import cell_means
+from imaging.colour import balanced, srgb_encode
 from imaging.errors import InputError
 from imaging.files.exr import read_exr_header
-from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
+from imaging.files.photo import Photo, encode_jpeg, is_photo, read_metadata, read_photo
 from imaging.files.radiance_hdr import SUFFIX as RADIANCE
 from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
@@ -84,14 +86,14 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
         picture = _of_mosaic(content, frame)
         masked = without(frame, _fitting(counts, picture))
         small = reduced.of_raw(masked, content.cfa) if _large(picture) else None
-        return Examined(picture, small, thumbnails.of_raw(frame, content))
+        return Examined(picture, small, of_raw(frame, content))
     picture = _shares(path, content)
     if isinstance(content, Photo):
         small = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
-        return Examined(picture, small, thumbnails.of_photo(content.pixels))
+        return Examined(picture, small, of_photo(content.pixels))
     light = content.pixels
     small = reduced.of_light(light, _fitting(counts, picture)) if _large(picture) else None
-    return Examined(picture, small, thumbnails.of_light(light))
+    return Examined(picture, small, of_light(light))
 
 
 def _fitting(counts: Mask | None, picture: PictureFacts) -> Mask | None:
@@ -171,3 +173,43 @@ def _photo_shares(pixels: Array32) -> tuple[tuple[float, float, float], float, f
     red, green, blue = (np.count_nonzero(pixels[..., c] >= 1.0) / pixels[..., c].size for c in range(3))
     lit = np.count_nonzero(pixels > float(srgb_encode(np.array(LIT)))) / pixels.size
     return (red, green, blue), np.count_nonzero(pixels <= 0.0) / pixels.size, lit
+
+
+WIDTH = 160
+CLIPPED_COLOUR = (255, 0, 150)
+TOP = 254 / 255
+QUALITY = 72
+
+
+def of_raw(frame: LinearFrame, mosaic: RawMosaic) -> bytes:
+    """JPEG of a mosaic and its light: white at white, its white balance, nothing lifted."""
+    signal, saturated = frame.signal, frame.saturated
+    rgb = balanced(cell_means(signal, mosaic.cfa), mosaic.neutral)
+    return _small(rgb, cell_means(saturated, mosaic.cfa).max(-1) > 0)
+
+
+def of_photo(pixels: Array32) -> bytes:
+    """JPEG of a developed photograph [H, W, 3], 0..1, as the camera made it."""
+    return _small(pixels, _brightest(pixels) >= TOP, developed=True)
+
+
+def of_light(light: Array32) -> bytes:
+    """JPEG of linear light [H, W, 3], its brightest hundredth at white: nothing is clipped in it."""
+    rgb = np.nan_to_num(light, nan=0.0, posinf=0.0, neginf=0.0)
+    rgb = rgb / max(float(np.percentile(rgb, 99.0)), 1e-30)
+    return _small(np.asarray(rgb, np.float32), np.zeros(rgb.shape[:2], bool))
+
+
+def _brightest(pixels: Array32) -> Array32:
+    """The largest channel, [H, W]."""
+    return np.maximum(np.maximum(pixels[..., 0], pixels[..., 1]), pixels[..., 2])
+
+
+def _small(rgb: Array32, clipped: Mask, developed: bool = False) -> bytes:
+    width = min(WIDTH, rgb.shape[1])
+    size = (width, max(1, round(rgb.shape[0] * width / rgb.shape[1])))
+    mean = np.clip(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), 0.0, 1.0)
+    share = cv2.resize(clipped.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    codes = np.rint(255 * (mean if developed else srgb_encode(mean))).astype(np.uint8)
+    codes[share >= 0.5] = CLIPPED_COLOUR
+    return encode_jpeg(codes, QUALITY)

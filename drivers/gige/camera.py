@@ -8,8 +8,7 @@ from drivers.genicam.session import Session
 from drivers.gige.actions import AHEAD, action_source, can_schedule, fire, heed, keeps_time
 from drivers.gige.control import ControlChannel
 from drivers.gige.network import Network
-from drivers.gige.session import GigeSession, open_session
-from drivers.gige.team import ActionTeam
+from drivers.gige.session import ActionTeam, GigeSession, open_session
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 

@@ -1,9 +1,12 @@
 """An opened GigE Vision device: control of it, its features and its stream."""
 
+import threading
+
 from drivers.clock import Clock
 from drivers.errors import CameraNotFound
 from drivers.genicam.chunks import ByteOrder
 from drivers.genicam.nodemap import NodeMap
+from drivers.gige.actions import NetworkTime
 from drivers.gige.control import ControlChannel
 from drivers.gige.network import Network
 from drivers.gige.registers import About, BootstrapClock, read_xml
@@ -57,3 +60,33 @@ def open_session(serial: str, network: Network, clock: Clock, patience: float = 
                 f"camera {serial} does not answer on the network: check its cable, its power and its address."
             )
         clock.sleep(min(0.1, max(deadline - clock.now(), 0.001)))
+
+
+class ActionTeam:
+    """Made once for a rig, and joined by each of its cameras; for any thread.
+
+    time: the time that the cameras share, once they do.
+    """
+
+    def __init__(self) -> None:
+        self.time = NetworkTime()
+        self._addresses: dict[str, str] = {}
+        self._synchronised: dict[str, bool] = {}
+        self._lock = threading.Lock()
+
+    def note(self, serial: str, address: str, *, synchronised: bool) -> None:
+        """Record a camera's address, and whether it keeps the common time."""
+        with self._lock:
+            self._addresses[serial], self._synchronised[serial] = address, synchronised
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Addresses of all cameras."""
+        with self._lock:
+            return tuple(self._addresses.values())
+
+    @property
+    def synchronised(self) -> bool:
+        """True if all cameras keep one time."""
+        with self._lock:
+            return bool(self._synchronised) and all(self._synchronised.values())

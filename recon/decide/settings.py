@@ -15,7 +15,7 @@ from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 from recon.train.training import Plan
 
 

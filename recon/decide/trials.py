@@ -21,7 +21,7 @@ from recon.observe.refinement import Refined, Refinement
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -17,7 +17,6 @@ from torch.nn.functional import normalize
 from imaging.arrays import Array32
 from imaging.progress import Progress, unreported
 from recon.result.layer_names import Layer
-from recon.result.median_depth import median_depth
 from recon.result.trust import photographs_that_saw
 from recon.scene.gaussians import Shapes, drawn_values
 from recon.scene.sampling import away_from
@@ -25,6 +24,9 @@ from recon.splat import SplatCamera
 
 if TYPE_CHECKING:
     from recon.result.scene import Scene
+
+from recon.splat import Limits
+from recon.splat.torch_threads import torch_on_one_thread
 
 _FAINT = 1e-4
 """Opacity of a pixel below which its Gaussians do not define a surface."""
@@ -109,3 +111,37 @@ def _shortest_axes(quats: Tensor, scales: Tensor) -> Tensor:
     twice = 2 * torch.linalg.cross(turn, axis)
     turned: Tensor = axis + w * twice + torch.linalg.cross(turn, twice)
     return turned * flatness
+
+
+SLABS = 32
+FEWEST = 128
+"""Gaussians of a slab, at least."""
+HALF = 0.5
+
+
+def median_depth(shapes: Shapes, camera: SplatCamera, limits: Limits) -> Array32:
+    """Depth along the axis, float32 [H, W], in the unit of the means; infinite where half is never stopped.
+
+    Slab after slab is drawn, nearest first: blending is in order of depth, so that what slabs let through
+    multiplies. Each Gaussian is drawn once, and the first slab at which less than half is left holds the
+    surface. The depth is the mean of its Gaussians at the pixel, by what they add to it.
+    """
+    motion = torch.from_numpy(camera.cam_from_world).to(shapes.means)
+    depth = shapes.means @ motion[2, :3] + motion[2, 3]
+    order = torch.argsort(depth, stable=True)
+    order = order[(depth[order] >= limits.near) & torch.isfinite(depth[order])]
+    transmittance = np.ones((camera.height, camera.width), np.float32)
+    median = np.full_like(transmittance, np.inf)
+    size = max(FEWEST, -(-len(order) // SLABS))
+    for first in range(0, len(order), size):
+        rows = order[first : first + size]
+        with torch.no_grad(), torch_on_one_thread():
+            render = drawn_values(shapes.rows(rows), depth[rows, None], camera, limits)
+        alpha, sums = render.alpha.numpy(), render.image[..., 0].numpy()
+        open_before = transmittance > HALF
+        transmittance *= 1 - alpha
+        here = open_before & (transmittance <= HALF)
+        median[here] = sums[here] / alpha[here]
+        if not (transmittance > HALF).any():
+            break
+    return median

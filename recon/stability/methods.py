@@ -22,7 +22,7 @@ from recon.splat import Limits, SplatCamera, rasterize
 from recon.stability.scenes import camera, cloud
 from recon.start.initialisation import Start, gaussians_at
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -10,7 +10,7 @@ from typing import Any
 from recon.data.dataset import Dataset
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
-from recon.trade.front import front
+from recon.trade.point import front
 from recon.trade.records import Choice, Point
 
 MOST_NEIGHBOURS = 12

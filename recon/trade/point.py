@@ -1,10 +1,12 @@
-"""One point of a trade-off: trained as `rig reconstruct` trains it, measured, thrown away."""
+"""One point of a trade-off, trained as by `rig reconstruct`, measured and deleted; the front of several."""
 
 import shutil
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -128,3 +130,20 @@ def measuring(session: Path, width: int, progress: Progress = unreported) -> Dat
 @lru_cache(maxsize=1)
 def _cache(session: Path, width: int, calibration: str) -> list[Dataset]:
     return []
+
+
+T = TypeVar("T")
+
+
+def front(points: Sequence[T], cost: Callable[[T], float], gain: Callable[[T], float]) -> list[T]:
+    """The points for which no other costs no more and gains as much or more, by rising cost."""
+    best: list[T] = []
+    for point in sorted(points, key=lambda item: (cost(item), -gain(item))):
+        if not best or gain(point) > gain(best[-1]):
+            best.append(point)
+    return best
+
+
+def behind(points: Sequence[T], cost: Callable[[T], float], gain: Callable[[T], float], point: T) -> float:
+    """Return how much less a point gains than the best of those that cost no more; 0 on the front."""
+    return max(gain(other) for other in points if cost(other) <= cost(point)) - gain(point)

@@ -21,9 +21,9 @@ from recon.observe.photographs import ToneCurve
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import TAU
 from recon.splat import Limits
-from recon.train import learning_rates
+from recon.train import schedule
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import rate_factor
+from recon.train.schedule import rate_factor
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = "".join(
@@ -61,7 +61,7 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"\(([\d.]+) / s\)\^\{([\d.]+)\}", lambda: (photographs.TYPICAL_SLOPE, LEARNED["balance"])),
     (r"gain to the power 1/(\d\.\d)", lambda: (1 / photographs.DISPLAY_POWER,)),
     (r"\(r / ([\d.]+) D\)", lambda: (RADIUS,)),
-    (r"\\frac\{(\d+)\}\{n\}\\right\)\^\{([\d.]+)\}", lambda: (learning_rates.USUAL, learning_rates.POWER)),
+    (r"\\frac\{(\d+)\}\{n\}\\right\)\^\{([\d.]+)\}", lambda: (schedule.USUAL, schedule.POWER)),
     (r"from (\d+) % to (\d+) % of it", lambda: (100 * RULES.begin, 100 * RULES.end)),
     (r"s' = s / ([\d.]+)", lambda: (RULES.shrink,)),
     (r"o = ([\d.]+) \\min\(1", lambda: (RULES.opacity,)),

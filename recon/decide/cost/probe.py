@@ -8,8 +8,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.decide.cost.duration import slowdown
 from recon.train.half_size import UNTIL
-from recon.train.learning_rates import rate_factor
-from recon.train.schedule import Schedule
+from recon.train.schedule import Schedule, rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -1,14 +1,15 @@
 """The rasteriser on the CPU: the Numba kernels in order, as one differentiable torch operation."""
 
+import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
-from imaging.arrays import AnyArray
+from imaging.arrays import AnyArray, Bytes
 from imaging.compute.threads import share, thread_count
 from recon.splat.cpu import tiles
-from recon.splat.cpu.buffers import Lease
 from recon.splat.cpu.composite import CHUNK, PIXELS, composite
 from recon.splat.cpu.composite_backward import composite_backward, slot_size
 from recon.splat.cpu.project import project
@@ -18,6 +19,48 @@ from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
 from recon.splat.render import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD, Entries, Lists, Projected, shape_size
+
+_LINE = 64
+_free: list["Buffers"] = []
+
+
+class Buffers:
+    """A pool of named arrays, grown when needed and never shrunk.
+
+    Fresh megabytes from the system cost more than filling them, and a training step would ask for tens of
+    them. Several renders may be alive at once (a batch of views), so each takes a set of its own.
+    """
+
+    def __init__(self) -> None:
+        self._bytes: dict[str, Bytes] = {}
+
+    def array(self, name: str, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> AnyArray:
+        """An uninitialised array; it is valid until the next request of the same name."""
+        kind = np.dtype(dtype)
+        sizes = (shape,) if isinstance(shape, int) else shape
+        need = math.prod(sizes) * kind.itemsize
+        held = self._bytes.get(name)
+        if held is None or len(held) < need:
+            held = None
+            self._bytes.pop(name, None)  # before its successor is there: both together would be the peak
+            # A quarter more, so that a slowly growing scene does not ask every time; from a cache line on.
+            whole = np.empty(need + need // 4 + _LINE, np.uint8)
+            held = whole[-whole.ctypes.data % _LINE :]
+            self._bytes[name] = held
+        return held[:need].view(kind).reshape(sizes)
+
+
+class Lease:
+    """Holds a set of buffers; they go back to the pool when the last reference to the lease is gone."""
+
+    def __init__(self) -> None:
+        try:
+            self.buffers = _free.pop()
+        except IndexError:
+            self.buffers = Buffers()
+
+    def __del__(self, free: list[Buffers] = _free) -> None:  # an argument: it outlives the module at exit
+        free.append(self.buffers)
 
 
 def rasterize_cpu(inputs: RasterInputs) -> Render:

@@ -6,10 +6,10 @@ import numpy as np
 
 from imaging.files.colmap import SparsePoints
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from imaging.session.coordinates import SurveyedPoint, length_text
 from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures
 from rig.report.charts.chart import COLOURS, Series, chart
-from rig.report.charts.coordinates_table import coordinate_tables
 from rig.report.charts.residuals import Residuals
 from rig.report.charts.rig_view import MOST_VIEWS, turntable
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic
@@ -130,3 +130,56 @@ def _least_sure(record: CalibrationRecord, residuals: Residuals) -> Table:
             for view in worst
         ),
     )
+
+
+_SOURCES = {
+    "survey": "by surveyed points",
+    "gps": "by the positions in the photographs",
+    "session": "by another session",
+}
+
+
+def coordinate_tables(record: CalibrationRecord) -> Iterable[Table]:
+    """Yield what the scene was placed by; nothing where its coordinates are its own."""
+    known = record.coordinates
+    if known is None:
+        return
+    unit = "m" if record.unit == "m" else "relative"
+    yield Table(
+        "Coordinates",
+        f"Poses and points are in {known.described}{known.less_offset}, placed {_SOURCES[known.source]}. "
+        "Errors are standard errors, of the whole scene.",
+        ("#Scale, %", "#Turn, °", f"#Place, {unit}", f"#Misses, rms {unit}", "#Used", "#Left out"),
+        (
+            (
+                "known before" if known.scale_error is None else f"± {number(100 * known.scale_error, 2)}",
+                f"± {number(known.rotation_error, 2)}",
+                f"± {number(known.position_error, 2)}",
+                number(known.rms, 3),
+                f"{known.used:,}",
+                f"{known.left_out:,}",
+            ),
+        ),
+    )
+    if known.points:
+        yield Table(
+            "Surveyed points",
+            "From where each was surveyed to where the scene has it, and from its marks to where the views "
+            "should show it.",
+            ("Point", "#x", "#y", "#z", "#Off", "#Off, rms px", "#Images", "Used"),
+            tuple(_row(point) for point in known.points),
+        )
+
+
+def _row(point: SurveyedPoint) -> tuple[str, ...]:
+    axes = [NOT_DETERMINED] * 4
+    if point.miss is not None and point.miss_m is not None:
+        axes = [_signed(one) for one in point.miss] + [length_text(point.miss_m)]
+    pixels = NOT_DETERMINED if point.miss_px is None else number(point.miss_px, 3)
+    used = "; ".join(filter(None, ("yes" if point.used else "no", point.reason)))
+    return point.name, *axes, pixels, str(len(point.marks)), used
+
+
+def _signed(value: float) -> str:
+    sign = "−" if value < 0 else "+"
+    return f"{sign}{length_text(abs(value))}"

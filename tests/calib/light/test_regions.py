@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.light.regions import FEWEST, REGIONS, regions_of
+from calib.light.tracks import FEWEST, REGIONS, regions_of
 
 
 def test_regions_hold_as_many_points_each_and_do_not_overlap() -> None:

@@ -11,7 +11,7 @@ from drivers.errors import CameraRefused, CameraTimeout
 from drivers.genicam.timestamps import Latch
 from drivers.gige import GigeCamera
 from drivers.gige.actions import AHEAD, DEVICE_KEY, GROUP_KEY, GROUP_MASK, NetworkTime, fire
-from drivers.gige.team import ActionTeam
+from drivers.gige.session import ActionTeam
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 

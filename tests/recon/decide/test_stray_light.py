@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from drivers.sim.camera import stray_light
+from drivers.sim.camera import optics
 from recon.data.geometry import project
 from recon.decide.stray_light import FEWEST_POINTS, glare_of
 from recon.observe import glare
@@ -12,7 +12,7 @@ from recon.observe import glare
 DIM, LAMP = 0.01, 60.0
 
 
-def before_a_lamp(dataset, share, scatter=stray_light.scattered, noise=0.02):
+def before_a_lamp(dataset, share, scatter=optics.scattered, noise=0.02):
     """A dim world with one lamp in it, as the views would see it through such lenses."""
     place = dataset.points().xyz.mean(axis=0)
     rng, images = np.random.default_rng(5), []

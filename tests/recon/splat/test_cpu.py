@@ -9,7 +9,7 @@ import torch
 import imaging.compute.threads as threads
 from imaging.errors import InputError
 from recon.splat import Render, SplatCamera, SplatStats, rasterize
-from recon.splat.cpu.buffers import Buffers
+from recon.splat.cpu.rasterizer import Buffers
 
 NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
 

@@ -10,8 +10,8 @@ from recon.methods import METHODS
 from recon.observe.refinement import RATES, Refinement
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.learning_rates import USUAL, rate_factor
 from recon.train.ranks import Ranks
+from recon.train.schedule import USUAL, rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.sim import rigs
-from drivers.sim.camera.stray_light import scattered
+from drivers.sim.camera.optics import scattered
 
 
 def test_light_is_moved_and_not_made():
