@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from imaging.arguments import checked
-from imaging.arrays import Array
+from imaging.arrays import Array, Array32
 from imaging.choices import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr_camera import film_attributes
+from imaging.files.hdr_display import ENCODERS
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.progress import Progress, unreported
@@ -23,7 +24,7 @@ from recon.rendering.light_files import header_of, seen_by, stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.request import RenderRequest
 from recon.rendering.simulated_raw import RawCamera
-from recon.rendering.video import Video
+from recon.rendering.video import HdrVideo, Video
 from recon.result.data_layers import DataLayers
 from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
@@ -64,8 +65,10 @@ def render(
     """Render views of a reconstruction, or a path through it.
 
     Each picture is an EXR of linear radiance times the exposure of the session (of a scene of bands a
-    spectral EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`. Where the
-    photographs had alpha, the EXR has it as A with the light premultiplied, the PNG as straight alpha.
+    spectral EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`; with `hdr`
+    the first of these also for HDR screens (`imaging/files/hdr_display.py`), and of a film another one. Where
+    the photographs had alpha, the EXR has it as A with the light premultiplied, the PNG as straight alpha,
+    and pictures for HDR screens are over black.
 
     Args:
         folder: Reconstruction, or a session for its newest.
@@ -98,12 +101,14 @@ def render(
     sensor = None if request.raw is None else RawCamera.of(scene, request.raw)
     files, pictures, mosaics, empty = [], [], [], []
     store.make_folder(out)
+    title = path.name if path else "views"
     with ExitStack() as stack:
-        film = (
-            stack.enter_context(Video(out / f"{path.name if path else 'views'}.mp4", request.rate))
-            if request.video
-            else None
-        )
+        film: Video | None = None
+        hdr_film: HdrVideo | None = None
+        if request.video:
+            film = stack.enter_context(Video(out / f"{title}.mp4", request.rate))
+            if request.hdr:
+                hdr_film = stack.enter_context(HdrVideo(out / f"{title}.hdr.mp4", request.rate))
         for done, frame in enumerate(frames):
             on_progress("rendering", done, len(frames))
             image, covered = scene.covered_layer(frame.camera)
@@ -131,9 +136,23 @@ def render(
                 pictures.append(file)
                 if film is not None and index == 0:
                     film.add(shot)
+            if request.hdr:
+                bright = in_colour(image, bands) * np.float32(factor * 2.0 ** (*request.stops, 0.0)[0])
+                pictures += _write_hdr(out / frame.stem, bright)
+                if hdr_film is not None:
+                    hdr_film.add(bright)
     on_progress("rendering", len(frames), len(frames))
     _tell_empty(scene, empty, len(frames), path is not None, on_message)
-    return files + pictures + mosaics + ([] if film is None else [film.path])
+    films = [one.path for one in (hdr_film, film) if one is not None]
+    return files + pictures + mosaics + films
+
+
+def _write_hdr(stem: Path, light: Array32) -> list[Path]:
+    """Write light for HDR screens, 1 as white, beside the PNG of that name."""
+    files = [stem.with_name(stem.name + suffix) for suffix in ENCODERS]
+    for file, encode in zip(files, ENCODERS.values(), strict=True):
+        store.write_bytes(file, encode(light))
+    return files
 
 
 def _tell_empty(

@@ -68,5 +68,10 @@ class RenderRequest(Request):
         "Tone map of the PNG, of linear light [H, W, 3] and a factor, uint8. If not given, light is clipped "
         "at white and encoded as sRGB.",
     ] = None
+    hdr: Annotated[
+        bool,
+        "Also write each picture for HDR screens, to 4 stops above white: Ultra HDR JPEG and AVIF (PQ), and "
+        "of a film a second one in HDR10. Tone maps do not apply to them.",
+    ] = False
     video: Annotated[bool, "Also write an MP4 of the PNG files, at the first of their stops."] = False
     rate: Annotated[float, "Frames per second of the MP4."] = 24.0

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from imaging.errors import InputError
-from imaging.files import exr
+from imaging.files import exr, hdr_display
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
 from recon.rendering.request import RenderRequest
@@ -53,6 +53,7 @@ OPTIONS = Asked(
     ),
     raw=Shown(how={"metavar": "CAMERA", "rich_help_panel": _FILES}),
     exposure=Shown(how={"metavar": "STOPS", "min": -60, "max": 60, "rich_help_panel": _PICTURES}),
+    hdr=Shown(how={"rich_help_panel": _PICTURES}),
     video=Shown(how={"rich_help_panel": _PICTURES}),
     rate=Shown("--fps", how={"metavar": "HZ", "min": 1, "max": 240, "rich_help_panel": _PICTURES}),
 )
@@ -94,8 +95,9 @@ def render(
     """Render scenes to EXR and PNG files.
 
     Renders every view of the scene, or a moving camera, into FOLDER/NAME: EXR in linear light of Rec.709,
-    ACEScg or ACES2065-1, and PNG encoded for display. Needs only the scene's folder, not its session. Files
-    of a path are named NAME.1001.exr and so on. docs/render.md has the details.
+    ACEScg or ACES2065-1, and PNG encoded for display; --hdr adds pictures for HDR screens. Needs only the
+    scene's folder, not its session. Files of a path are named NAME.1001.exr and so on. docs/render.md has the
+    details.
 
     Example: rig render S --path spline:240 --layers depth,normal
     """
@@ -105,8 +107,10 @@ def render(
         if request.first_frame is not None and request.path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
         place = _place(probe, probe_view)
-        if place is not None and (request.path or request.layers or request.video or request.raw):
-            raise InputError("A light probe is one picture: leave --path, --layers, --video and --raw out.")
+        if place is not None and any((request.path, request.layers, request.video, request.raw, request.hdr)):
+            raise InputError(
+                "A light probe is one picture: leave --path, --layers, --video, --raw and --hdr out."
+            )
         asked = replace(request, shown=_tones(tones))
 
         def render_one(folder: Path) -> CommandResult:
@@ -129,12 +133,15 @@ def render(
             usual = ", the exposure of the session" if asked.exposure is None else ""
             kind = "frame" if asked.path else "view"
             count = sum(file.suffix == ".exr" for file in files)
+            films = [file for file in files if file.suffix == ".mp4"]
             return CommandResult(
                 _scene_data(folder, target, files, scale),
                 [
-                    f"{target}: {counted(count, kind)} of {folder}, as EXR and PNG"
-                    f"{', and ' + files[-1].name if asked.video else ''}",
+                    f"{target}: {counted(count, kind)} of {folder}, as EXR"
+                    f"{', PNG, Ultra HDR JPEG and AVIF' if asked.hdr else ' and PNG'}"
+                    f"{', and ' + ' and '.join(file.name for file in films) if films else ''}",
                     f"EXR values are light times {number(scale)} ({math.log2(scale):+.1f} stops){usual}",
+                    *([_hdr()] if asked.hdr else []),
                     *said,
                 ],
             )
@@ -142,6 +149,14 @@ def render(
         result = for_each_scene(folders, render_one, "rendered")
     result.data["space"] = request.space
     return result
+
+
+def _hdr() -> str:
+    """Headroom of pictures for HDR screens, in a sentence."""
+    white, stops = hdr_display.WHITE, hdr_display.HEADROOM
+    return (
+        f"on HDR screens an EXR value of 1 is {white:.0f} cd/m2; light is clipped {stops:.0f} stops above it"
+    )
 
 
 def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | None:

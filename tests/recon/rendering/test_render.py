@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import cv2
+import imagecodecs
 import numpy as np
 import OpenEXR
 import pytest
@@ -13,6 +14,7 @@ from imaging.colour import srgb_decode
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import read_exr
+from imaging.files.hdr_display import HEADROOM
 from imaging.files.photo import encode_png, read_photo
 from recon.data.geometry import rays
 from recon.decide.presets import QUALITIES, Quality
@@ -25,6 +27,7 @@ from recon.result.data_layers import DataLayers
 from recon.result.layer_names import LAYERS
 from recon.result.opened import open_model
 from recon.result.scene import open_scene
+from tests.recon.rendering.test_hdr_video import decoded
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +128,7 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
         width=48,
         space="acescg",
         layers=LAYERS,
+        hdr=True,
         video=True,
         rate=12,
         on_progress=lambda what, done, total: reports.append((what, done, total)),
@@ -132,7 +136,8 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     names = [f"spline.{number:04d}" for number in (7, 8, 9)]
     assert [file.name for file in files] == [
         *(f"{name}.exr" for name in names),
-        *(f"{name}.png" for name in names),
+        *(f"{name}.{kind}" for name in names for kind in ("png", "jpg", "avif")),
+        "spline.hdr.mp4",
         "spline.mp4",
     ]
     assert {path.name for path in tmp_path.iterdir()} == {file.name for file in files}
@@ -161,6 +166,11 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     np.testing.assert_array_equal(image.channels["trust"], data.trust(camera))
     normal = np.dstack([image.channels[f"N.{axis}"] for axis in "XYZ"])
     np.testing.assert_array_equal(normal, data.normal(camera))
+    bright = imagecodecs.ultrahdr_decode((tmp_path / f"{names[1]}.jpg").read_bytes(), boost=2**HEADROOM)
+    assert np.median(np.abs(bright[..., :3] - light * scene.exposure)) < 0.01
+    shown = decoded(files[-2])[1][1]
+    assert shown.shape == light.shape
+    assert np.median(np.abs(np.clip(shown, 0, 16) - light.clip(0, 16) * scene.exposure)) < 0.01
     film = cv2.VideoCapture(str(files[-1]))
     assert film.get(cv2.CAP_PROP_FPS) == 12
     for name in names:
