@@ -51,15 +51,6 @@ def capture_rig(
         person = request.operator or Unattended()
         described = ray_source(rig, request, request.ray, person=person, clock=request.clock, say=on_message)
     else:
-        described = connected_source(
-            rig,
-            request,
-            operator=request.operator,
-            positions=request.positions,
-            backend=request.backend,
-            network=request.network,
-            clock=request.clock,
-            say=on_message,
-        )
+        described = connected_source(rig, request, say=on_message)
     with described as source:
         return shoot(source, Path(out), request, progress=on_progress, say=on_message)

@@ -4,12 +4,10 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from usb.backend import IBackend
-
 from capture.bracket.exposure_choices import common_isos
 from capture.record.shooting import Say, nothing_beside
 from capture.record.source import Operator, Source
-from capture.request import CaptureRequest
+from capture.request import RigRequest
 from capture.rigfile.network_address import gige_hosts, ptpip_places
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity, HardwareTriggered
@@ -55,25 +53,17 @@ def require_board(rig: RigFile, kind: Subject) -> None:
 @contextmanager
 def connected_source(
     rig: RigFile,
-    request: CaptureRequest,
+    request: RigRequest,
     *,
-    operator: Operator | None = None,
-    positions: int | None = None,
-    backend: IBackend | None = None,
-    network: Network | None = None,
-    clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
     """Open the cameras of a rig file, and close them in the end.
 
-    operator: moves rig, scene, lens caps and boards; None: nothing moves. positions: their number.
-    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's.
-    InputError: a camera cannot be
-    triggered as the file says, or it describes no board where one is requested. CaptureError: a camera is
-    not there.
+    InputError: a camera cannot be triggered as the file says, or it describes no board where one is
+    requested. CaptureError: a camera is not there.
     """
     require_board(rig, request.kind)
-    clock = clock or SystemClock()
+    clock, backend, network = request.clock or SystemClock(), request.backend, request.network
     if backend is None:
         backend, network = default_backend(), network or Network(gige_hosts(rig.tables.addresses))
     # A simulated bus stands in for the network too.
@@ -84,7 +74,7 @@ def connected_source(
         for identity in strangers:
             say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
         _wire(rig, {name: camera for name, (camera, _) in named.items()}, clock, say)
-        yield rig_source(rig, named, operator or Unattended(), positions, clock)
+        yield rig_source(rig, named, request.operator or Unattended(), request.positions, clock)
     finally:
         for camera in cameras:
             camera.close()

@@ -30,7 +30,7 @@ from capture.nodes.joining import joined_as
 from capture.nodes.place import VARIABLE, NodeSettings, place_of
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
-from capture.request import CaptureRequest
+from capture.request import CaptureRequest, RigRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from imaging.session.session import Session
@@ -173,15 +173,10 @@ def in_one_process(hosts: Hosts, rig: RigFile, out: Path) -> tuple[float, Captur
     """The same, all cameras on the bus of this process."""
     place = place_of(NodeSettings(name="here", disk=hosts.folder / "here", sim="toy", **hosts.settings))
     assert place.rig is not None
-    request = CaptureRequest()
-    with connected_source(
-        rig,
-        request,
-        operator=place.rig,
-        positions=place.rig.frames,
-        backend=place.backend,
-        clock=place.clock,
-    ) as source:
+    request = RigRequest(
+        operator=place.rig, positions=place.rig.frames, backend=place.backend, clock=place.clock
+    )
+    with connected_source(rig, request) as source:
         began = time.monotonic()
         result = shoot(source, out, request)
         return time.monotonic() - began, result

@@ -141,9 +141,12 @@ def solve(
         if doubt is not None
     ]
     rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs, *doubts)
-    model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
-    return replace(
-        model,
+    return SceneModel(
+        adjusted.reconstruction,
+        **_read(adjusted.reconstruction),
+        rungs=rungs,
+        errors=errors,
+        metric=adjusted.metric,
         contradicted=adjusted.left_out,
         hanging=adjusted.hanging,
         free=adjusted.free,
@@ -171,15 +174,7 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
             name: (turn, transform.scale * shift) for name, (turn, shift) in model.errors.mounted.items()
         },
     )
-    moved = _model(model.reconstruction, model.rungs, errors, metric=metric)
-    return replace(
-        moved,
-        contradicted=model.contradicted,
-        hanging=model.hanging,
-        free=model.free,
-        typical=model.typical,
-        by_motion=model.by_motion,
-    )
+    return replace(model, **_read(model.reconstruction), errors=errors, metric=metric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +203,7 @@ class _Adjusted:
 
     def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
         """Lenses with the principal points of the first guesses."""
-        lenses = _model(self.reconstruction, (), None, metric=False).lenses
+        lenses = _read(self.reconstruction)["lenses"]
         return {
             name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
             for name, lens in lenses.items()
@@ -289,9 +284,8 @@ def _camera(lens: Lens, focal_known: bool) -> Any:
     return camera
 
 
-def _model(
-    reconstruction: Any, rungs: tuple[Rung, ...], errors: StandardErrors | None, *, metric: bool
-) -> SceneModel:
+def _read(reconstruction: Any) -> dict[str, Any]:
+    """Fields of `SceneModel` that a reconstruction determines."""
     poses: dict[ViewId, Pose] = {}
     points: dict[ViewId, int] = {}
     lenses: dict[str, Lens] = {}
@@ -309,10 +303,13 @@ def _model(
             still = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
             mounted[name] = still if rig.is_ref_sensor(sensor) else pose_of(rig.sensor_from_rig(sensor))
     reconstruction.update_point_3d_errors()
-    return SceneModel(
-        reconstruction, lenses, poses, mounted, points,
-        float(reconstruction.compute_mean_reprojection_error()), rungs, errors, metric,
-    )  # fmt: skip
+    return {
+        "lenses": lenses,
+        "poses": poses,
+        "cam_from_rig": mounted,
+        "points": points,
+        "reprojection_px": float(reconstruction.compute_mean_reprojection_error()),
+    }
 
 
 def pose_of(motion: Any) -> Pose:

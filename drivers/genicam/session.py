@@ -8,50 +8,27 @@ from drivers.genicam.nodemap import NodeMap
 from imaging.arrays import Bytes
 
 
-class Leader(Protocol):
-    """Header of a frame. timestamp: of the device's clock; padding: bytes after each row."""
+@dataclass(frozen=True)
+class FrameLeader:
+    """Header of a frame. payload_type: an image, with or without chunks. timestamp: of the device's clock.
+    pixel_format: PFNC code. padding: bytes after each row."""
 
-    @property
-    def block(self) -> int:
-        """The number of the frame."""
-        ...
-
-    @property
-    def payload_type(self) -> int:
-        """An image, with or without chunks."""
-        ...
-
-    @property
-    def timestamp(self) -> int:
-        """Timestamp in units of the device's clock."""
-        ...
-
-    @property
-    def pixel_format(self) -> int:
-        """PFNC code."""
-        ...
-
-    @property
-    def width(self) -> int:
-        """Pixels of a row."""
-        ...
-
-    @property
-    def height(self) -> int:
-        """Rows."""
-        ...
-
-    @property
-    def padding(self) -> int:
-        """Bytes after each row."""
-        ...
+    block: int
+    payload_type: int
+    timestamp: int
+    pixel_format: int = 0
+    width: int = 0
+    height: int = 0
+    left: int = 0
+    top: int = 0
+    padding: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A frame as it came. payload: uint8; problem: what is missing of it, None if nothing is."""
 
-    leader: Leader
+    leader: FrameLeader
     payload: Bytes
     problem: str | None
 

@@ -2,14 +2,13 @@
 
 import ctypes
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.errors import CameraProtocol, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
 from drivers.genicam.nodemap import NodeMap
-from drivers.genicam.session import Frame
+from drivers.genicam.session import Frame, FrameLeader
 from drivers.gentl.abi import FLUSH_ALL, NEW_BUFFER_EVENT, NO_LIMIT, BufferInfo, Library, StreamInfo
 from imaging.arrays import Bytes
 from imaging.errors import CameraError
@@ -21,19 +20,6 @@ _IMAGE = 1
 """The payload type of an image, in GenTL as in the leaders of GigE Vision and USB3 Vision."""
 _NOT_GIVEN_BACK: list[Bytes] = []
 """Buffers that a producer would not revoke: it may still write there, so that their memory has to stay."""
-
-
-@dataclass(frozen=True)
-class Leader:
-    """Header of a frame from GenTL, as `drivers.genicam.session.Leader`."""
-
-    block: int
-    payload_type: int
-    timestamp: int
-    pixel_format: int
-    width: int
-    height: int
-    padding: int
 
 
 class _NewBuffer(ctypes.Structure):
@@ -106,7 +92,7 @@ class GentlStream:
         buffer = self._buffers[handle]
         filled = min(self._info(handle, BufferInfo.SIZE_FILLED, len(buffer)), len(buffer))
         chunks = bool(fields[BufferInfo.CONTAINS_CHUNKDATA]) and self._chunks
-        leader = Leader(
+        leader = FrameLeader(
             fields[BufferInfo.FRAMEID],
             _IMAGE | (CHUNKS if chunks else 0),
             fields[BufferInfo.TIMESTAMP],

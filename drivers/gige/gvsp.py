@@ -10,6 +10,7 @@ from enum import IntEnum
 
 from drivers.errors import CameraProtocol
 from drivers.genicam.chunks import CHUNKS
+from drivers.genicam.session import FrameLeader
 
 IMAGE, CHUNKS_ALONE, EXTENDED_CHUNKS = 0x0001, 0x0004, 0x0005
 """Payload types: an image; an image among chunks, as version 1 of the standard has it, and later ones."""
@@ -75,22 +76,11 @@ class PacketHeader:
         return cls(status, block, kind, number, True)
 
 
-@dataclass(frozen=True)
-class Leader:
-    """Header of a frame. timestamp: ticks of the device's clock; padding: bytes after each row.
+class Leader(FrameLeader):
+    """Header of a frame, whose timestamp is in ticks.
 
     An image among chunks of version 1 has neither format nor size here: they are 0.
     """
-
-    block: int
-    payload_type: int
-    timestamp: int
-    pixel_format: int = 0
-    width: int = 0
-    height: int = 0
-    left: int = 0
-    top: int = 0
-    padding: int = 0
 
     def pack(self) -> bytes:
         """Return what a packet carries of it."""

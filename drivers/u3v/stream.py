@@ -10,7 +10,7 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
-from drivers.genicam.session import Frame, fewer_rows
+from drivers.genicam.session import Frame, FrameLeader, fewer_rows
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.registers import Sirm
 from drivers.usb import EndpointStalled, UsbPipe
@@ -28,19 +28,8 @@ _STALE = 1.0
 """Seconds without a byte after which the rest of a frame does not come."""
 
 
-@dataclass(frozen=True)
-class Leader:
-    """Header of a frame. timestamp: ns of the device's clock; padding: bytes after each row."""
-
-    block: int
-    payload_type: int
-    timestamp: int
-    pixel_format: int
-    width: int
-    height: int
-    left: int = 0
-    top: int = 0
-    padding: int = 0
+class Leader(FrameLeader):
+    """Header of a frame, whose timestamp is in ns."""
 
     def pack(self) -> bytes:
         """The 52 bytes."""

@@ -29,11 +29,8 @@ from imaging.compute import memory
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.linear_frame import Noise, SensorSignalNoise, code_noise
-from imaging.sensor import SensorCalibration
-from imaging.session.calibration import Response
-from imaging.session.records import ImageKind
 from recon.data.dataset import View
-from recon.data.pixels import decode_shot
+from recon.data.pixels import ShotSource
 from recon.data.shot import Planes, Shot, bytes_of
 
 FOLDER = "decoded"
@@ -45,36 +42,18 @@ _MASKS = ("saturated", "dark", "valid")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
-@dataclass(frozen=True)
-class Source:
-    """A shot's file, and all that its pixels depend on beside it; arguments as `read_shot` has them."""
-
-    path: Path
-    name: str
-    kind: ImageKind
-    response: Response
-    max_width: int | None
-    sensors: tuple[SensorCalibration, ...]
-    mask: Path | None
-
-    def decoded(self) -> tuple[Shot, Cfa | None]:
-        """The shot in memory, of exposure scale 1."""
-        return decode_shot(
-            self.path, self.name, self.kind, 1.0, self.response, self.max_width, self.sensors, self.mask
-        )
-
-    def key(self) -> str:
-        """A hash of all of it; InputError where a file is missing."""
-        try:
-            files = [os.stat(file) for file in (self.path, self.mask) if file is not None]
-        except OSError as error:
-            raise InputError(
-                f"{error.filename} cannot be read ({(error.strerror or '').lower()}): restore it."
-            ) from error
-        inputs: list[Any] = [_FORMAT, [(file.st_size, file.st_mtime_ns) for file in files], self.kind]
-        inputs += [self.max_width, self.response.model_dump(mode="json")]
-        inputs += [[sensor.model_dump(mode="json") for sensor in self.sensors]]
-        return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:32]
+def key_of(source: ShotSource) -> str:
+    """A hash of all that the pixels depend on; InputError where a file is missing."""
+    try:
+        files = [os.stat(file) for file in (source.path, source.mask) if file is not None]
+    except OSError as error:
+        raise InputError(
+            f"{error.filename} cannot be read ({(error.strerror or '').lower()}): restore it."
+        ) from error
+    inputs: list[Any] = [_FORMAT, [(file.st_size, file.st_mtime_ns) for file in files], source.kind]
+    inputs += [source.max_width, source.response.model_dump(mode="json")]
+    inputs += [[sensor.model_dump(mode="json") for sensor in source.sensors]]
+    return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +64,7 @@ class StoredPlanes:
     shape: tuple[int, ...]
     transparent: bool
     uniform: dict[str, bool]
-    source: Source
+    source: ShotSource
 
     @property
     def held(self) -> bool:
@@ -140,13 +119,13 @@ class StoredPlanes:
             return getattr(_written(self.path, self.source)[0], name)
 
 
-def read_stored(folder: Path, source: Source, k: float) -> tuple[Shot, Cfa | None]:
+def read_stored(folder: Path, source: ShotSource, k: float) -> tuple[Shot, Cfa | None]:
     """The shot of a file, kept in `folder` and not in memory, and the CFA of its mosaic if it is one.
 
     folder: SESSION/decoded. Decoded only where it is not there yet. StorageError where the disk refuses.
     """
     place = _place(folder, source.max_width) / source.name
-    path = place / f"{source.key()}.npz"
+    path = place / f"{key_of(source)}.npz"
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             facts = json.loads(bytes(file["facts"]))
@@ -178,7 +157,7 @@ def _place(folder: Path, max_width: int | None) -> Path:
     return folder / (f"{max_width} px" if max_width else "whole")
 
 
-def _shot(path: Path, source: Source, k: float, facts: dict[str, Any]) -> tuple[Shot, Cfa | None]:
+def _shot(path: Path, source: ShotSource, k: float, facts: dict[str, Any]) -> tuple[Shot, Cfa | None]:
     """The shot that a file holds, by its `facts`."""
     noise: Noise | None = code_noise(source.response) if source.kind == "ldr" else None
     if facts["noise"] is not None:
@@ -189,11 +168,11 @@ def _shot(path: Path, source: Source, k: float, facts: dict[str, Any]) -> tuple[
     return Shot(source.name, k, planes, noise, facts["ceiling"]), cfa
 
 
-def _written(path: Path, source: Source) -> tuple[Planes, dict[str, Any]]:
+def _written(path: Path, source: ShotSource) -> tuple[Planes, dict[str, Any]]:
     """Decode a shot into a file; its planes, and the facts in the file."""
-    if source.key() != path.stem:
+    if key_of(source) != path.stem:
         raise InputError(f"{source.path} was changed while it was in use: run again.")
-    shot, cfa = source.decoded()
+    shot, cfa = source.decoded(1.0)
     planes, noise = shot.planes, shot.noise
     arrays = _encoded("pixels", planes.pixels)
     if planes.alpha is not None:

@@ -19,12 +19,12 @@ from imaging.session.records import CameraRecord, ImageKind, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
 from imaging.session.view_id import ViewId
 from recon.data.dataset import COLMAP, Dataset, Sensor, View
-from recon.data.decoded import FOLDER, Source, read_stored, require_room
+from recon.data.decoded import FOLDER, read_stored, require_room
 from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.measured_depth import DepthMapFile, scaled
 from recon.data.narrower import Falloffs, narrower
 from recon.data.overruled import overruled
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from recon.data.resident import too_large
 from recon.data.world import WorldTransform
 from recon.splat import SplatCamera
@@ -219,14 +219,11 @@ def _view(
         scale = calibration.exposure_scale.get(shot.file)
         if scale is None:
             scale = shot.exposure.scale if shot.exposure else 1.0
-        path, mask, sensors = session.file(shot), session.mask(shot), camera.sensors
-        if stored is None:
-            read, cfa = read_shot(
-                path, shot.file, record.kind, scale, camera.response, max_width, sensors, mask
-            )
-        else:
-            source = Source(path, shot.file, record.kind, camera.response, max_width, sensors, mask)
-            read, cfa = read_stored(stored, source, scale)
+        source = ShotSource(
+            session.file(shot), shot.file, record.kind, camera.response, max_width, camera.sensors,
+            session.mask(shot),
+        )  # fmt: skip
+        read, cfa = read_shot(source, scale) if stored is None else read_stored(stored, source, scale)
         shots.append(replace(read, band=_band(session, shot, cfa)))
     height, width = shots[0].shape[:2]
     if any(shot.shape != shots[0].shape for shot in shots):

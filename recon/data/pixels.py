@@ -1,10 +1,10 @@
 """The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -30,29 +30,74 @@ _DECODED: ContextVar[dict[tuple[object, ...], tuple[Shot, Cfa | None]] | None] =
 )
 
 
-def read_shot(
-    path: Path,
-    name: str,
-    kind: ImageKind,
-    k: float,
-    response: Response,
-    max_width: int | None,
-    sensors: Sequence[SensorCalibration] = (),
-    mask: Path | None = None,
-) -> tuple[Shot, Cfa | None]:
-    """One file as a Shot, and the CFA of its mosaic if it is one; sensors: of the calibration, for RAW.
+@dataclass(frozen=True)
+class ShotSource:
+    """A shot's file, and all that its pixels depend on beside it.
 
-    mask: a picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
+    max_width: px, of the shot; wider ones are scaled down. sensors: of the calibration, for RAW. mask: a
+    picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
     """
+
+    path: Path
+    name: str
+    kind: ImageKind
+    response: Response
+    max_width: int | None = None
+    sensors: tuple[SensorCalibration, ...] = ()
+    mask: Path | None = None
+
+    def decoded(self, k: float) -> tuple[Shot, Cfa | None]:
+        """Decode the file anew, as `read_shot` without a cache."""
+        shot, cfa, size = self._read(k)
+        shot = shot.showing(saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
+        if self.mask is None:
+            return shot, cfa
+        counts = read_mask(self.mask, *size)
+        height, width = shot.pixels.shape[:2]
+        if self.kind == "raw" and 2 * width <= counts.shape[1]:
+            counts = _even(counts)
+        elif cfa is not None:
+            counts = whole_tiles(counts, cfa)
+        if counts.shape != (height, width):
+            # A pixel of the smaller image counts if all that it is made of does.
+            counts = area_mean(counts, (width, height)) > 0.999
+        return shot.showing(valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
+
+    def _read(self, k: float) -> tuple[Shot, Cfa | None, tuple[int, int]]:
+        """The shot, the CFA of its mosaic, and height and width of the file."""
+        if self.kind == "raw":
+            raw = from_raw(read_raw(self.path), k, self.sensors)
+            shot, cfa = _mosaic(raw, self.name, self.max_width)
+            return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
+        if self.kind == "ldr":
+            photo = read_photo(self.path)
+            codes, alpha = np.ascontiguousarray(photo.pixels, np.float32), photo.alpha
+            frame = from_codes(codes, k, self.response)
+            masks = frame.saturated, frame.dark, frame.valid
+            shot = Shot.of(self.name, k, codes, *masks, frame.noise, alpha=alpha)
+            size = _smaller(codes, self.max_width)
+            small = shot if size is None else _smaller_photograph(shot, frame.signal, self.response, size)
+            return small, None, (codes.shape[0], codes.shape[1])
+        image = read_with_alpha(self.path)
+        frame = from_light(image.pixels, k)
+        never = np.zeros(frame.signal.shape, bool)
+        shot = Shot.of(self.name, k, frame.signal, never, never, frame.valid, alpha=image.alpha)
+        size = _smaller(frame.signal, self.max_width)
+        whole = frame.signal.shape[0], frame.signal.shape[1]
+        return shot if size is None else _smaller_light(shot, size), None, whole
+
+
+def read_shot(source: ShotSource, k: float) -> tuple[Shot, Cfa | None]:
+    """One file as a Shot of exposure scale `k`, and the CFA of its mosaic if it is one."""
     cache_of = _DECODED.get()
     if cache_of is None:
-        return decode_shot(path, name, kind, k, response, max_width, sensors, mask)
+        return source.decoded(k)
     # A session is named from here by its user, and from its root by the scene in it.
-    files = [os.path.realpath(file) for file in (path, mask) if file is not None]
+    files = [os.path.realpath(file) for file in (source.path, source.mask) if file is not None]
     written = tuple((file, os.stat(file).st_mtime_ns) for file in files)
-    what = (written, name, kind, k, response, max_width, tuple(sensors))
+    what = (written, replace(source, path=Path(), mask=None), k)
     if what not in cache_of:
-        cache_of[what] = decode_shot(path, name, kind, k, response, max_width, sensors, mask)
+        cache_of[what] = source.decoded(k)
     return cache_of[what]
 
 
@@ -73,68 +118,10 @@ def decoded_once() -> Iterator[None]:
         _DECODED.reset(before)
 
 
-def decode_shot(
-    path: Path,
-    name: str,
-    kind: ImageKind,
-    k: float,
-    response: Response,
-    max_width: int | None,
-    sensors: Sequence[SensorCalibration],
-    mask: Path | None,
-) -> tuple[Shot, Cfa | None]:
-    """Decode a file anew, as `read_shot` without a cache."""
-    shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
-    shot = shot.showing(saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
-    if mask is None:
-        return shot, cfa
-    counts = read_mask(mask, *size)
-    height, width = shot.pixels.shape[:2]
-    if kind == "raw" and 2 * width <= counts.shape[1]:
-        counts = _even(counts)
-    elif cfa is not None:
-        counts = whole_tiles(counts, cfa)
-    if counts.shape != (height, width):
-        # A pixel of the smaller image counts if all that it is made of does.
-        counts = area_mean(counts, (width, height)) > 0.999
-    return shot.showing(valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
-
-
 def _held(mask: Mask) -> Mask:
     """A mask as it is, or where it is the same everywhere as a view of one byte that cannot be written to."""
     alike = bool(mask.all()) or not mask.any()
     return np.broadcast_to(mask.flat[0], mask.shape) if alike else mask
-
-
-def _read(
-    path: Path,
-    name: str,
-    kind: ImageKind,
-    k: float,
-    response: Response,
-    max_width: int | None,
-    sensors: Sequence[SensorCalibration],
-) -> tuple[Shot, Cfa | None, tuple[int, int]]:
-    """The shot, the CFA of its mosaic, and height and width of the file."""
-    if kind == "raw":
-        raw = from_raw(read_raw(path), k, sensors)
-        shot, cfa = _mosaic(raw, name, max_width)
-        return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
-    if kind == "ldr":
-        photo = read_photo(path)
-        codes, alpha = np.ascontiguousarray(photo.pixels, np.float32), photo.alpha
-        frame = from_codes(codes, k, response)
-        shot = Shot.of(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, alpha=alpha)
-        size = _smaller(codes, max_width)
-        small = shot if size is None else _smaller_photograph(shot, frame.signal, response, size)
-        return small, None, (codes.shape[0], codes.shape[1])
-    image = read_with_alpha(path)
-    frame = from_light(image.pixels, k)
-    never = np.zeros(frame.signal.shape, bool)
-    shot = Shot.of(name, k, frame.signal, never, never, frame.valid, alpha=image.alpha)
-    size = _smaller(frame.signal, max_width)
-    whole = frame.signal.shape[0], frame.signal.shape[1]
-    return shot if size is None else _smaller_light(shot, size), None, whole
 
 
 def narrowed(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from capture import connected_rig, rig_of_nodes, simulated
@@ -96,14 +96,13 @@ def source_of(
         return
 
     bus = open_bus(sim, seed, rough=rough)
-    with connected_rig.connected_source(
-        rig,
+    request = replace(
         request,
         operator=_operator_for(bus, rig, status),
         positions=bus.rig.frames if bus.rig else None,
         backend=bus.backend,
         clock=bus.clock,
         network=open_network(sim, rig.tables.addresses),
-        say=status.say,
-    ) as source:
+    )
+    with connected_rig.connected_source(rig, request, say=status.say) as source:
         yield source

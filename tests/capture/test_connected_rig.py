@@ -14,7 +14,7 @@ from capture.capture_rig import capture_rig
 from capture.connected_rig import connected_source
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
-from capture.request import CaptureRequest
+from capture.request import RigRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all
@@ -84,15 +84,8 @@ class Place:
 
     def rehearse(self) -> Rehearsal:
         rig, bus = self.bus()
-        request = CaptureRequest()
-        with connected_source(
-            read_rig_file(self.file),
-            request,
-            operator=rig,
-            positions=rig.frames,
-            backend=bus.backend,
-            clock=bus.clock,
-        ) as source:
+        request = RigRequest(operator=rig, positions=rig.frames, backend=bus.backend, clock=bus.clock)
+        with connected_source(read_rig_file(self.file), request) as source:
             return rehearse(source, self.out, request)
 
 

@@ -60,15 +60,8 @@ class CanonBody(StandardBody):
 
     releases = (CanonOperation.REMOTE_RELEASE_ON, CanonOperation.REMOTE_RELEASE)
 
-    @property
-    def knows_make(self) -> bool:
-        """Known by the operations that it lists."""
-        return True
-
-    @property
-    def remembers(self) -> bool:
-        """Return False: not known to keep a shot for a new session."""
-        return False
+    knows_make = True
+    remembers = False
 
     def enter(self) -> None:
         """Remote mode, event mode, all properties, the host as the destination."""

@@ -90,15 +90,8 @@ class SonyBody(StandardBody):
     _files = 1
     """Number of files of a shot: two on a body that is set to RAW+JPEG."""
 
-    @property
-    def knows_make(self) -> bool:
-        """Known by the operations that it lists."""
-        return True
-
-    @property
-    def remembers(self) -> bool:
-        """Return False: not known to keep a shot for a new session."""
-        return False
+    knows_make = True
+    remembers = False
 
     def enter(self) -> None:
         """The handshake, RAW as the format and the host as the destination, as far as they can be set.

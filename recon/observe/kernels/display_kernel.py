@@ -35,21 +35,14 @@ def photographed(
     count as it, without gradient; None: nowhere. Differentiable in the image.
     """
     result: tuple[Tensor, Tensor]
-    result = _Photographed.apply(image, shade, gains, stored, below, above)
+    result = _Photographed.apply(image, (shade, gains, stored, below, above))
     return result
 
 
 class _Photographed(torch.autograd.Function):
     @staticmethod
-    def forward(
-        ctx: Any,
-        image: Tensor,
-        shade: Array32,
-        gains: Array32,
-        stored: Tensor,
-        below: Tensor | None,
-        above: Tensor | None,
-    ) -> tuple[Tensor, Tensor]:
+    def forward(ctx: Any, image: Tensor, constants: tuple[Any, ...]) -> tuple[Tensor, Tensor]:
+        shade, gains, stored, below, above = constants
         image = image.detach().contiguous()
         sides = tuple(np.empty(0, bool) if side is None else side.numpy().ravel() for side in (below, above))
         step = _STEP if stored.dtype == torch.uint8 else 1.0
@@ -73,7 +66,7 @@ class _Photographed(torch.autograd.Function):
             _backward, 5e-4 * outer.numel(), height, width, image.numpy().ravel(), *given,
             outer.numpy().ravel(), gradient.numpy().ravel(),
         )  # fmt: skip
-        return gradient, None, None, None, None, None
+        return gradient, None
 
 
 @inlined

@@ -61,24 +61,14 @@ def recorded(
     a sample is saturated, what is above the target counts as it, without gradient; where it is not valid,
     all does. None: nowhere. Differentiable in the image and in the scales.
     """
-    constants = sites, falloff, target, saturated, valid, mu
-    result: Tensor = _Recorded.apply(image, scales, *constants)
+    result: Tensor = _Recorded.apply(image, scales, (sites, falloff, target, saturated, valid, mu))
     return result
 
 
 class _Recorded(torch.autograd.Function):
     @staticmethod
-    def forward(
-        ctx: Any,
-        image: Tensor,
-        scales: Tensor,
-        sites: Sites,
-        falloff: Tensor,
-        target: Tensor,
-        saturated: Tensor | None,
-        valid: Tensor | None,
-        mu: float,
-    ) -> Tensor:
+    def forward(ctx: Any, image: Tensor, scales: Tensor, constants: tuple[Any, ...]) -> Tensor:
+        sites, falloff, target, saturated, valid, mu = constants
         light, prediction = torch.empty(target.shape[1:]), torch.empty(target.shape)
         masks = tuple(np.empty(0, bool) if m is None else m.numpy().ravel() for m in (saturated, valid))
         height, width = image.shape[:2]
@@ -107,7 +97,7 @@ class _Recorded(torch.autograd.Function):
             gradients[0].detach().contiguous().numpy().ravel(), gradient.numpy().ravel(), by_scale,
         )  # fmt: skip
         turned = torch.from_numpy(by_scale.sum(0).astype(np.float32)) if len(by_scale) else None
-        return gradient, turned, None, None, None, None, None, None
+        return gradient, turned, None
 
 
 @inlined

@@ -12,7 +12,7 @@ from imaging.files.depth import read_depth
 from imaging.files.exr import read_exr, read_exr_header, write_exr
 from imaging.files.radiance_hdr import read_light, read_with_alpha
 from imaging.session.calibration import Response
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 
 SHAPE = (32, 48)
 LIGHT = np.random.default_rng(1).random((*SHAPE, 3), dtype=np.float32) + 0.1
@@ -95,9 +95,9 @@ def test_alpha_is_that_of_the_light_which_is_multiplied_by_it(tmp_path: Path) ->
         assert picture.alpha is not None
         assert np.array_equal(picture.alpha, alpha)
         assert read_picture(path).transparent == 12 / 32
-        shot, _ = read_shot(path, "a", "hdr", 1.0, LINEAR, None)
+        shot, _ = read_shot(ShotSource(path, "a", "hdr", LINEAR), 1.0)
         assert np.array_equal(shot.alpha, alpha)
-        small, _ = read_shot(path, "a", "hdr", 1.0, LINEAR, SHAPE[1] // 2)
+        small, _ = read_shot(ShotSource(path, "a", "hdr", LINEAR, SHAPE[1] // 2), 1.0)
         assert small.alpha == pytest.approx(alpha[::2, ::2])
     odd = alpha.copy()
     odd[0, :3] = np.nan, -1, 5

@@ -16,7 +16,7 @@ from imaging.errors import InputError
 from imaging.files.radiance_hdr import read_hdr, read_light
 from imaging.session.calibration import Response
 from imaging.session.session import Session
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 
 LIGHT = np.exp2(np.random.default_rng(1).uniform(-12, 12, (12, 20, 3))).astype(np.float32)
 HEAD = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 12 +X 20\n"
@@ -112,7 +112,7 @@ def test_an_import_of_them_is_light(tmp_path: Path) -> None:
     (camera,) = session.record.cameras
     assert camera.kind == "hdr"
     file = session.file(session.shots()[0])
-    shot, _ = read_shot(file, "a", "hdr", 1.0, Response(kind="linear", evidence="test"), None)
+    shot, _ = read_shot(ShotSource(file, "a", "hdr", Response(kind="linear", evidence="test")), 1.0)
     assert np.array_equal(shot.pixels, read_hdr(file))
 
 

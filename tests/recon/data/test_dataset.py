@@ -20,7 +20,7 @@ from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from recon.data.holdout import held_out
 from recon.data.load import lens_of_pixels, load
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from recon.data.tone import encode
 
 LINEAR = Response(kind="linear", evidence="test")
@@ -105,7 +105,7 @@ def test_a_much_wider_mosaic_becomes_small_camera_rgb_of_the_same_light(tmp_path
     y, x = np.mgrid[0:48, 0:64]
     rgb = np.stack([0.1 + x / 200, 0.2 + y / 200, 0.5 - x / 300], -1)
     write_mosaic(tmp_path / "a.dng", mosaic(rgb, Cfa.GRBG))
-    shot, cfa = read_shot(tmp_path / "a.dng", "a", "raw", 0.5, LINEAR, max_width=16)
+    shot, cfa = read_shot(ShotSource(tmp_path / "a.dng", "a", "raw", LINEAR, 16), 0.5)
     assert cfa is None
     assert shot.pixels.shape == (12, 16, 3)
     small = rgb.reshape(12, 4, 16, 4, 3).mean((1, 3))
@@ -114,7 +114,7 @@ def test_a_much_wider_mosaic_becomes_small_camera_rgb_of_the_same_light(tmp_path
 
 def test_a_slightly_wider_mosaic_stays_one_and_an_odd_one_loses_its_edge(tmp_path):
     write_mosaic(tmp_path / "a.dng", np.full((47, 61), 0.4))
-    shot, cfa = read_shot(tmp_path / "a.dng", "a", "raw", 0.5, LINEAR, max_width=40)
+    shot, cfa = read_shot(ShotSource(tmp_path / "a.dng", "a", "raw", LINEAR, 40), 0.5)
     assert cfa == Cfa.GRBG
     assert shot.pixels.shape == (46, 60)
 
@@ -141,7 +141,7 @@ def test_what_is_scaled_stays_where_its_lens_says(tmp_path, kind, width, height,
         write_exr(path, light)
     else:
         write_mosaic(path, light[..., 0])
-    shot, _ = read_shot(path, "a", kind, 1.0, LINEAR, max_width=most)
+    shot, _ = read_shot(ShotSource(path, "a", kind, LINEAR, most), 1.0)
     lens = Lens(model="PINHOLE", width=width, height=height, fx=90, fy=90, cx=width / 2, cy=height / 2)
     size = shot.pixels.shape[1], shot.pixels.shape[0]
     scaled = lens_of_pixels(lens, kind, *size)
@@ -157,7 +157,7 @@ def test_a_mask_is_scaled_as_the_odd_mosaic_that_it_covers(tmp_path):
     mask = np.full((99, 131), 255, np.uint8)
     mask[:, 64:66] = 0  # 32 of 65 pixels of the even width halved
     store.write_bytes(tmp_path / "m.png", encode_png(mask))
-    shot, _ = read_shot(tmp_path / "a.dng", "a", "raw", 1.0, LINEAR, max_width=65, mask=tmp_path / "m.png")
+    shot, _ = read_shot(ShotSource(tmp_path / "a.dng", "a", "raw", LINEAR, 65, mask=tmp_path / "m.png"), 1.0)
     assert np.flatnonzero(~shot.valid.all((0, 2))).tolist() == [32]
 
 
@@ -165,7 +165,7 @@ def test_photographs_are_averaged_in_linear_light(tmp_path):
     codes = np.zeros((8, 16, 3), np.uint8)
     codes[:, ::2] = 250
     store.write_bytes(tmp_path / "a.png", encode_png(codes))
-    shot, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=8)
+    shot, _ = read_shot(ShotSource(tmp_path / "a.png", "a", "ldr", SRGB, 8), 1.0)
     light = ((250 / 255 + 0.055) / 1.055) ** 2.4 / 2
     np.testing.assert_allclose(shot.pixels, encode(np.full((4, 8, 3), light), SRGB), atol=1e-5)
     assert not shot.saturated.any()
@@ -175,7 +175,7 @@ def test_photographs_mark_what_only_bounds_the_light(tmp_path):
     codes = np.full((4, 4, 3), 128, np.uint8)
     codes[0], codes[1] = 255, 1
     store.write_bytes(tmp_path / "a.png", encode_png(codes))
-    shot, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=None)
+    shot, _ = read_shot(ShotSource(tmp_path / "a.png", "a", "ldr", SRGB), 1.0)
     assert shot.saturated[0].all()
     assert shot.dark[1].all()
     assert not shot.saturated[1:].any()
@@ -188,10 +188,10 @@ def test_nan_in_an_exr_is_masked(tmp_path):
     light[3, 7] = np.inf
     write_exr(tmp_path / "a.exr", light)
     for width in (None, 4):
-        shot, _ = read_shot(tmp_path / "a.exr", "a", "hdr", 1.0, LINEAR, max_width=width)
+        shot, _ = read_shot(ShotSource(tmp_path / "a.exr", "a", "hdr", LINEAR, width), 1.0)
         assert np.isfinite(shot.pixels).all()
         np.testing.assert_allclose(shot.pixels[shot.valid], 1.0, rtol=1e-6)
-    full, _ = read_shot(tmp_path / "a.exr", "a", "hdr", 1.0, LINEAR, max_width=None)
+    full, _ = read_shot(ShotSource(tmp_path / "a.exr", "a", "hdr", LINEAR), 1.0)
     assert int((~full.valid).sum()) == 6
 
 
@@ -259,14 +259,14 @@ def test_alpha_is_averaged_over_areas_and_what_else_is_read_has_none(tmp_path):
     alpha[:, 4:] = 255
     photo = np.dstack([np.full((12, 16, 3), 128, np.uint8), alpha])
     (tmp_path / "a.png").write_bytes(encode_png(photo))
-    whole, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=16)
+    whole, _ = read_shot(ShotSource(tmp_path / "a.png", "a", "ldr", SRGB, 16), 1.0)
     np.testing.assert_array_equal(whole.alpha, alpha / 255)
-    small, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=6)
+    small, _ = read_shot(ShotSource(tmp_path / "a.png", "a", "ldr", SRGB, 6), 1.0)
     assert small.alpha.shape == small.pixels.shape[:2]
     assert small.alpha.mean() == pytest.approx(0.75, abs=1e-6)
     assert 0 < small.alpha[0, 1] < 1
     (tmp_path / "b.png").write_bytes(encode_png(photo[..., :3]))
-    assert read_shot(tmp_path / "b.png", "b", "ldr", 1.0, SRGB, max_width=6)[0].alpha is None
+    assert read_shot(ShotSource(tmp_path / "b.png", "b", "ldr", SRGB, 6), 1.0)[0].alpha is None
 
 
 def test_of_many_points_those_remain_that_most_views_saw(toy_dataset):

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,10 @@ from imaging.files.photo import encode_png
 from imaging.session.calibration import Response
 from recon.data import decoded
 from recon.data.dataset import View
-from recon.data.decoded import Source, StoredPlanes, read_stored
+from recon.data.decoded import StoredPlanes, read_stored
 from recon.data.light import StoredImages, radiance_image, radiance_images
 from recon.data.load import load
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from recon.data.shot import Shot
 
 PLANES = ("pixels", "saturated", "dark", "valid", "alpha")
@@ -63,16 +64,16 @@ def test_a_second_reading_decodes_nothing(session: Path, monkeypatch: pytest.Mon
     def never(*arguments: object) -> None:
         raise AssertionError("decoded again")
 
-    monkeypatch.setattr(decoded, "decode_shot", never)
+    monkeypatch.setattr(decoded, "_written", never)
     after = [shot.pixels for view in stored(session) for shot in view.shots]
     assert firsts
     assert all(map(np.array_equal, before, after))
 
 
-def photo(folder: Path, codes: np.ndarray, name: str = "photo.png") -> Source:
+def photo(folder: Path, codes: np.ndarray, name: str = "photo.png") -> ShotSource:
     path = folder / name
     path.write_bytes(encode_png(codes))
-    return Source(path, name, "ldr", Response(kind="srgb", evidence="test"), None, (), None)
+    return ShotSource(path, name, "ldr", Response(kind="srgb", evidence="test"))
 
 
 def codes_of(seed: int, *, dtype: type = np.uint8, channels: int = 3) -> np.ndarray:
@@ -84,7 +85,7 @@ def codes_of(seed: int, *, dtype: type = np.uint8, channels: int = 3) -> np.ndar
 def test_codes_take_the_bits_that_they_have(tmp_path: Path, dtype: type, most: float) -> None:
     source = photo(tmp_path, np.tile(codes_of(0, dtype=dtype), (10, 10, 1)))
     shot, _ = read_stored(tmp_path / "decoded", source, 2.0)
-    assert same(read_shot(source.path, source.name, "ldr", 2.0, source.response, None)[0], shot)
+    assert same(read_shot(source, 2.0)[0], shot)
     with np.load(shot.planes.path) as file:
         assert file["pixels"].nbytes == most * 400 * 300 * 3
 
@@ -108,7 +109,7 @@ def test_any_float_is_given_back_by_its_bits(seed: int) -> None:
 
 def test_alpha_stays_with_its_photograph(tmp_path: Path) -> None:
     source = photo(tmp_path, codes_of(1, channels=4))
-    held = read_shot(source.path, source.name, "ldr", 1.0, source.response, None)[0]
+    held = read_shot(source, 1.0)[0]
     assert held.alpha is not None
     assert same(held, read_stored(tmp_path / "decoded", source, 1.0)[0])
 
@@ -116,7 +117,7 @@ def test_alpha_stays_with_its_photograph(tmp_path: Path) -> None:
 @pytest.mark.parametrize("harm", ["cut off", "a bit", "gone", "emptied", "other"])
 def test_what_is_damaged_is_decoded_anew_in_the_midst_of_a_training(tmp_path: Path, harm: str) -> None:
     source = photo(tmp_path, codes_of(2))
-    held = read_shot(source.path, source.name, "ldr", 1.0, source.response, None)[0]
+    held = read_shot(source, 1.0)[0]
     shot, _ = read_stored(tmp_path / "decoded", source, 1.0)
     path = shot.planes.path
     data = bytearray(path.read_bytes())
@@ -143,7 +144,7 @@ def test_a_photograph_that_was_replaced_is_never_taken_for_the_old_one(tmp_path:
     photo(tmp_path, codes_of(4))
     os.utime(source.path, ns=(before.st_atime_ns, before.st_mtime_ns + 1))
     new, _ = read_stored(tmp_path / "decoded", source, 1.0)
-    assert same(read_shot(source.path, source.name, "ldr", 1.0, source.response, None)[0], new)
+    assert same(read_shot(source, 1.0)[0], new)
     assert not old.planes.path.exists()
     with pytest.raises(InputError, match=r"photo.png was changed while it was in use: run again\.$"):
         _ = old.pixels
@@ -151,9 +152,9 @@ def test_a_photograph_that_was_replaced_is_never_taken_for_the_old_one(tmp_path:
 
 def test_other_settings_are_other_files(tmp_path: Path) -> None:
     source = photo(tmp_path, codes_of(5))
-    narrow = Source(source.path, source.name, "ldr", source.response, 8, (), None)
-    linear = Source(source.path, source.name, "ldr", Response(kind="linear", evidence="test"), 8, (), None)
-    keys = {one.key() for one in (source, narrow, linear)}
+    narrow = replace(source, max_width=8)
+    linear = replace(source, response=Response(kind="linear", evidence="test"), max_width=8)
+    keys = {decoded.key_of(one) for one in (source, narrow, linear)}
     assert len(keys) == 3
     whole, _ = read_stored(tmp_path / "decoded", source, 1.0)
     small, _ = read_stored(tmp_path / "decoded", narrow, 1.0)

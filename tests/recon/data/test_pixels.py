@@ -6,7 +6,7 @@ import numpy as np
 
 from imaging.files.photo import encode_png
 from imaging.session.calibration import Response
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from recon.data.shot import Shot
 
 
@@ -14,7 +14,7 @@ def read(folder: Path, codes: np.ndarray) -> Shot:
     """A shot of codes [H, W, 3]."""
     path = folder / "photo.png"
     path.write_bytes(encode_png(codes))
-    return read_shot(path, path.name, "ldr", 1.0, Response(kind="srgb", evidence="test"), None)[0]
+    return read_shot(ShotSource(path, path.name, "ldr", Response(kind="srgb", evidence="test")), 1.0)[0]
 
 
 def held(mask: np.ndarray) -> int:

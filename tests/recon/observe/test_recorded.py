@@ -15,7 +15,7 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from recon.data.shot import Shot
 from recon.measure import views
 from recon.observe.linear import LinearLight
@@ -58,7 +58,9 @@ def test_the_true_light_is_right_where_the_sensor_ends_below_white(tmp_path, mea
     metadata = FrameMetadata(exposure=Exposure(time=1.0, iso=100))
     write_dng(tmp_path / "a.dng", RawMosaic(codes, Cfa.RGGB, ((float(BLACK),),), WHITE, metadata=metadata))
     known = SensorCalibration(iso=100, ceiling=Measured(value=CEILING, sigma=0.3, source="brackets"))
-    shot, cfa = read_shot(tmp_path / "a.dng", "a.dng", "raw", 1.0, LINEAR, None, (known,) if measured else ())
+    sensors = (known,) if measured else ()
+    source = ShotSource(tmp_path / "a.dng", "a.dng", "raw", LINEAR, sensors=sensors)
+    shot, cfa = read_shot(source, 1.0)
     assert shot.top == pytest.approx((CEILING - BLACK) / (WHITE - BLACK) if measured else 1)
     view, observation = view_of([shot], "raw", cfa), LinearLight(1.0)
     row, live = figures(view, observation, light)

@@ -10,7 +10,7 @@ from capture.pictures.read import examine
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import from_raw
-from recon.data.pixels import read_shot
+from recon.data.pixels import ShotSource, read_shot
 from tests.recon.data.test_dataset import LINEAR
 
 HEIGHT, WIDTH = 64, 96
@@ -62,7 +62,7 @@ def test_light_comes_back(tmp_path: Path, compression: int | str | None, error: 
     assert raw.camera_from_rec709 is not None
     frame = from_raw(raw, 0.5)
     assert (frame.cfa, frame.signal.shape, frame.valid.shape) == (None, truth.shape, truth.shape)
-    shot, cfa = read_shot(path, "a", "raw", 0.5, LINEAR, max_width=WIDTH // 2)
+    shot, cfa = read_shot(ShotSource(path, "a", "raw", LINEAR, WIDTH // 2), 0.5)
     assert (cfa, shot.pixels.shape) == (None, (HEIGHT // 2, WIDTH // 2, 3))
     np.testing.assert_allclose(shot.pixels.mean((0, 1)), truth.mean((0, 1)), atol=error)
     examined = examine(path)
