@@ -38,8 +38,8 @@ from recon.result.splat_files import what_is_shown
 from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
 
 _PARTS = (
-    *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag"),
-    *("sort.js", "draw.js", "camera.js", "main.js"),
+    *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag", "bright.wgsl"),
+    *("sort.js", "draw.js", "camera.js", "bright.js", "main.js"),
 )
 _FINE = 32
 """Steps of a place between two codes of 16 bits."""

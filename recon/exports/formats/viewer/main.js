@@ -69,7 +69,10 @@ function frame(now) {
     [sorting, stale] = [true, false];
   }
   drawLight(camera);
-  show(Number(element("stops").value), element("tones").selectedIndex);
+  const stops = Number(element("stops").value), bright = element("tones").value === HDR;
+  element("bright").hidden = !bright;
+  if (bright) drawBright(stops);
+  else show(stops, element("tones").selectedIndex);
   if (!sorting && !stale) canvas.setAttribute("aria-busy", "false");
 }
 
@@ -154,6 +157,8 @@ async function start() {
   stand(facts.home);
   element("tones").value = facts.begins.tones;
   expose(facts.begins.stops);
+  high.addEventListener("change", followScreen);
+  await followScreen();
 }
 
 start().catch((error) => {
