@@ -143,7 +143,7 @@ def solve(
     rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs, *doubts)
     return SceneModel(
         adjusted.reconstruction,
-        **_read(adjusted.reconstruction),
+        **fields_of(adjusted.reconstruction),
         rungs=rungs,
         errors=errors,
         metric=adjusted.metric,
@@ -174,7 +174,7 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
             name: (turn, transform.scale * shift) for name, (turn, shift) in model.errors.mounted.items()
         },
     )
-    return replace(model, **_read(model.reconstruction), errors=errors, metric=metric)
+    return replace(model, **fields_of(model.reconstruction), errors=errors, metric=metric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ class _Adjusted:
 
     def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
         """Lenses with the principal points of the first guesses."""
-        lenses = _read(self.reconstruction)["lenses"]
+        lenses = fields_of(self.reconstruction)["lenses"]
         return {
             name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
             for name, lens in lenses.items()
@@ -284,7 +284,7 @@ def _camera(lens: Lens, focal_known: bool) -> Any:
     return camera
 
 
-def _read(reconstruction: Any) -> dict[str, Any]:
+def fields_of(reconstruction: Any) -> dict[str, Any]:
     """Fields of `SceneModel` that a reconstruction determines."""
     poses: dict[ViewId, Pose] = {}
     points: dict[ViewId, int] = {}

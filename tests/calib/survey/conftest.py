@@ -127,6 +127,8 @@ def model_of() -> Callable[[Path], sfm.SceneModel]:
     def read(session: Path) -> sfm.SceneModel:
         reconstruction = pycolmap.Reconstruction(str(session / "calibration" / "colmap"))
         record = read_calibration(session)
-        return sfm._model(reconstruction, (), None, metric=record.unit == "m")
+        fields = sfm.fields_of(reconstruction)
+        metric = record.unit == "m"
+        return sfm.SceneModel(reconstruction, **fields, rungs=(), errors=None, metric=metric)
 
     return read
