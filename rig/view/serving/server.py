@@ -18,7 +18,7 @@ from rig.view.serving.first import FirstPicture
 from rig.view.serving.frame import Frame
 from rig.view.serving.start import NARROW, Start, stand
 from rig.view.serving.state import State, said_state
-from rig.view.serving.window import css_width
+from rig.view.serving.window import HERE, css_width
 
 # A browser may leave while its picture is drawn: that picture is not missed.
 warnings.filterwarnings("ignore", r"Queued a \w+ on a closed connection", UserWarning)
@@ -88,6 +88,7 @@ class Viewer:
             self.begin_at(first.start)
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()
+        self.server.gui.add_html(f'<span id="{HERE}" hidden></span>')
         self.server.on_client_connect(self._look_at_window)
         self.server.on_client_connect(self._open)
         self.server.on_client_disconnect(self._close)

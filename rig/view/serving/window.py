@@ -1,4 +1,6 @@
-"""A browser's window: its width in CSS pixels, its address, and a script that lets viser's page be tapped."""
+"""A browser's window: its width in CSS pixels, its address, and our part of viser's page: its first moments,
+taps, the address.
+"""
 
 import functools
 import gzip
@@ -11,12 +13,25 @@ from websockets.http11 import Request, Response
 
 from rig.view.serving.state import ELEMENT
 
+HERE = "rig-here"
+"""Element of the page that is there as soon as a browser has our panel."""
 _COOKIE, _STATE = "rig_view_width", "rig_view_state"
 _SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
 # viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
 # themselves for what they touch, so that no tap would ever measure. It connects to the address of the page,
 # which must have nothing behind its # then: that comes back with the first picture.
-_SCRIPT = f"""<script>
+# Until our panel is there, its place has viser's own settings, on white.
+_SCRIPT = f"""<style>
+html, html:not(.{HERE}) body {{ background: #181818 !important }}
+html:not(.{HERE}) #root {{ visibility: hidden }}
+html:not(.{HERE}) body::before {{
+  content: "Connecting"; position: fixed; inset: 45% 0 auto; text-align: center; color: #bbb;
+  font: 16px sans-serif;
+}}
+</style>
+<script>
+const ours = () => document.documentElement.classList.add("{HERE}");
+setTimeout(ours, 15000);
 const say = () => {{ document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`; }};
 say();
 addEventListener("resize", say);
@@ -28,6 +43,7 @@ keep();
 history.replaceState(null, "", location.pathname + location.search);
 addEventListener("hashchange", () => {{ keep(); location.reload(); }});
 new MutationObserver(() => {{
+  if (document.getElementById("{HERE}")) setTimeout(ours, 300); // in which viser folds its settings away
   const said = document.getElementById("{ELEMENT}")?.title;
   if (said === undefined || "#" + said === location.hash) return;
   history.replaceState(null, "", location.pathname + location.search + "#" + said);

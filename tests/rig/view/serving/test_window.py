@@ -40,6 +40,6 @@ def test_pages_get_the_script_and_other_files_do_not(zipped: bool) -> None:
     page = with_script(Response(200, "OK", Headers(headers | {"Content-Type": "text/html"}), body))
     assert page.headers.get_all("Content-Length") == [str(len(page.body))]
     text = gzip.decompress(page.body) if zipped else page.body
-    before, script, rest = text.partition(b"\n<script>")
-    assert script
+    before, style, rest = text.partition(b"\n<style>")
+    assert style
     assert before + rest.partition(b"</script>\n")[2] == PAGE
