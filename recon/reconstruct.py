@@ -24,11 +24,11 @@ from recon.decide.cost.duration import how_long, slowdown
 from recon.decide.cost.memory_need import fitting, free
 from recon.decide.decisions import iterations_at_most, planned
 from recon.decide.evidence import Run
-from recon.decide.method_choice import method_for, rungs, uncoloured
 from recon.decide.plan import TrainingPlan
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
+from recon.decide.steps.method_choice import method_for, rungs, uncoloured
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.folder import SceneFolder

@@ -16,7 +16,7 @@ from imaging.compute.jit import compiled
 from imaging.session.session import Session
 from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
-from recon.decide.method_choice import method_for
+from recon.decide.steps.method_choice import method_for
 from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatCamera, rasterize

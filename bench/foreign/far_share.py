@@ -27,7 +27,7 @@ from recon.data.dataset import Sensor, View
 from recon.data.light import Images, radiance_image
 from recon.data.load import load
 from recon.data.shot import Shot
-from recon.decide.far_field import ROWS, SUGGESTED, SURE
+from recon.decide.steps.far_field import ROWS, SUGGESTED, SURE
 from recon.splat import SplatCamera
 from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at
@@ -96,7 +96,7 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[str, float]]:
 
 
 def share(views: tuple[View, ...], images: Images, points: Array | None) -> float:
-    """Share of swept points, as in `recon.decide.far_field.far_share`; points: sparse ones [P, 3], if any."""
+    """Share of swept points, as in `recon.decide.steps.far_field`; points: sparse ones [P, 3], if any."""
     maps = plane_sweep(views, images, points)
     xyz = sample(maps, SWEPT, np.random.default_rng(0))
     dataset = argparse.Namespace(train=views, session=Path())

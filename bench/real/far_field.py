@@ -16,9 +16,9 @@ from bench.foreign import yards
 from bench.real.light import REAL, session_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
-from recon.decide.far_field import NAME
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
+from recon.decide.steps.far_field import NAME
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model

@@ -30,8 +30,8 @@ from recon.data.dataset import Dataset, View
 from recon.data.holdout import held_out
 from recon.data.light import Light, light_of, radiance_images
 from recon.data.load import load
-from recon.decide.method_choice import method_for
 from recon.decide.overrides import Overrides
+from recon.decide.steps.method_choice import method_for
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.scene.gaussians import Gaussians, Renderer

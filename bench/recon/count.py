@@ -20,11 +20,12 @@ from unittest import mock
 
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, session
-from recon.decide import decisions, size
+from recon.decide import decisions
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.decide.size import COLOUR, COUNT
+from recon.decide.steps import size
+from recon.decide.steps.size import COLOUR, COUNT
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model

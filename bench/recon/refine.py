@@ -26,10 +26,10 @@ from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from recon.data.dataset import Dataset
 from recon.data.load import load
-from recon.decide.corrections import KNOWN_PX, tried
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
+from recon.decide.steps.corrections import KNOWN_PX, tried
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 

@@ -30,8 +30,8 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_images
 from recon.data.load import load
 from recon.data.resident import pixels_of
-from recon.decide.method_choice import method_for
 from recon.decide.presets import START_SHARE
+from recon.decide.steps.method_choice import method_for
 from recon.methods import METHODS
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train import half_size

@@ -12,17 +12,17 @@ import numpy as np
 from imaging.arrays import Array
 from imaging.session.records import Rung
 from recon.data.overruled import asked_parts, overruled
-from recon.decide.corrections import corrections_for
 from recon.decide.cost.countdown import MOST_OF_START
 from recon.decide.cost.prediction import enough, predicted
 from recon.decide.cost.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.evidence import Evidence, Run
-from recon.decide.far_field import environment_for
-from recon.decide.measured_depth import depth_for
 from recon.decide.plan import TrainingPlan
 from recon.decide.settings import Settings
-from recon.decide.size import degree_for, fewer, gaussians_for, most_for
-from recon.decide.stated_settings import in_words, overruled_parts
+from recon.decide.steps.corrections import corrections_for
+from recon.decide.steps.far_field import environment_for
+from recon.decide.steps.measured_depth import depth_for
+from recon.decide.steps.size import degree_for, fewer, gaussians_for, most_for
+from recon.decide.steps.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, points_of_poses, scattered, start_points

@@ -9,9 +9,9 @@ import torch
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Light
-from recon.decide.corrections import UNCORRECTED, Corrections
 from recon.decide.cost.prediction import Prediction
 from recon.decide.settings import Settings
+from recon.decide.steps.corrections import UNCORRECTED, Corrections
 from recon.scene.environment import Environment
 from recon.start.initialisation import Start, gaussians_at
 from recon.train.training import Training

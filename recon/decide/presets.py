@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
-"""auto: by what the session holds (`recon.decide.method_choice`)."""
+"""auto: by what the session holds (`recon.decide.steps.method_choice`)."""
 QualityName = Literal["draft", "standard", "best"]
 """The smallest first."""
 OVERRIDES = (

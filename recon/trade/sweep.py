@@ -18,9 +18,9 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.decide.cost.memory_need import forecast
-from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
+from recon.decide.steps.method_choice import chosen_method
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import OutOfTime, measuring, train_apart, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade

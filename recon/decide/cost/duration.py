@@ -15,10 +15,10 @@ from imaging.compute.threads import thread_count
 from imaging.session.session import Session
 from recon.data.dataset import View
 from recon.data.resident import pixels_of
-from recon.decide import corrections, far_field, size
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
+from recon.decide.steps import corrections, far_field, size
 from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
 from recon.train.device import training_device
 from recon.train.half_size import UNTIL, begins_halved, halves

@@ -10,10 +10,10 @@ from imaging.files.colmap import pycolmap, read_points
 from recon.data.geometry import project
 from recon.data.load import load
 from recon.data.world import WorldTransform
-from recon.decide.corrections import pose_error_px
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
+from recon.decide.steps.corrections import pose_error_px
 from recon.reconstruct import reconstruct
 from recon.result.opened import open_model
 from recon.splat import SplatCamera

@@ -16,7 +16,7 @@ from recon.decide.evidence import Evidence, Run
 from recon.decide.plan import TrainingPlan
 from recon.train.ranks import Ranks
 
-from .test_corrections import settings
+from .steps.test_corrections import settings
 
 
 def run_of(dataset, wanted, countdown=None, said=None) -> Run:

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from recon.data.dataset import Dataset
-from recon.decide import corrections, size
-from recon.decide.size import Ladder
+from recon.decide.steps import corrections, size
+from recon.decide.steps.size import Ladder
 from recon.decide.trials import Trials
 from recon.observe.refinement import Refined
 
-from .test_corrections import settings
+from .steps.test_corrections import settings
 
 Reports = list[tuple[str, int, int]]
 

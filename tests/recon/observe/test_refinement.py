@@ -10,10 +10,10 @@ from imaging.files import store
 from recon.data.geometry import project
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.decide.corrections import ALL
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
+from recon.decide.steps.corrections import ALL
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement, camera_delta
 from recon.reconstruct import reconstruct

@@ -12,16 +12,16 @@ from imaging.session.records import Rung
 from recon import reconstruct as stage
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
-from recon.decide.far_field import FEWEST_JUDGED, SUGGESTED, SURE, environment_for, far_share
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
+from recon.decide.steps.far_field import FEWEST_JUDGED, SUGGESTED, SURE, environment_for, far_share
 from recon.decide.trials import HELD_OUT
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start
-from tests.recon.decide.test_corrections import settings
+from tests.recon.decide.steps.test_corrections import settings
 
 
 def light(directions: np.ndarray) -> np.ndarray:
@@ -125,7 +125,7 @@ def test_a_trial_has_the_last_word_where_it_can_be_made(
     few = replace(toy_long, train=toy_long.train[: FEWEST_JUDGED * HELD_OUT - 1])
     for gain, taken in ((-2.5, False), (2.5, True)):
         judged = Rung.judged("environment", gain, 0.5, "dB", "a trial")
-        monkeypatch.setattr("recon.decide.far_field.tried", lambda *_, judged=judged: judged)
+        monkeypatch.setattr("recon.decide.steps.far_field.tried", lambda *_, judged=judged: judged)
         for dataset, expected in ((toy_long, taken), (few, True)):
             images = sky[: len(dataset.train)]
             start = start_of(dataset, images)

@@ -11,7 +11,7 @@ import pytest
 
 from imaging.files import store
 from imaging.session.session import SPLIT, Session, brackets
-from recon.data import pixels
+from recon.data.pixels import ShotSource
 from recon.decide.cost.prediction import enough
 from recon.decide.presets import QUALITIES, Quality
 from tests.recon.ply_files import read_ply
@@ -46,12 +46,12 @@ def test_a_shot_is_decoded_once_for_training_evaluation_and_report(
     """By a relative name, as a user gives it, too."""
     decoded: list[str] = []
 
-    def counted(path: Path, *rest: object) -> object:
-        decoded.append(path.name + path.parent.name)
-        return read(path, *rest)
+    def counted(source: ShotSource, k: float) -> object:
+        decoded.append(source.path.name + source.path.parent.name)
+        return read(source, k)
 
-    read = pixels._read
-    monkeypatch.setattr(pixels, "_read", counted)
+    read = ShotSource._read
+    monkeypatch.setattr(ShotSource, "_read", counted)
     monkeypatch.chdir(toy.parent)
     code, _, _ = rig("reconstruct", toy.name, "--quality", "draft")
     assert code == 0

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from recon.data import pixels
+from recon.data.pixels import ShotSource
 from recon.decide.cost.duration import SURE, WORTH_SAYING, Work, words
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -16,7 +16,7 @@ from recon.train import trainer
 def counted(monkeypatch):
     """Forecast, the megapixels of files that were read, and the number of iterations."""
     counts = {"work": [], "files": [], "iterations": []}
-    read, loss = pixels._read, trainer._loss
+    read, loss = ShotSource._read, trainer._loss
 
     def reading(*arguments):
         shot = read(*arguments)
@@ -27,7 +27,7 @@ def counted(monkeypatch):
         counts["iterations"].append(1)
         return loss(*arguments)
 
-    monkeypatch.setattr(pixels, "_read", reading)
+    monkeypatch.setattr(ShotSource, "_read", reading)
     monkeypatch.setattr(trainer, "_loss", step)
     monkeypatch.setattr(Work, "clock_seconds", lambda self, *_: counts["work"].append(self) or (0.0, 0.0))
     return counts
@@ -47,8 +47,8 @@ def test_a_draft_does_what_was_counted(session_copy, monkeypatch, counted):
 
 def test_trials_make_no_more_iterations_than_were_counted(toy_long, tmp_path, monkeypatch, counted):
     monkeypatch.setitem(QUALITIES, "standard", Quality(30, 400, 64))
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 400)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 2)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 400)
     monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 2)
     reconstruct(shutil.copytree(toy_long.session, tmp_path / "session"))
     (work,) = counted["work"]

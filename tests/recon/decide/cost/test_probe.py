@@ -20,7 +20,7 @@ from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.training import Plan, Training
 
-from ..test_corrections import rungs_of, settings
+from ..steps.test_corrections import rungs_of, settings
 
 SHORT, LONG = Plan(20, DensityRules(400), 0), Plan(2000, DensityRules(400), 0)
 
@@ -44,8 +44,8 @@ def begin(toy_dataset):
 def sixteen(toy_long, tmp_path, monkeypatch):
     """A session of sixteen views, for a preset that is short."""
     monkeypatch.setitem(QUALITIES, "standard", Quality(30, 400, 64))
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 400)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 2)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 400)
     return shutil.copytree(toy_long.session, tmp_path / "session")
 
 
@@ -84,8 +84,8 @@ def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
 
 @pytest.mark.parametrize(("amount", "unit"), [(35.0, "dB"), (1e6, "bytes"), (400.0, "Gaussians")])
 def test_other_budgets_leave_time_for_corrections(toy_long, monkeypatch, amount, unit):
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 1)
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 100)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 1)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 100)
     monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 4)
     wanted = settings(iterations=5, budget=amount, budget_unit=unit)
     assert all(rung.gain is not None for rung in rungs_of(toy_long, wanted))

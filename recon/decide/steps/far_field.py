@@ -12,9 +12,9 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Images
 from recon.data.load import again
-from recon.decide.corrections import UNIT
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
+from recon.decide.steps.corrections import UNIT
 from recon.decide.trials import HELD_OUT, Trials, room
 from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at

@@ -9,8 +9,8 @@ from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
 from recon.data.load import load
-from recon.decide.corrections import pose_error_px, rungs_by_evidence, tried
 from recon.decide.settings import Settings
+from recon.decide.steps.corrections import pose_error_px, rungs_by_evidence, tried
 from recon.decide.trials import reason_against_trials
 
 
@@ -75,8 +75,8 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
 
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
-    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 200)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 2)
+    monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 200)
     rung = tried(toy_long, ["poses"], settings(), unreported)["poses"]
     assert rung.name == "refine poses"
     assert rung.gain is not None

@@ -6,7 +6,7 @@ import torch
 
 from drivers.sim.camera import optics
 from recon.data.geometry import project
-from recon.decide.stray_light import FEWEST_POINTS, glare_of
+from recon.decide.steps.stray_light import FEWEST_POINTS, glare_of
 from recon.observe import glare
 
 DIM, LAMP = 0.01, 60.0

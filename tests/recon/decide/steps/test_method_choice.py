@@ -7,7 +7,7 @@ import pytest
 
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.decide.method_choice import chosen_method, rungs, uncoloured
+from recon.decide.steps.method_choice import chosen_method, rungs, uncoloured
 from recon.observe.calibrated_curves import Curves, tone_curve
 from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
 

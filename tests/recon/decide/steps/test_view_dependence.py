@@ -8,8 +8,8 @@ from imaging.files.colmap import read_tracks
 from recon.data.geometry import lift
 from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.decide.size import lowest
-from recon.decide.view_dependence import (
+from recon.decide.steps.size import lowest
+from recon.decide.steps.view_dependence import (
     CELLS,
     FEWEST_POINTS,
     FEWEST_VIEWS,

@@ -16,7 +16,7 @@ from recon.data.light import Images
 from recon.data.load import again
 from recon.decide.held_out_evidence import STEPS, robust_score_db
 from recon.decide.settings import Settings
-from recon.decide.stray_light import glare_of
+from recon.decide.steps.stray_light import glare_of
 from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement

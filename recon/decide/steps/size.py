@@ -1,6 +1,6 @@
 """Colours of which degree a scene is given, and how many Gaussians.
 
-The degree follows from what scene points look like from all sides (`recon.decide.view_dependence`). The
+The degree follows from what scene points look like from all sides (`recon.decide.steps.view_dependence`). The
 preset names the most Gaussians; from there trials halve the count for as long as the views that judge them
 lose little.
 """
@@ -19,8 +19,8 @@ from recon.data.light import Images
 from recon.decide.held_out_evidence import STEPS, fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
+from recon.decide.steps.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
 from recon.decide.trials import SAMPLES, Trials, room
-from recon.decide.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
 from recon.observe.refinement import Refined
 from recon.scene.harmonics import DEGREE
 from recon.scene.ply import most_gaussians

@@ -11,9 +11,9 @@ from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.light import Images
 from recon.data.load import again
 from recon.data.measured_depth import DepthFit, fit
-from recon.decide.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
+from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Trials, room
 from recon.start.initialisation import points_of_poses
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-import recon.decide.size as module
+import recon.decide.steps.size as module
 from bench.support import oracle
 from drivers.sim import rigs
 from imaging.files import store
@@ -20,7 +20,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
-from recon.decide.size import (
+from recon.decide.steps.size import (
     COLOUR,
     COUNT,
     Ladder,
@@ -31,8 +31,8 @@ from recon.decide.size import (
     lowest,
     most_for,
 )
+from recon.decide.steps.view_dependence import Gains
 from recon.decide.trials import Trials, reason_against_trials
-from recon.decide.view_dependence import Gains
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.opened import open_model

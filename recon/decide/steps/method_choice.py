@@ -71,8 +71,8 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
 def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     """Rungs on the rest of the image formation; all from the calibration, without a trial.
 
-    Whether training corrects the calibration is decided by `recon.decide.corrections`, the number of
-    Gaussians and whether their colours depend on the direction by `recon.decide.size`.
+    Whether training corrects the calibration is decided by `recon.decide.steps.corrections`, the number of
+    Gaussians and whether their colours depend on the direction by `recon.decide.steps.size`.
     """
     clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
     shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]

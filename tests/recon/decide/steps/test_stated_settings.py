@@ -15,20 +15,21 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.load import again, load
 from recon.data.overruled import asked_parts
-from recon.decide import decisions, stated_settings
+from recon.decide import decisions
 from recon.decide.decisions import with_light_of_photographs
 from recon.decide.evidence import Evidence
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.decide.stated_settings import overruled_parts, tried
+from recon.decide.steps import stated_settings
+from recon.decide.steps.stated_settings import overruled_parts, tried
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS, read_model
 from recon.result.opened import open_model
 from tests.conftest import MadeOnce
 
+from ..test_decisions import run_of
 from .light_of_photographs import drawn, session_lit_by
 from .test_corrections import settings
-from .test_decisions import run_of
 
 VARIED = drawn(0.35, 0.25)
 BOTH = ("exposure", "white_balance")
