@@ -1,1 +1,1 @@
-"""Calibration, measured against the truth and against peers: sensors, response, colour, boards, poses."""
+"""Calibration, measured against the truth and against peers: poses, boards; `light`: sensors, colour."""

@@ -1,6 +1,6 @@
 """Colour charts: in three lights before two cameras, and detection in pictures.
 
-    python -m bench.calibration.colours [--quick] [--json] [--write]
+    python -m bench.calibration.light.colours [--quick] [--json] [--write]
 
 Charts are made from spectra: Ohta's patches, NPL's sensitivities of two cameras, CIE's lights; noise is that
 of a sensor of 40,000 electrons, at a number of stops below white. Delta E 2000 is of patches that the fit
@@ -148,7 +148,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Colour from a chart",
         "",
-        "`python -m bench.calibration.colours --write`: CIEDE2000 of patches left out. "
+        "`python -m bench.calibration.light.colours --write`: CIEDE2000 of patches left out. "
         f"{words(result['machine'])}.",
         "",
         "| Camera | Light | Noise | Mean | 95 % | Largest | Least squares: mean | largest |",

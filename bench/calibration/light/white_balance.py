@@ -1,6 +1,6 @@
 """White of a rig's cameras, equalised by the scene points that they share, against the simulator's truth.
 
-    python -m bench.calibration.white_balance [--quick] [--json] [--write]
+    python -m bench.calibration.light.white_balance [--quick] [--json] [--write]
 
 The demo's rig, the matrices of its files up to 6 % off white by camera and channel: how far channels are off
 the rig's mean before and after calibration. One session in three frames; in two with --quick. --write
@@ -67,7 +67,7 @@ def table(result: dict[str, Any]) -> str:
         [
             "# White balance of a rig",
             "",
-            f"`python -m bench.calibration.white_balance --write`: the demo's rig with tinted matrices, "
+            "`python -m bench.calibration.light.white_balance --write`: the demo's rig with tinted matrices, "
             f"{result['frames']} frames, seed {SEED}. {words(result['machine'])}.",
             "",
             "| Cameras | Off before, % | Off after, % | Stated standard error, % | Taken | Held-out gain |",

@@ -1,7 +1,7 @@
 """The scale of light in cd/m2 against the simulator's: how far off, how often within its interval, and
 whether cameras and brackets lie on one scale.
 
-    python -m bench.calibration.luminance [--quick] [--json] [--write]
+    python -m bench.calibration.light.luminance [--quick] [--json] [--write]
 
 One unit of the simulator's light is 100 cd/m2. Intervals: one camera before the laid table with three cards
 in it, one bracket and flats a seed; two cards are read by a spot meter that is off by N(0, 3 %), the third by
@@ -165,7 +165,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# The scale of light",
         "",
-        f"`python -m bench.calibration.luminance --write`. {words(result['machine'])}.",
+        f"`python -m bench.calibration.light.luminance --write`. {words(result['machine'])}.",
         "",
         "## Intervals of 95 %: one camera, one bracket, flats; errors of the scale in cd/m²",
         "",

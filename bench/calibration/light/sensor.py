@@ -1,6 +1,6 @@
 """Sensors measured from simulated darks, flats and brackets, against what was simulated.
 
-    python -m bench.calibration.sensor [--quick] [--json] [--write]
+    python -m bench.calibration.light.sensor [--quick] [--json] [--write]
 
 Every trial is another sensor of a kind, of 256x256 photosites: 16 darks at each of 3 times, 4 flats at each
 of 8 exposures that flicker by 0.3 %. "in" counts the trials whose 95 % interval holds the true value. Defects
@@ -259,7 +259,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Sensors from darks and flats, and from brackets",
         "",
-        "`python -m bench.calibration.sensor --write`: 256x256 photosites, 16 darks at 3 times, 4 "
+        "`python -m bench.calibration.light.sensor --write`: 256x256 photosites, 16 darks at 3 times, 4 "
         "flats at 8 exposures; "
         "worst error of all trials, and of how many the 95 % interval holds the truth. "
         f"{words(result['machine'])}.",

@@ -1,6 +1,6 @@
 """Response curves: the ladder of rig beside OpenCV's estimators, on known curves and on real brackets.
 
-    python -m bench.calibration.response [--quick] [--json] [--write]
+    python -m bench.calibration.light.response [--quick] [--json] [--write]
 
 Known curves: one simulated view of five decades in 7 exposures 2 EV apart, 20,000 electrons at white, 6 of
 read noise, 8 bits; "shutter" rows with exposures that are 5 % (normal) off their labels. The error is the
@@ -20,8 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from bench.calibration import memorial
-from bench.calibration.response_curves import (
+from bench.calibration.light import memorial
+from bench.calibration.light.response_curves import (
     FAMILIES,
     LABELS,
     LEVELS,
@@ -212,7 +212,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Response curves",
         "",
-        f"`python -m bench.calibration.response --write`: {result['seeds']} seeds a curve, medians. "
+        f"`python -m bench.calibration.light.response --write`: {result['seeds']} seeds a curve, medians. "
         f"{words(result['machine'])}.",
         "",
         "Error of ln light over codes 10..245, %. Shapes: what the ladder took. In the band: codes whose "
