@@ -41,6 +41,7 @@ class Controls:
         *,
         narrow: bool,
         on_view: Callable[[str], None],
+        on_pixels: Callable[[bool], None],
         on_frusta: Callable[[bool], None],
         on_home: Callable[[], None],
     ) -> None:
@@ -57,6 +58,8 @@ class Controls:
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
             shows = painter.shows(None)
             self.show = gui.add_dropdown("Show", shows, visible=len(shows) > 1)
+            hint = "A pixel of the photograph in one of the screen; a click brings a place to the middle."
+            self.pixels = gui.add_checkbox("1:1", False, visible=False, hint=hint)
             self.frusta = gui.add_checkbox("Photographs", False, hint="Their cameras, in the scene.")
             self.home = gui.add_button("Home", icon=viser.Icon.HOME, hint="Back to where the page began.")
         self.parts_of_model = self._parts(gui, painter, changed, narrow)
@@ -72,6 +75,7 @@ class Controls:
         self.tones.on_update(lambda _: self._retone(changed))
         self.show.on_update(lambda _: self._retone(changed))
         self.view.on_update(lambda _: on_view(self.view.value))
+        self.pixels.on_update(lambda _: on_pixels(self.pixels.value))
         self.frusta.on_update(lambda _: on_frusta(self.frusta.value))
         self.home.on_click(lambda _: on_home())
 
@@ -94,6 +98,7 @@ class Controls:
             self.show.options = shows
             assign(self.show, chosen if chosen in shows else shows[0])
         self.show.visible = len(shows) > 1
+        self.pixels.visible = view is not None
 
     def _hotkeys(self, gui: viser.GuiApi) -> None:
         def stop(more: float) -> None:

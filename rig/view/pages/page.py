@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Literal
 
 import numpy as np
 import torch
@@ -30,7 +31,8 @@ ARRIVAL_SECONDS = 0.5
 """Time in which a browser reports its place after it was sent to a view: upright, as that may not be."""
 LOADING_SECONDS = 5.0
 """The same, of one that has just been opened by the address of a view."""
-MOST_WIDTH, LEAST_WIDTH = 1280, 160
+MOST_WIDTH, SOON_WIDTH, LEAST_WIDTH = 8192, 1280, 160
+"""Widths of pictures, px: at most, soon after the camera stopped, and at least while it moves."""
 _SAME = 1e-4
 """Smallest movement of a camera, in units of the scene."""
 
@@ -46,6 +48,7 @@ class ScenePage:
         self._drawing: Drawing | None = None
         self._drawn: object = None
         self._spot: tuple[float, float] | None = None
+        self._centre = 0.5, 0.5
         self._measured: tuple[Drawing | None, object] = None, None
         self._wake, self._closed = threading.Event(), threading.Event()
         self._moved = self._arrived = self._settled = 0.0
@@ -59,6 +62,7 @@ class ScenePage:
             self._wake.set,
             narrow=narrow,
             on_view=self._go,
+            on_pixels=self._show_pixels,
             on_frusta=self._show_frusta,
             on_home=self._go_home,
         )
@@ -93,6 +97,9 @@ class ScenePage:
             self._stand(state.start)
         if state.show in self.controls.show.options:
             assign(self.controls.show, state.show)
+        if state.centre is not None and view != FREE:
+            assign(self.controls.pixels, True)
+            self._centre = state.centre
         self._wake.set()
 
     def _state(self) -> State:
@@ -102,7 +109,12 @@ class ScenePage:
         if view == FREE:
             eye, ahead, up = point(camera.position), point(camera.look_at), point(camera.up_direction)
             start = Start(eye, ahead, up, camera.fov)
-        return State(self.look, "" if view == FREE else view, self.controls.show.value, start)
+        centre = self._centre if self._pixel_for_pixel else None
+        return State(self.look, "" if view == FREE else view, self.controls.show.value, start, centre)
+
+    @property
+    def _pixel_for_pixel(self) -> bool:
+        return bool(self.controls.pixels.value) and self.controls.view.value != FREE
 
     def close(self) -> None:
         """The browser is gone, or has another page."""
@@ -164,34 +176,40 @@ class ScenePage:
             if self._closed.is_set():
                 return
             self._show(coarse=moving)
-            if moving and not self._wake.wait(STILL_SECONDS) and not self._closed.is_set():
-                self._show(coarse=False)
+            for most in (SOON_WIDTH, MOST_WIDTH) if moving else ():
+                if self._wake.wait(STILL_SECONDS) or self._closed.is_set():
+                    break
+                if most == SOON_WIDTH or self._drawn != (self._wanted(False).key, self.client.camera.aspect):
+                    self._show(coarse=False, most=most)
 
-    def _show(self, coarse: bool) -> None:
+    def _show(self, coarse: bool, most: int = MOST_WIDTH) -> None:
         try:
-            self._send(coarse)
+            self._send(coarse, most)
         except RigError as error:
             self.client.add_notification("Nothing to show", str(error), color="red", auto_close_seconds=15)
 
-    def _send(self, coarse: bool) -> None:
+    def _send(self, coarse: bool, most: int) -> None:
         began, camera = time.perf_counter(), self.client.camera
-        wanted = self._wanted(coarse)
+        wanted = self._wanted(coarse, most)
         key = wanted.key, camera.aspect
         if self._drawing is None or key != self._drawn:
             with self._shown_while(wanted):
                 self._drawing, self._drawn = self.painter.draw(wanted), key
-            self.frame = Frame(self._drawing.light, camera.aspect)
-        assert self.frame is not None
+        exact = self._pixel_for_pixel
+        window = (camera.image_width, camera.image_height) if exact else None
+        self.frame = Frame(self._drawing.light, camera.aspect, window, self._centre)
         shown, spot = self.frame.in_window(self._picture(self._drawing, wanted.show)), self._spot
         if spot is not None:
             shown = marked(shown, *spot)
         if self._closed.is_set():
             return
-        self.client.scene.set_background_image(shown, format="jpeg", jpeg_quality=75 if coarse else 95)
-        if spot is not None and (self._measured[0] is not self._drawing or self._measured[1] != spot):
-            self._measure(self._drawing, self.frame.pixel(*spot), wanted.show, coarse)
+        kind: Literal["png", "jpeg"] = "png" if exact else "jpeg"
+        self.client.scene.set_background_image(shown, format=kind, jpeg_quality=75 if coarse else 95)
+        place = None if spot is None else self.frame.pixel(*spot)
+        if spot is not None and (self._measured[0] is not self._drawing or self._measured[1] != place):
+            self._measure(self._drawing, place, wanted.show, coarse)
             if not coarse:
-                self._measured = self._drawing, spot
+                self._measured = self._drawing, place
         if not coarse:
             self.controls.state.content = self._state().element
         self.client.flush()
@@ -213,14 +231,14 @@ class ScenePage:
         finally:
             notice.remove()
 
-    def _wanted(self, coarse: bool) -> Wanted:
+    def _wanted(self, coarse: bool, most: int = MOST_WIDTH) -> Wanted:
         camera, controls = self.client.camera, self.controls
         name = controls.view.value
         view = None if name == FREE else name
         shows = self.painter.shows(view)
         # Another thread may have left the view, and not taken back yet what only a view has.
         show = controls.show.value if controls.show.value in shows else shows[0]
-        full = min(MOST_WIDTH, camera.image_width or 640)
+        full = min(most, camera.image_width or 640)
         width = full
         if coarse:
             affordable = np.sqrt(self._pixels_a_second * COARSE_SECONDS * camera.aspect)
@@ -237,8 +255,19 @@ class ScenePage:
         return self.controls.look.shown(drawing.light, scale)
 
     def _aim(self, across: float, down: float) -> None:
-        """Measure at a place in the window, 0..1, from now on."""
+        """Measure at a place in the window, 0..1, from now on; pixel for pixel bring it to the middle."""
         self._spot = across, down
+        if self._pixel_for_pixel:
+            self._show_pixels(True)
+        self._wake.set()
+
+    def _show_pixels(self, exact: bool) -> None:
+        """Bring the spot, if any, to the middle of a view that is shown pixel for pixel."""
+        if exact and self.frame is not None and self._spot is not None:
+            if (place := self.frame.pixel(*self._spot)) is not None:
+                height, width = self.frame.light.shape[:2]
+                self._centre = (place[1] + 0.5) / width, (place[0] + 0.5) / height
+            self._spot = 0.5, 0.5
         self._wake.set()
 
     def _measure(self, drawing: Drawing, place: tuple[int, int] | None, show: str, coarse: bool) -> None:

@@ -12,32 +12,45 @@ BESIDE = 24
 
 @dataclass(frozen=True)
 class Frame:
-    """light: linear, [H, W, 3]; aspect: width over height of the window, which shows it in its middle."""
+    """light: linear, [H, W, 3]; aspect: width over height of the window, which shows all of it in its middle.
+
+    window: width and height, px, of a window that shows it pixel for pixel instead; centre: the place of the
+    picture, 0..1 from its upper left, in its middle.
+    """
 
     light: Array32
     aspect: float
+    window: tuple[int, int] | None = None
+    centre: tuple[float, float] = (0.5, 0.5)
 
     def pixel(self, across: float, down: float) -> tuple[int, int] | None:
         """Row and column at a place in the window, 0..1 from its upper left; None beside the picture."""
         height, width = self.light.shape[:2]
-        left, top = self._beside()
-        column = int(np.floor(across * (width + 2 * left) - left))
-        row = int(np.floor(down * (height + 2 * top) - top))
+        (wide, high), (left, top) = self._placed()
+        column, row = int(np.floor(across * wide - left)), int(np.floor(down * high - top))
         return (row, column) if 0 <= row < height and 0 <= column < width else None
 
     def in_window(self, picture: Bytes) -> Bytes:
-        """A picture of the frame's size with what is beside it, of the window's shape."""
-        left, top = self._beside()
-        if not left and not top:
-            return picture
-        return np.pad(picture, ((top, top), (left, left), (0, 0)), constant_values=BESIDE)
-
-    def _beside(self) -> tuple[int, int]:
-        """Pixels on either side, and above and below."""
+        """A picture of the frame's size as the window shows it, with what is beside it."""
         height, width = self.light.shape[:2]
-        return max(0, round((height * self.aspect - width) / 2)), max(
-            0, round((width / self.aspect - height) / 2)
-        )
+        (wide, high), (left, top) = self._placed()
+        if (wide, high, left, top) == (width, height, 0, 0):
+            return picture
+        shown = np.full((high, wide, 3), BESIDE, np.uint8)
+        inside = picture[max(0, -top) : max(0, high - top), max(0, -left) : max(0, wide - left)]
+        top, left = max(0, top), max(0, left)
+        shown[top : top + inside.shape[0], left : left + inside.shape[1]] = inside
+        return shown
+
+    def _placed(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Width and height of the window, and where the picture's upper left corner lies in it, px."""
+        height, width = self.light.shape[:2]
+        if self.window is not None:
+            (wide, high), (across, down) = self.window, self.centre
+            return self.window, (wide // 2 - int(across * width), high // 2 - int(down * height))
+        left = max(0, round((height * self.aspect - width) / 2))
+        top = max(0, round((width / self.aspect - height) / 2))
+        return (width + 2 * left, height + 2 * top), (left, top)
 
 
 def marked(picture: Bytes, across: float, down: float) -> Bytes:

@@ -26,19 +26,22 @@ said_state: ContextVar[str] = ContextVar("said_state", default="")
 @dataclass(frozen=True)
 class State:
     """State of a page. look: exposure and tones. view, show: as the choices of the page name them, "" for
-    none. start: place of the camera; None: that of the page.
+    none. start: place of the camera; None: that of the page. centre: of a view that is shown pixel for pixel.
     """
 
     look: Look = field(default_factory=Look)
     view: str = ""
     show: str = ""
     start: Start | None = None
+    centre: tuple[float, float] | None = None
 
     @property
     def text(self) -> str:
         """Format for an address."""
         parts = {"stops": f"{self.look.exposure:g}", "tones": str(self.look.tones)}
         parts |= {"view": self.view, "show": self.show}
+        if self.centre is not None:
+            parts["centre"] = " ".join(f"{value:.5g}" for value in self.centre)
         if self.start is not None:
             for name in ("position", "look_at", "up"):
                 parts[name] = " ".join(f"{value:.5g}" for value in getattr(self.start, name))
@@ -65,8 +68,10 @@ class State:
         if all(points) and fov and fov[0] > 0 and points[0] != points[1] and any(points[2]):
             position, look_at, up = ((x, y, z) for x, y, z in points)
             start = Start(position, look_at, up, fov[0])
+        across, down = _numbers(parts.get("centre", ""), 2, 1.0) or (-1.0, -1.0)
+        centre = (across, down) if min(across, down) >= 0 else None
         look = Look(stops[0] if stops else usual.exposure, tones)
-        return cls(look, parts.get("view", ""), parts.get("show", ""), start)
+        return cls(look, parts.get("view", ""), parts.get("show", ""), start, centre)
 
 
 def _numbers(text: str, count: int, most: float) -> list[float]:

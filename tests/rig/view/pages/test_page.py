@@ -133,7 +133,7 @@ def test_a_tap_measures_and_a_finger_that_moves_turns(open_window, viewer) -> No
         window.tab.touchscreen.tap(across, down)
         spot = (across / 420, down / 860)
         window.until(lambda spot=spot: np.allclose(window.page._spot or (-1, -1), spot, atol=0.01))
-        window.until(lambda: window.page._measured[1] == window.page._spot)
+        window.until(lambda: window.page._measured[1] == window.page.frame.pixel(*window.page._spot))
         height, width = window.page.frame.light.shape[:2]
         row, column = window.page.frame.pixel(*window.page._spot)
         assert f"column {column}, row {row} of {width}x{height}" in window.page.controls.spot.content
@@ -173,6 +173,44 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
     window.tab.mouse.up()
     window.until(lambda: window.page.controls.view.value == "free")
     window.until(lambda: window.page.frame.light.shape[1] == window.width)
+
+
+def test_a_view_is_shown_pixel_for_pixel(window, viewer) -> None:
+    assert not window.tab.get_by_label("1:1", exact=True).is_visible()
+    view = window.page.painter.scene.views[0]
+    window.choose("free", view.name)
+    window.tab.get_by_label("1:1", exact=True).check()
+    window.until(lambda: "centre=0.5+0.5" in window.tab.evaluate("location.hash"))
+
+    def exact(page: ScenePage) -> bool:
+        """The canvas has the view's own pixels in its middle, around the centre of the page."""
+        shown = page.controls.look.shown(page.frame.light, page.painter.scene.exposure)
+        left = window.width // 2 - int(page._centre[0] * view.lens.width)
+        top = window.height // 2 - int(page._centre[1] * view.lens.height)
+        here = window.canvas()[top : top + view.lens.height, left : left + view.lens.width]
+        off = np.abs(here - shown).max(axis=2)
+        return bool(np.quantile(off, 0.9) <= 1)  # the mark is the rest
+
+    window.until(lambda: exact(window.page))
+    # A click brings its pixel to the middle, and the address keeps that.
+    window.tab.mouse.click(window.width // 2 + 6, window.height // 2 - 5)
+    row, column = view.lens.height // 2 - 5, view.lens.width // 2 + 6
+    window.until(
+        lambda: window.page._centre == ((column + 0.5) / view.lens.width, (row + 0.5) / view.lens.height)
+    )
+    window.until(lambda: f"column {column}, row {row} of" in window.page.controls.spot.content)
+    window.until(lambda: exact(window.page))
+    window.until(lambda: "centre=0.5+0.5" not in window.tab.evaluate("location.hash"))
+    centre = window.page._centre
+    page = reloaded(window, viewer)
+    window.until(lambda: page.controls.pixels.value and page.controls.view.value == view.name)
+    assert np.allclose(page._centre, centre, atol=1e-4)
+
+
+def test_a_large_window_has_a_pixel_of_the_picture_in_each_of_its_own(open_window, viewer) -> None:
+    window = open_window(viewer, width=2000, height=400)
+    assert window.width > 1280
+    window.until(lambda: window.page.frame.light.shape[:2] == (400, window.width))
 
 
 def test_a_view_that_was_just_left_is_not_looked_for(window) -> None:

@@ -26,6 +26,22 @@ def test_a_place_in_the_window_is_the_pixel_that_is_shown_there(aspect: float) -
     assert count == 30 * 40
 
 
+@pytest.mark.parametrize("window", [(100, 60), (21, 14), (20, 60), (1, 1)])
+@pytest.mark.parametrize("middle", [(15, 20), (0, 0), (29, 39)])
+def test_pixel_for_pixel_a_place_is_in_the_middle(window: tuple[int, int], middle: tuple[int, int]) -> None:
+    rows, columns = np.mgrid[:30, :40].astype(np.uint8)
+    picture = np.dstack([rows, columns, np.full_like(rows, 200)])
+    centre = (middle[1] + 0.5) / 40, (middle[0] + 0.5) / 30
+    frame = Frame(picture.astype(np.float32), 4 / 3, window, centre)
+    shown = frame.in_window(picture)
+    assert shown.shape == (window[1], window[0], 3)
+    assert shown[window[1] // 2, window[0] // 2].tolist() == [*middle, 200]
+    assert frame.pixel(0.5, 0.5) == middle
+    for row, column in np.ndindex(shown.shape[:2]):
+        place = frame.pixel((column + 0.5) / window[0], (row + 0.5) / window[1])
+        assert shown[row, column].tolist() == ([BESIDE] * 3 if place is None else [*place, 200])
+
+
 def test_outside_the_window_is_no_pixel() -> None:
     frame = Frame(np.zeros((3, 4, 3), np.float32), 4 / 3)
     assert frame.pixel(0.999, 0.999) == (2, 3)

@@ -15,6 +15,7 @@ from rig.view.serving.window import state_of
 STATES = [
     State(),
     State(Look(-2.5, "false colour"), "0003/cam 1&2", "A | B"),
+    State(view="0003/cam1", centre=(0.25, 1.0)),
     State(
         Look(3.0, "AgX"),
         show="depth",
@@ -47,6 +48,9 @@ def test_a_state_comes_back(state: State) -> None:
         "position=1 2 3&look_at=0 0 0&up=0 0 0&fov=1",
         "position=1 2 3&look_at=0 0 0&up=0 0 1&fov=9",
         "position=1 2 3&look_at=0 0 0&up=0 0 1&fov=0",
+        "centre=0.5 1.5",
+        "centre=-0.5 0.5",
+        "centre=0.5",
         "%%%&&&==",
         "\xff",
     ],
