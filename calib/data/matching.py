@@ -1,34 +1,23 @@
 """Matching of features between two views: nearest neighbours by descriptor, by Lowe's ratio, both ways.
 
-Nearest neighbours are exact, and most cosines are never made: the sum over the directions in which the
-descriptors of the two views are longest, and the lengths of what is left of them, bound each from above (the
-inequality of Cauchy and Schwarz), and a few per cent of these bounds exceed a second nearest so far.
+All cosines are made, by a product of matrices of whole numbers, whose sums float32 holds exactly: matches do
+not depend on the machine. Of each row and each column the two largest are kept, many columns at a time.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from imaging.arrays import AnyArray, Array32, Bytes, Integers, Mask
+from imaging.arrays import AnyArray, Array32, Bytes, Mask
 from imaging.compute.jit import kernel
-
-Whole = npt.NDArray[np.int16]
 
 RATIO = 0.8
 """Lowe's ratio of nearest to second nearest, angles between descriptors."""
 FARTHEST = 0.7
 """Largest angle between descriptors that match, radians."""
-DIRECTIONS = 47
-"""Number of directions, of 128, for the bounds. With fewer more cosines are made, with more a bound costs
-more.
-"""
-SAMPLED = 8
-"""Stride of the descriptors from which the directions are computed."""
-SLACK = np.float32(1e-5)
-"""Slack of a bound, as a share of the squared length of the remainder: several times the rounding error."""
-ROWS = 128
-"""Rows of the table of bounds that are made at a time: more of them leave the cache."""
-COLUMNS = 16
-"""Number of bounds in one block."""
+ROWS = 256
+"""Rows of the table of products that are made at a time: more of them leave the cache."""
+LANES = 32
+"""Columns that are looked at together, as vector instructions do."""
 
 
 def unit(descriptors: AnyArray) -> Array32:
@@ -45,96 +34,76 @@ def match(one: Bytes, other: Bytes) -> npt.NDArray[np.uint32]:
     """
     if len(one) < 2 or len(other) < 2:
         return np.empty((0, 2), np.uint32)
-    nearest, farther = _nothing(len(one)), _nothing(len(other))
-    directions = _longest(one, other)
-    (rows, whole, length), (columns, others, lengths) = (
-        _parts(numbers, directions) for numbers in (one, other)
-    )
+    rows, length = _parts(one, len(one))
+    columns, lengths = _parts(other, len(other) + -len(other) % LANES)
     columns = np.ascontiguousarray(columns.T)
+    nearest, farther = _nothing(len(one)), _nothing(len(lengths))
+    table = np.empty((min(ROWS, len(one)), len(lengths)), np.float32)
+    pairs = []
     for first in range(0, len(one), ROWS):
-        bounds = rows[first : first + ROWS] @ columns
-        _scan(bounds, first, whole, length, others, lengths, *nearest, *farther)
-    numbers = np.arange(len(one))
-    index = nearest[0]
-    keep = _clear(*nearest) & (farther[0][index] == numbers) & _clear(*farther)[index]
-    return np.stack([numbers[keep], index[keep]], axis=1).astype(np.uint32)
+        part = slice(first, min(first + ROWS, len(one)))
+        products = np.matmul(rows[part], columns, out=table[: part.stop - first])
+        largest = nearest[:, part]
+        _scan(products, length[part], lengths, largest, farther, np.empty((2, LANES), np.float32))
+        clear = np.flatnonzero(_clear(largest))
+        index = np.argmax(products[clear] * length[part][clear, None] * lengths, axis=1)
+        pairs.append(np.stack([first + clear, index], axis=1))
+    both = np.concatenate(pairs)
+    # A column whose nearest is clear has no second row that is as near.
+    mutual = _clear(farther)[both[:, 1]] & (farther[0][both[:, 1]] == nearest[0][both[:, 0]])
+    return np.asarray(both[mutual], np.uint32)
 
 
-def _longest(one: Bytes, other: Bytes) -> Array32:
-    """The orthonormal directions [128, DIRECTIONS] that have most of the squared lengths of descriptors."""
-    sample = unit(np.concatenate([one[::SAMPLED], other[::SAMPLED]]))
-    _, directions = np.linalg.eigh(sample.T @ sample)
-    return np.asarray(directions[:, -DIRECTIONS:], np.float32)
+def _parts(descriptors: Bytes, count: int) -> tuple[Array32, Array32]:
+    """Descriptors [count, 128], with zeros behind the last, and 1 over their lengths [count], 0 of those."""
+    values, over = np.zeros((count, descriptors.shape[1]), np.float32), np.zeros(count, np.float32)
+    values[: len(descriptors)] = descriptors
+    over[: len(descriptors)] = 1 / np.sqrt(np.maximum((values[: len(descriptors)] ** 2).sum(axis=1), 1))
+    return values, over
 
 
-def _parts(descriptors: Bytes, directions: Array32) -> tuple[Array32, Whole, Array32]:
-    """Factors of the bounds [K, DIRECTIONS + 1] and of the cosines [K, 128], and 1 over the lengths [K]."""
-    unit_rows = unit(descriptors)
-    along = unit_rows @ directions
-    remainder = np.sqrt(np.maximum(1 - (along**2).sum(axis=1), 0) + SLACK)
-    squares = (descriptors.astype(np.float32) ** 2).sum(axis=1)
-    return (
-        np.column_stack([along, remainder]),
-        descriptors.astype(np.int16),
-        1 / np.sqrt(np.maximum(squares, 1)),
-    )
-
-
-def _nothing(count: int) -> tuple[Integers, Array32, Array32]:
-    """Empty results for each feature: the nearest, and the cosines of the nearest and the second nearest."""
-    return np.zeros(count, np.int64), np.full(count, -2, np.float32), np.full(count, -2, np.float32)
+def _nothing(count: int) -> Array32:
+    """The cosines of the nearest and the second nearest [2, count] before any is known."""
+    return np.full((2, count), -2, np.float32)
 
 
 @kernel
 def _scan(
-    bounds: Array32,
-    first: int,
-    one: Whole,
-    length: Array32,
-    other: Whole,
-    lengths: Array32,
-    row_index: Integers,
-    row_best: Array32,
-    row_second: Array32,
-    column_index: Integers,
-    column_best: Array32,
-    column_second: Array32,
+    products: Array32, length: Array32, lengths: Array32, nearest: Array32, farther: Array32, lanes: Array32
 ) -> None:
-    """Take a part of the table of bounds [R, K], whose rows are numbered from `first`, into both sides."""
-    rows, columns = bounds.shape
-    for row in range(rows):
-        best, second, index = np.float32(-2), np.float32(-2), 0
-        row_of_one = one[first + row]
-        for begin in range(0, columns, COLUMNS):
-            end = min(begin + COLUMNS, columns)
-            above = False
-            for column in range(begin, end):
-                above |= bounds[row, column] > min(second, column_second[column])
-            if not above:
-                continue
-            for column in range(begin, end):
-                if bounds[row, column] <= min(second, column_second[column]):
-                    continue
-                product = np.int32(0)  # whole numbers, which may be summed several at once
-                for part in range(row_of_one.shape[0]):
-                    product += np.int32(row_of_one[part]) * np.int32(other[column, part])
-                cosine = np.float32(product) * length[first + row] * lengths[column]
-                if cosine > second:
-                    if cosine > best:
-                        best, second, index = cosine, best, column
-                    else:
-                        second = cosine
-                if cosine > column_second[column]:
-                    if cosine > column_best[column]:
-                        column_second[column] = column_best[column]
-                        column_best[column] = cosine
-                        column_index[column] = first + row
-                    else:
-                        column_second[column] = cosine
-        row_index[first + row], row_best[first + row], row_second[first + row] = index, best, second
+    """Take a part of the table [R, K] into both sides: of its rows [2, R], and of all columns [2, K].
+
+    lanes: [2, LANES], room for the two largest of every LANES-th column of a row. Comparisons, since the
+    minimum and the maximum of numbers that may be NaN are not made many at a time.
+    """
+    line = lengths.reshape(-1, LANES)
+    above, below = farther[0].reshape(-1, LANES), farther[1].reshape(-1, LANES)
+    best, second = lanes[0], lanes[1]
+    for row in range(products.shape[0]):
+        best[:] = np.float32(-2)
+        second[:] = np.float32(-2)
+        over = length[row]
+        of_row = products[row].reshape(-1, LANES)
+        for block in range(of_row.shape[0]):
+            for lane in range(LANES):
+                cosine = of_row[block, lane] * over * line[block, lane]
+                largest = best[lane]
+                less = cosine if cosine < largest else largest
+                second[lane] = less if less > second[lane] else second[lane]
+                best[lane] = cosine if cosine > largest else largest
+                largest = above[block, lane]
+                less = cosine if cosine < largest else largest
+                below[block, lane] = less if less > below[block, lane] else below[block, lane]
+                above[block, lane] = cosine if cosine > largest else largest
+        for lane in range(LANES):
+            for cosine in (best[lane], second[lane]):
+                if cosine > nearest[0, row]:
+                    nearest[0, row], nearest[1, row] = cosine, nearest[0, row]
+                elif cosine > nearest[1, row]:
+                    nearest[1, row] = cosine
 
 
-def _clear(index: Integers, best: Array32, second: Array32) -> Mask:
-    """Return whether the nearest is near, and much nearer than the second."""
-    nearest, next_one = (np.arccos(np.clip(cosine, -1, 1)) for cosine in (best, second))
+def _clear(cosines: Array32) -> Mask:
+    """Return whether the nearest is near, and much nearer than the second; cosines: [2, K]."""
+    nearest, next_one = np.arccos(np.clip(cosines, -1, 1))
     return np.asarray((nearest < FARTHEST) & (nearest < RATIO * next_one))
