@@ -27,7 +27,7 @@ MOST_VIEWS = 32
 """Most views that colours are fitted to, evenly chosen."""
 MOST_STEPS = 100
 DC_RATE, REST_RATE = Rate(0.15, 0.015), Rate(0.03, 0.003)
-"""Rates of the constant coefficients, and of the others."""
+"""Rates of the constant coefficients, and of the others in MOST_STEPS steps; fewer steps are longer."""
 _OVER_WHITE = 0.3
 """Weight of the logarithm of a code above 1, for codes that do not end there, beside the code below."""
 
@@ -129,10 +129,11 @@ def _fit(
     groups = [{"name": name, "params": [model.parameters[name].requires_grad_(True)]} for name in rates]
     optimizer = Adam(groups, eps=1e-15)
     order = np.random.Generator(np.random.PCG64(0)).permutation(len(pairs))
+    longer = math.sqrt(MOST_STEPS / max(steps, 1))
     for step in range(steps):
         progress("fitting display colours", step, steps)
         for group in optimizer.param_groups:
-            group["lr"] = rates[group["name"]].at(step / steps)
+            group["lr"] = longer * rates[group["name"]].at(step / steps)
         camera, shown = pairs[order[step % len(pairs)]]
         optimizer.zero_grad()
         image = viewers[step % len(viewers)](model, camera, degree=degree).image
