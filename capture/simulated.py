@@ -121,7 +121,7 @@ def _truth(
     except StorageError as error:
         there = len(finished(session, plan))
         if there == len(planned_shots(plan)):
-            raise PartialError(f"all shots are there, the simulator's truth is not: {error}") from error
+            raise PartialError(f"all shots were written, but not the simulator's truth: {error}") from error
         if not there:
             raise
 

@@ -14,7 +14,7 @@ from drivers.errors import CameraRefused
 from imaging.errors import CameraError
 
 BY_RIG = "rig's own PTP, which can set and trigger it"
-UNKNOWN = "libgphoto2, as rig's own PTP does not know what this make wants of a computer"
+UNKNOWN = "libgphoto2, since rig's own PTP driver does not know the handshake of this make"
 ALONE = "rig's own PTP in its standard form, as libgphoto2 cannot set and trigger it"
 ONLY = "libgphoto2, as it is no PTP camera"
 NAMED = "libgphoto2, as it is named"

@@ -102,9 +102,9 @@ def identity(subject: Subject) -> str:
     """The identity is stated, each time alike."""
     first, again = subject.camera.identify(), subject.camera.identify()
     if not first.serial:
-        raise Failure("it has no serial number, by which a rig file names cameras: make one up that lasts")
+        raise Failure("it has no serial number, by which rig files name cameras: assign a permanent one")
     if first != again:
-        raise Failure(f"it says that it is {first}, and then that it is {again}")
+        raise Failure(f"it reports itself as {first}, then as {again}")
     return f"{first.make} {first.model}, serial number {first.serial}, {first.kind}"
 
 
@@ -149,12 +149,12 @@ def frames(subject: Subject) -> str:
         size, stated = frame.pixels.shape[1::-1], frame.metadata.exposure
     able = subject.able
     if able.width and size != (able.width, able.height):
-        raise Failure(f"it says {able.width}x{able.height}, and its frame has {size[0]}x{size[1]}")
+        raise Failure(f"it reports {able.width}x{able.height}, but its frame has {size[0]}x{size[1]}")
     kind = subject.camera.identify().kind
     if (kind == "raw") != (isinstance(frame, RawMosaic) or frame.suffix in raw.SUFFIXES):
-        raise Failure(f"it says that its frames are {kind!r}, and delivers another kind")
+        raise Failure(f"it reports {kind!r} frames, but delivers another kind")
     if stated is not None and abs(np.log2(stated.time / applied.time)) > 0.25:
-        raise Failure(f"it was set to {applied}, and its frame says {stated}")
+        raise Failure(f"it was set to {applied}, but its frame states {stated}")
     says = "which its frame says too" if stated is not None else "of which its frame says nothing"
     return f"{size[0]}x{size[1]}, {applied}, {says}"
 
@@ -181,10 +181,10 @@ def closing(subject: Subject) -> str:
     subject.camera.close()
     subject.camera.close()
     if subject.camera.identify() != who:
-        raise Failure("after it was let go another camera answers")
+        raise Failure("after closing, another camera answers")
     subject.camera.set_exposure(subject.exposure(subject.times()[0]))
     subject.shoot()
-    return "let go twice, found again, and a frame taken"
+    return "closed twice, found again, and took a frame"
 
 
 def timing(subject: Subject) -> str:
@@ -199,7 +199,7 @@ def timing(subject: Subject) -> str:
         after = subject.clock.now()
         if not before - 0.01 <= opened <= after:
             raise Failure(
-                f"trigger() says that the shutter opened at {opened:.3f} s, which is not between the call at "
+                f"trigger() says that the shutter opened at {opened:.3f} s, outside the call at "
                 f"{before:.3f} s and the frame at {after:.3f} s of the clock that the driver was given"
             )
         delays.append(1e3 * (opened - before))

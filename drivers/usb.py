@@ -213,9 +213,7 @@ def errors_translated(where: str) -> Iterator[None]:
     try:
         yield
     except usb.core.NoBackendError as error:
-        raise CameraError(
-            "libusb is not there: install libusb 1.0, or the package libusb-package."
-        ) from error
+        raise CameraError("libusb is missing: install libusb 1.0, or the package libusb-package.") from error
     except usb.core.USBError as error:
         make = _BY_NUMBER.get(error.errno or 0)
         if make is None:

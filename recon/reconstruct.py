@@ -139,7 +139,7 @@ def reconstruct(
             )
         if (missing := uncoloured(dataset)) and ranks.first:
             on_message(
-                f"nothing gives the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
+                f"the colour of {', '.join(missing)} is not known: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
         chosen, reasons = method_for(dataset, request.method)

@@ -88,8 +88,8 @@ def measure_charts(
     raw = [view for view in views if view.camera.kind == "raw"]
     if not raw:
         raise CalibrationError(
-            f"{session.folder} has no RAW view of a scene, and a chart measures nothing of developed ones: "
-            "leave --chart out."
+            f"{session.folder} has no RAW view of a scene, and a chart cannot calibrate developed "
+            "photographs: leave --chart out."
         )
     names = list(dict.fromkeys(view.camera.name for view in raw))
     falls = {
@@ -228,7 +228,7 @@ def _climb(
     climb(
         "chart_white",
         _Trial(alone, tuple(of_camera(matrix, balanced=True) for matrix in named)),
-        "white is what the chart's greys say",
+        "white as the chart's greys show it",
     )
     shaded = tuple(replace(model, shaded=True) for model in trial.models)
     climb("chart_shading", _Trial(trial.groups, shaded), "the light may grow across the chart")

@@ -57,17 +57,17 @@ def _exposure(views: Sequence[View]) -> str:
     first = next(iter(taken))
     if len(views) < 2 or len(taken) > 1 or any(one is None for one in first):
         return ""
-    return f"the files say that every view was taken at {', '.join(map(str, first))}"
+    return f"the files state that every view was taken at {', '.join(map(str, first))}"
 
 
 def _white_balance(files: Sequence[FrameMetadata]) -> str:
     """Return how the files say that the white balance was not chosen anew; empty where they do not."""
     if all(one.manual_white_balance for one in files):
-        return "the files say that the white balance was set by hand"
+        return "the files state that the white balance was set by hand"
     gains = [one.balance for one in files if one.balance is not None]
     if len(gains) < len(files):
         return ""
     if any(max(channel) > (1 + SAME) * min(channel) for channel in zip(*gains, strict=True)):
         return ""
     red, blue = gains[0]
-    return f"the files say that red was raised {red:.3g} times and blue {blue:.3g} times in all"
+    return f"the files state that red was raised {red:.3g} times and blue {blue:.3g} times in all"

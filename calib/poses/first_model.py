@@ -46,8 +46,9 @@ _DISAGREE = (
     "warning by --keep-doubtful"
 )
 _AHEAD = (
-    "only {} of {} views that match could be placed from views taken side by side, so that pairs taken by "
-    "going ahead count too; these do not determine the focal length, and lenses stay as the files state"
+    "only {} of {} views that match could be placed from views taken side by side, so pairs taken while "
+    "moving forwards count too; these do not determine the focal length, and lenses stay as the files "
+    "state"
 )
 NO_START = (
     "{} pairs of views match, but no two of them give a start from which the others can be placed: take "
@@ -238,7 +239,7 @@ class _Placing:
         for view in wrong:
             model.deregister_frame(model.find_image_with_name(view.image_name).frame_id)
         reason = (
-            f"{', '.join(sorted(map(str, wrong)))} stood where the mounting of the cameras contradicts, "
+            f"{', '.join(sorted(map(str, wrong)))} had poses that contradict the mounting of the cameras, "
             f"which is the same in {frames} frames"
         )
         rung = Rung(name="rig_twins", taken=True, reason=reason)

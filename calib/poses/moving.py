@@ -33,9 +33,9 @@ def rungs(shots: Iterable[ShotRecord]) -> tuple[Rung, ...]:
         return (granted,)
     name = min(frequent, key=lambda name: frequent[name])
     reason = (
-        f"{name} took a frame every {frequent[name]:.2g} s, as one that moves while it exposes: unless its "
-        "shutter is global, poses may be off by tenths of a degree and by centimetres, whatever residuals "
-        "say; stand still for every frame"
+        f"{name} took a frame every {frequent[name]:.2g} s, as a moving camera does: unless its shutter is "
+        "global, poses may be off by tenths of a degree and by centimetres, even with small residuals; "
+        "stand still for every frame"
     )
     return granted, Rung(name="pose_moving", taken=True, reason=reason)
 

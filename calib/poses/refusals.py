@@ -39,7 +39,7 @@ def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId,
         cause = max(sorted(set(causes)), key=causes.count)
         fixes = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
         raise CalibrationError(
-            f"{len(lost)} of {len(features)} views show nothing to hold on to, {causes.count(cause)} of them "
+            f"{len(lost)} of {len(features)} views have too few features, {causes.count(cause)} of them "
             f"are {cause}: {fixes.get(cause, 'focus, hold still, or put texture into the scene')}."
         )
 

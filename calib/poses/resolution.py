@@ -51,9 +51,9 @@ UNCONFIRMED = "pose_unconfirmed"
 DOUBTS = "pose_lit_differently", UNCONFIRMED, "pose_undecided"
 """Rungs that make poses doubtful."""
 _ALIKE = (
-    "the views contradict each other about where they stand, as where parts of a scene look alike: put "
-    "something unique beside them and take views 15 degrees apart, or keep them all the same, with a "
-    "warning, by --keep-doubtful"
+    "the views contradict each other about their poses, as happens where parts of a scene look alike: put "
+    "something unique beside them and take views 15 degrees apart, or keep them with a warning by "
+    "--keep-doubtful"
 )
 _Pair = tuple[ViewId, ViewId]
 
@@ -265,8 +265,9 @@ class _Choice:
         undecided = None
         if views:
             undecided = (
-                f"{self.reason}, and all are kept as you asked: poses of {', '.join(views[:8])}"
-                f"{f' and {len(views) - 8} more' if len(views) > 8 else ''} may be wrong"
+                f"{self.reason}, and all are kept by --keep-doubtful: poses of "
+                f"{', '.join(views[:8])}{f' and {len(views) - 8} more' if len(views) > 8 else ''} may be "
+                "wrong"
             )
         return _Chosen(self.first, set(), self._rung(taken=True), undecided)
 

@@ -193,7 +193,7 @@ def _transfer(pairs: Sequence[ExposurePair], black: Array) -> tuple[Transfer | N
     # Rounding is noise of its own only where other noise covers it, in the shorter exposure too.
     good = variance > SMALLEST * (1 + ratio**2)
     if good.sum() < 6:
-        return None, "the sensor counts too coarsely for its noise to show"
+        return None, "the sensor quantises too coarsely to show its noise"
     light, ratio, variance, number = light[good], ratio[good], variance[good], number[good]
     design = np.stack([light * (1 + ratio), 1 + ratio**2, light**2], axis=1)
     scale = np.abs(design).max(axis=0)
@@ -216,7 +216,7 @@ def _transfer(pairs: Sequence[ExposurePair], black: Array) -> tuple[Transfer | N
         middle = float(np.median(light))
         moved = float(values[2] / scale[2]) * middle**2
         if moved > 0.2 * gain * middle * (1 + float(np.median(ratio))):
-            return None, "the exposures of a view do not show the same: something moved"
+            return None, "the exposures of a view differ: something moved"
     if not gain > 0 or np.sqrt(covariance[0, 0]) > USEFUL * gain:
         return None, "the exposures of the views share too little"
     return Transfer(gain, floor, covariance), ""

@@ -88,8 +88,8 @@ def place_onto(
     if fits.sum() < FEWEST_POINTS or share < LEAST_SHARE:
         agree = f", of which {int(fits.sum())} agree" if len(ours) >= FEWEST_POINTS else ""
         raise CalibrationError(
-            f"the pictures share {len(ours)} scene points with those of {target.folder}{agree}, and at least "
-            f"{FEWEST_POINTS} are needed: take some that show the same parts from near the same places"
+            f"the pictures share {len(ours)} scene points with those of {target.folder}{agree}, and at "
+            f"least {FEWEST_POINTS} are needed: take some of the same parts from nearby positions"
         )
     misses = similarity(ours[fits]) - theirs[fits]
     scatter = np.full(int(fits.sum()), float(np.sqrt((misses**2).mean())))

@@ -144,7 +144,7 @@ def _upside_down(model: SceneModel, similarity: Similarity) -> str:
     if float(np.mean(-axes[:, 1, 2] - axes[:, 2, 2])) > UPSIDE_DOWN:
         return ""
     return (
-        "the cameras would stand on their heads: look whether two axes of the survey are exchanged, or z "
+        "the cameras would be upside down: check whether two axes of the survey are exchanged, or z "
         "points down"
     )
 
@@ -213,7 +213,7 @@ def _exchanged(points: _Points, fits: Mask, noise: Array, stated: bool) -> str:
             return f": {points.names[one]} and {points.names[other]} fit if their names are exchanged"
     for axes, words in (((1, 0, 2), "x and y"), ((2, 1, 0), "x and z"), ((0, 2, 1), "y and z")):
         if consensus(points.here, points.there[:, axes], noise, stated=stated)[1].all():
-            return f": all fit if {words} are exchanged, which the survey has as in a mirror"
+            return f": all fit if {words} are exchanged,since the survey is mirrored"
     return ""
 
 
@@ -269,7 +269,7 @@ def _table(
             place = points.names.index(name)
             x, y, z = misses[place].tolist()
             odd = sightings[name].odd
-            reason = "" if fits[place] else "the others say that it is elsewhere"
+            reason = "" if fits[place] else "the others place it elsewhere"
             if odd:
                 reason = "; ".join(
                     filter(None, (reason, f"its marks in {_listed(map(str, odd))} are not used"))

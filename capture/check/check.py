@@ -147,11 +147,12 @@ def _strangers(
             yield _problem(
                 "index",
                 shot,
-                f"{shot.file} is of {shot.camera!r}, no camera of the session: correct its record.",
+                f"{shot.file} is of {shot.camera!r}, which is not a camera of the session: correct its "
+                "record.",
             )
         elif shot.identity not in planned:
             yield _problem(
-                "index", shot, f"{shot.file} is a shot of no plan: correct its record in shots.jsonl."
+                "index", shot, f"{shot.file} belongs to no plan: correct its record in shots.jsonl."
             )
 
 
@@ -177,7 +178,7 @@ def _duplicates(shots: Sequence[ShotRecord]) -> Iterator[Problem]:
     for shot in shots:
         if shot.file in by_file:
             yield _problem(
-                "duplicate", shot, f"{shot.file} stands for two shots: rig check --repair keeps one."
+                "duplicate", shot, f"{shot.file} is recorded for two shots: rig check --repair keeps one."
             )
         elif shot.sha256 in by_content:
             first = by_content[shot.sha256].file

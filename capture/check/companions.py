@@ -36,7 +36,7 @@ def _problems(
         assert path is not None
         if not path.is_file():
             kind: ProblemKind = "absent"
-            message = f"{name} is not there: restore it from a copy, or {again}."
+            message = f"{name} is missing: restore it from a copy, or {again}."
         elif sha256 is None:
             _require_readable(path, shot, what)
             return
@@ -82,7 +82,7 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
             kind, message = "index", f"shots.jsonl names {file!r}, which leads out of the session."
         else:
             if not path.is_file():
-                message = f"{name} is not there: restore it from a copy."
+                message = f"{name} is missing: restore it from a copy."
             elif store.sha256(path) != digest:
                 kind = "altered"
                 message = (

@@ -137,7 +137,7 @@ def _read(session: Session, shot: ShotRecord) -> Examined | Failure:
     except InputError:
         return "index", f"shots.jsonl names {shot.file!r}, which leads out of the session"
     if not path.is_file():
-        return "absent", f"{shot.file} is not there"
+        return "absent", f"{shot.file} is missing"
     try:
         return examine(path, _counts(session, shot))
     except InputError as error:

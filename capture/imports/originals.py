@@ -95,7 +95,7 @@ def survey(
         notes.append(f"{count} left aside as made of the photographs by another program: those of {homes}.")
     if developed:
         count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
-        notes.append(f"{count} kept beside the RAW files of the same name, and not read.")
+        notes.append(f"{count} kept beside RAW files of the same name, but not read.")
     originals: list[Original] = []
     for number, path in enumerate(paths):
         progress(f"reading {shown(path.name)}", number, len(paths))
@@ -171,8 +171,8 @@ def _transparent(originals: list[Original]) -> list[str]:
         return []
     count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
     return [
-        f"{count} transparent in part: the scene gets nothing there, and they are composited over black; "
-        "--masks FOLDER, with copies of them, ignores what is transparent instead."
+        f"{count} partly transparent: transparent areas stay empty in the scene, and count as black. To "
+        "ignore them instead, give copies of the files by --masks FOLDER."
     ]
 
 

@@ -133,8 +133,8 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
         node.wait_for_start()
         if door is not None and door.is_open():
             raise InputError(
-                f"The Ray cluster at {address} lets any program on its network in, to run programs on its "
-                f"hosts: begin it by {HEAD}, or set {MODE}=disabled where all that network is your own."
+                f"The Ray cluster at {address} lets any program on its network run code on its hosts: "
+                f"start it with {HEAD}, or set {MODE}=disabled if the whole network is your own."
             )
         yield node
     finally:

@@ -190,7 +190,7 @@ class Node:
             self._on_disk[number] = self._stored(frame, serial, number)
             del self._in_camera[number]
         if number not in self._on_disk:
-            raise CameraLost(f"node {self._place.name} was started again after the shot: take it anew.")
+            raise CameraLost(f"node {self._place.name} was restarted after the shot: take it again.")
         return self._on_disk[number]
 
     def read(self, file: NodeFile) -> bytes:

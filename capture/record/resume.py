@@ -85,10 +85,7 @@ def continued(
     _must_be_the_bracket(session, source, request, last)
     usual = asked_for(source.bracket) if request.kind == "scene" and request.bracket is None else None
     if usual is not None and usual != last.asked:
-        say(
-            f"{session.folder} goes on as it was planned, with {_bracket(last)}; "
-            f"{source.called} says {usual}."
-        )
+        say(f"{session.folder} continues as planned, with {_bracket(last)}; {source.called} now has {usual}.")
     return last
 
 

@@ -62,7 +62,7 @@ def plan_for(
         exposures = (
             middle_exposure(metering.targets, single_exposures(source.cameras, source.f_number, STILL)),
         )
-        reason = "metered: the middle of what the cameras see, no slower than a hand is still"
+        reason = "metered for the middle of the scene, short enough for a hand-held board"
     plan = PlanRecord(
         plan=_name(request.kind, plans),
         kind=request.kind,

@@ -81,7 +81,7 @@ def _text(path: Path) -> str:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{path} is not there: write it with `rig init {path}`.") from None
+        raise InputError(f"{path} does not exist: create it with `rig init {path}`.") from None
     except IsADirectoryError:
         raise InputError(f"{path} is a folder: name the file that rig init wrote.") from None
     except (OSError, ValueError) as error:

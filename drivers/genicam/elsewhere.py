@@ -54,8 +54,8 @@ def _file(name: str, where: str) -> bytes:
             "maker's software again."
         ) from error
     raise CameraRefused(
-        f"{where} has its description not in itself but in a file on this host, {str(path)!r}, which is not "
-        "there: install its maker's software, which brings it, or its maker's GenTL producer."
+        f"{where} refers to a description on this host, {str(path)!r}, which does not exist: install its "
+        "maker's software, which includes it, or its maker's GenTL producer."
     )
 
 
@@ -63,8 +63,8 @@ def _page(url: str, where: str, address: str) -> bytes:
     parts = urllib.parse.urlsplit(url)
     if parts.scheme.lower() != "http" or not address or parts.hostname != address:
         raise CameraRefused(
-            f"{where} has its description not in itself but at {url!r}, and rig reads none from elsewhere on "
-            "the network: use the camera by its maker's GenTL producer."
+            f"{where} refers to a description at {url!r}, and rig does not load any over the network: use "
+            "the camera through its maker's GenTL producer."
         )
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), _NowhereElse())
     try:

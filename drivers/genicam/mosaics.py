@@ -75,5 +75,6 @@ class Mosaics:
             unit, f"states a black level that rig cannot read, in {unit!r}"
         )
         return (
-            f"camera {self._serial} {says}: its files say 0; measure it by dark frames (rig capture --darks)"
+            f"camera {self._serial} {says}: its files state 0; measure it from dark frames (rig "
+            "capture --darks)"
         )

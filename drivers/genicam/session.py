@@ -36,8 +36,8 @@ class Frame:
 def fewer_rows(rows: int, height: int) -> str:
     """Return what is the matter with a frame of a camera that may end frames early."""
     return (
-        f"the camera ended it after {rows} of {height} rows, as one of variable height does: have it send "
-        "all rows by its maker's program"
+        f"the camera ended it after {rows} of {height} rows (variable height): set a fixed height in its "
+        "maker's program"
     )
 
 

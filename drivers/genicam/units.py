@@ -97,6 +97,6 @@ def black_scale(nodes: NodeMap, white: int) -> float | None:
 
 def _unknown(nodes: NodeMap, name: str, known: str) -> CameraRefused:
     return CameraRefused(
-        f"{nodes.where}: {name} is in {nodes.unit(name)!r}, of which rig knows nothing (it knows {known}): "
+        f"{nodes.where}: {name} is in {nodes.unit(name)!r}, which rig does not know (known: {known}): "
         "update the camera's firmware, or take another camera."
     )

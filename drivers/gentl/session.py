@@ -129,5 +129,5 @@ def open_session(producer: Producer, serial: str, clock: Clock, patience: float 
             return GentlSession(entry)
         if clock.now() >= deadline:
             where = producer.library.where
-            raise CameraNotFound(f"camera {serial} is not connected, says {where}: plug it in.")
+            raise CameraNotFound(f"{where} reports no camera {serial}: plug it in.")
         clock.sleep(min(0.1, max(deadline - clock.now(), 0.001)))

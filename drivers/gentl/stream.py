@@ -103,7 +103,7 @@ class GentlStream:
         )
         problem = None
         if fields[BufferInfo.IS_INCOMPLETE]:
-            problem = "its producer says that parts of it are missing"
+            problem = "its producer reports missing parts"
         elif fields[BufferInfo.DATA_LARGER_THAN_BUFFER]:
             problem = "it is larger than announced"
         return Frame(leader, buffer[fields[BufferInfo.IMAGEOFFSET] : filled].copy(), problem)

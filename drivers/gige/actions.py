@@ -38,7 +38,7 @@ def action_source(nodes: NodeMap, where: str) -> str:
     """The trigger source that is an action: the first that the camera has. CameraRefused."""
     sources = [source for source in nodes.entries("TriggerSource") if source.startswith("Action")]
     if not sources or not nodes.available("ActionDeviceKey"):
-        raise CameraRefused(f"{where} knows no action commands: trigger it by software or over a line.")
+        raise CameraRefused(f"{where} has no action commands: trigger it by software or over a line.")
     return sources[0]
 
 

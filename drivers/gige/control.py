@@ -23,9 +23,9 @@ _LARGEST_DATAGRAM = 2048
 _REFUSED = {
     Status.INVALID_PARAMETER: "does not take that value",
     Status.INVALID_ADDRESS: "has nothing at that address",
-    Status.WRITE_PROTECTED: "does not let that be written",
+    Status.WRITE_PROTECTED: "has this register read-only",
     Status.BAD_ALIGNMENT: "has nothing at that address",
-    Status.ACCESS_DENIED: "does not allow that now",
+    Status.ACCESS_DENIED: "does not allow this now",
 }
 
 
@@ -235,9 +235,9 @@ class ControlChannel:
         if status == Status.BUSY:
             raise CameraBusy(f"{self.where} is busy: wait and try again.")
         if status == Status.NOT_IMPLEMENTED:
-            raise _NotImplemented(f"{self.where} does not have that: read what it offers.")
+            raise _NotImplemented(f"{self.where} does not support this command: update its firmware.")
         if status in _REFUSED:
-            raise CameraRefused(f"{self.where} {_REFUSED[Status(status)]}: read what it offers.")
+            raise CameraRefused(f"{self.where} {_REFUSED[Status(status)]}: read its features again.")
         raise CameraProtocol(f"{self.where} answered with status {status:#06x}: reset the camera.")
 
     def _beat(self, period: float) -> None:
@@ -253,5 +253,5 @@ class ControlChannel:
     def _confirm(self) -> None:
         """Renew the control privilege, which keeps the connection alive. CameraLost if it was taken over."""
         if not self.read_number(Bootstrap.CONTROL_PRIVILEGE, 4) & CONTROL:
-            self._lost = f"{self.where} let go of this host, which it did not hear from: set it up again."
+            self._lost = f"{self.where} released control, since this host was silent: open it again."
             raise CameraLost(self._lost)

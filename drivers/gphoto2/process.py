@@ -72,7 +72,7 @@ class BodyProcess:
             answer: object = pickle.load(self._process.stdout)
         except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
             raise CameraLost(
-                f"{self._where} was let go, as libgphoto2 broke off: switch the camera off and on."
+                f"{self._where} was closed, since libgphoto2 crashed: switch the camera off and on."
             ) from error
         if isinstance(answer, CameraError):
             raise answer

@@ -232,8 +232,8 @@ class PtpSession:
         """
         if file.info.size >= 1 << 32:
             raise CameraProtocol(
-                f"{self.where} says that {file.info.filename} has {file.info.size >> 20} MiB, which is no "
-                "picture: shoot it again, and switch off movies in its menu."
+                f"{self.where} reports {file.info.filename} with {file.info.size >> 20} MiB, too large for "
+                "a picture: shoot it again, and switch off movies in its menu."
             )
         while len(file.data) < file.info.size:
             count = min(PIECE, file.info.size - len(file.data))
@@ -323,7 +323,7 @@ class PtpSession:
             if self.clock.now() >= end:
                 fix = "let it finish writing, or switch it off and on"
                 if code == ResponseCode.BULB_RELEASE_BUSY:
-                    fix = "its shutter is open in bulb, so let go of the release, and turn its dial to M"
+                    fix = "its shutter is open in bulb mode: end the exposure, and turn its dial to M"
                 raise CameraBusy(f"{self.where} stays busy: {fix}.")
             self.clock.sleep(pause)
             pause = min(1.5 * pause, _LONGEST_PAUSE)

@@ -22,12 +22,12 @@ _FIRST_PAUSE, _LONGEST_PAUSE, _LONGEST_BUSY = 0.005, 0.02, 0.5
 """Seconds before a busy device is asked again, twice as long after each time up to the second; in all."""
 
 _REFUSED = {
-    Status.NOT_IMPLEMENTED: "does not have that",
+    Status.NOT_IMPLEMENTED: "does not support this command",
     Status.BAD_PARAMETER: "does not take that value",
     Status.BAD_ADDRESS: "has nothing at that address",
-    Status.WRITE_PROTECTED: "does not let that be written",
-    Status.ACCESS_DENIED: "does not allow that now",
-    Status.WRONG_CONFIGURATION: "cannot do that as it is set up",
+    Status.WRITE_PROTECTED: "has this register read-only",
+    Status.ACCESS_DENIED: "does not allow this now",
+    Status.WRONG_CONFIGURATION: "cannot do this in its current configuration",
     Status.TRANSFERS_UNSUITED: "does not take these transfer sizes",
     Status.TRANSFERS_INCONSISTENT: "finds the transfer sizes inconsistent",
 }
@@ -53,7 +53,7 @@ class ControlChannel:
         """The device's largest packets, bytes, and its longest response time, s."""
         if command <= gencp.WRITE_OVERHEAD or answer <= gencp.HEADER_SIZE:
             raise CameraProtocol(
-                f"{self.where} says that its packets hold {command} and {answer} bytes: reset the camera."
+                f"{self.where} reports packets of {command} and {answer} bytes: reset the camera."
             )
         # The size of a packet's payload is a number of 16 bits; whole words keep every part aligned.
         self._command_limit = min(command, 0xFFFF)
@@ -154,7 +154,7 @@ class ControlChannel:
         if status == Status.TIMEOUT:
             raise CameraTimeout(f"{self.where} ran out of time: try again.")
         if status in _REFUSED:
-            raise CameraRefused(f"{self.where} {_REFUSED[Status(status)]}: read what it offers.")
+            raise CameraRefused(f"{self.where} {_REFUSED[Status(status)]}: read its features again.")
         raise CameraProtocol(f"{self.where} answered with status {status:#06x}: reset the camera.")
 
 

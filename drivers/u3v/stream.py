@@ -218,7 +218,7 @@ class StreamChannel:
         """A frame with its trailer, judged."""
         problem = None
         if trailer.status:
-            problem = f"the camera says that it lost parts (status {trailer.status:#06x})"
+            problem = f"the camera reports lost parts (status {trailer.status:#06x})"
         elif len(payload) < trailer.valid:
             problem = f"{trailer.valid - len(payload)} bytes of its payload are missing"
         elif trailer.valid < self._payload and 0 < trailer.height < leader.height:

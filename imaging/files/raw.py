@@ -182,8 +182,7 @@ def _tags(path: Path, file: BinaryIO) -> tuple[Directory | None, FrameMetadata |
 
 def _foreign(path: Path) -> InputError:
     return InputError(
-        f"{path} is no mosaic of red, green, blue and unfiltered photosites, nor mono, which is all that rig "
-        "reads: develop it to TIFF."
+        f"{path} has other filters than red, green and blue, and is not mono: develop it to TIFF."
     )
 
 

@@ -162,7 +162,7 @@ def _must_fit(frames: Sequence[RawMosaic]) -> None:
         )
     for frame in frames:
         if frame.cfa is None or not frame.cfa.bayer:
-            raise InputError("pixel shift is read of Bayer mosaics only: import these files as they are.")
+            raise InputError("pixel shift needs Bayer mosaics: import these files as they are.")
         if (frame.cfa, frame.pixels.shape, frame.white) != (first.cfa, first.pixels.shape, first.white):
             raise InputError("files of one group differ in size, CFA or white level: sort them into groups.")
 

@@ -44,7 +44,7 @@ class LuminanceReading(Record):
         if self.area is None and self.reflectance is not None:
             raise ValueError("the reflectances of a chart are published, and not to be given")
         if self.area is not None and (self.illuminance is None) != (self.reflectance is None):
-            raise ValueError("an illuminance needs the reflectance of what it falls on, a luminance none")
+            raise ValueError("an illuminance needs the reflectance of the surface, a luminance does not")
         if self.area is not None and (min(self.area[:2]) < 0 or min(self.area[2:]) < 1):
             raise ValueError("an area is left, top, width and height in pixels")
         return self

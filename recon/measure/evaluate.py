@@ -134,7 +134,7 @@ def _left_out(measured: int, of: int, skipped: Sequence[str]) -> str | None:
         return None
     views = f"{measured} of {of} held-out views are" if measured < of else f"All {of} held-out views are"
     but = f", {'' if measured < of else 'but '}{' and '.join(skipped)}" if skipped else ""
-    return f"{views} measured{but}, so that the report is there in time: `rig evaluate` measures all."
+    return f"{views} measured{but}, to finish the report in time: `rig evaluate` measures all."
 
 
 def common_width(folders: Sequence[Path]) -> int:

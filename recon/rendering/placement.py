@@ -94,7 +94,7 @@ def placement_of(path: Path) -> Placement:
     """
     suffix = path.suffix.lower()
     if not path.is_file():
-        raise InputError(f"{path} is not there: name the file of rig export that the cameras were made in.")
+        raise InputError(f"{path} does not exist: name the rig export that the cameras were made in.")
     placement = None
     if suffix in USD_SUFFIXES:
         placement = placement_in(open_stage(path), path)

@@ -127,9 +127,7 @@ def read_plan(path: str | Path) -> BatchPlan:
             raise InputError(f"{path}, line {line_of(lines, ('scene', number))}: {error}") from None
     called, count = Counter(scene.called for scene in tables.scene).most_common(1)[0]
     if count > 1:
-        raise InputError(
-            f"{path} has {count} scenes that are called {called!r}: give each a name of its own."
-        )
+        raise InputError(f"{path} has {count} scenes named {called!r}: give each a different name.")
     return BatchPlan(path, _sessions(path, tables.sessions, line_of(lines, ("sessions",))), tables.scene)
 
 

@@ -69,8 +69,8 @@ def scenes_in(protocol: Protocol, folder: Path) -> list[Path]:
     scenes = sorted(path for path in folder.iterdir() if path.is_dir() and protocol.is_scene(path))
     if not scenes:
         raise InputError(
-            f"{folder} is no scene of {protocol.name} and holds none: name a folder as the data set has it, "
-            "unpacked."
+            f"{folder} is not a scene of {protocol.name} and contains none: give an unpacked folder of the "
+            "data set."
         )
     return scenes
 

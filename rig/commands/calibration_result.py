@@ -157,9 +157,9 @@ def _left_out(session: Path, record: "calibrations.CalibrationRecord") -> Iterat
     contradicted = [names.get(view, str(view)) for view in record.unregistered if view in record.contradicted]
     if contradicted:
         yield (
-            f"{', '.join(contradicted)} would stand where other views contradict, as where parts of a "
-            "scene look alike: take more pictures around them, put something unique beside them, or "
-            "keep them with --keep-doubtful"
+            f"{', '.join(contradicted)} would have poses that other views contradict, as happens where "
+            "parts of a scene look alike: take more pictures around them, put something unique beside "
+            "them, or keep them with --keep-doubtful"
         )
 
 

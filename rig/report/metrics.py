@@ -38,8 +38,8 @@ METRICS = (
         "hdr_psnr_mu_aligned",
         "HDR PSNR (µ-law), aligned, over the brightest light",
         "dB",
-        "Closeness to the true light after one scale for the whole scene, as papers have it: over the "
-        "brightest true light. One small lamp lifts it by decibels; compare it within one scene only.",
+        "Closeness to the true light after one scale for the whole scene, relative to the brightest true "
+        "light, as in papers. One small lamp raises it by decibels: compare it within one scene only.",
     ),
     Metric(
         "hdr_psnr_mu_p999",
@@ -61,7 +61,7 @@ METRICS = (
         "hdr_psnr_mu_dark",
         "HDR PSNR (µ-law), without highlights",
         "dB",
-        "Aligned, with everything above 0.4 of the brightest light clipped: says how good the shadows are.",
+        "Aligned, with everything above 0.4 of the brightest light clipped: the quality of the shadows.",
     ),
     Metric(
         "stops_median",
@@ -103,7 +103,8 @@ METRICS = (
         "stops_bound",
         "Brightest hundredth that photographs clip",
         "%",
-        "Of so much of it every exposure only says how bright it is at least: less is wrong, more is not.",
+        "Share of it that clips in every exposure, which gives a lower bound: darker is wrong, "
+        "brighter is not.",
         percent=True,
     ),
     Metric("pu21_psnr", "PU21 PSNR", "dB", "Closeness as seen by an eye before a display of 1000 cd/m²."),

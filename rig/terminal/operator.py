@@ -67,8 +67,8 @@ class TerminalOperator:
             self._wait(what)
         else:
             raise InputError(
-                f"no operator is there to turn the filter wheel to {band}: capture in a terminal, or give "
-                "RIG.toml a pause in seconds, in which it is turned."
+                f"the filter wheel cannot be turned to {band} here: capture in a terminal, or give "
+                "RIG.toml a pause in seconds for turning it."
             )
 
     def _wait(self, what: str) -> None:

@@ -210,8 +210,8 @@ def test_resume_goes_on_as_planned_and_says_so_where_the_file_has_changed(given:
     given.shoot(frames=1)
     given.write(('exposures = "auto"', STOPS.replace("-4", "-3")))
     assert given.shoot(resume=True).taken == 0
-    assert given.said[0].endswith("RIG.toml says stops -3, 0.")
-    assert "as it was planned, with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
+    assert given.said[0].endswith("RIG.toml now has stops -3, 0.")
+    assert "as planned, with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
     for options in ({"bracket": BracketGoals()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
         with pytest.raises(InputError, match="was planned with"):
             given.shoot(resume=True, **options)

@@ -75,10 +75,14 @@ def of_make(bus: VirtualBus, maker: str, extension: int) -> None:
 @pytest.mark.parametrize(
     ("maker", "extension", "why"),
     [
-        ("FUJIFILM", VendorId.FUJI, "as rig's own PTP finds that its make wants a handshake"),
-        ("FUJIFILM", VendorId.MICROSOFT, "as rig's own PTP finds that its make wants a handshake"),
-        ("OLYMPUS", VendorId.MICROSOFT, "as rig's own PTP does not know what this make wants of a computer"),
-        ("Nikon", VendorId.NIKON, "as rig's own PTP does not know what this make wants of a computer"),
+        ("FUJIFILM", VendorId.FUJI, "as rig's own PTP finds that its make needs a handshake"),
+        ("FUJIFILM", VendorId.MICROSOFT, "as rig's own PTP finds that its make needs a handshake"),
+        (
+            "OLYMPUS",
+            VendorId.MICROSOFT,
+            "since rig's own PTP driver does not know the handshake of this make",
+        ),
+        ("Nikon", VendorId.NIKON, "since rig's own PTP driver does not know the handshake of this make"),
     ],
 )
 def test_libgphoto2_drives_a_make_that_may_want_a_handshake(maker: str, extension: int, why: str) -> None:
@@ -95,7 +99,7 @@ def test_without_libgphoto2_a_make_that_wants_a_handshake_is_told(monkeypatch: p
     monkeypatch.setattr("drivers.gphoto2.library.find_spec", lambda name: None)
     bus = VirtualBus(VirtualClock())
     of_make(bus, "FUJIFILM", VendorId.FUJI)
-    assert "wants a handshake that only libgphoto2 knows: pip install" in listed(bus).trouble
+    assert "needs a handshake that only libgphoto2 supports: pip install" in listed(bus).trouble
 
 
 def test_what_libgphoto2_cannot_drive_either_stays_with_the_standard(

@@ -88,7 +88,7 @@ def _boasting(method: Callable[[Exposure], Exposure], wanted: Exposure) -> Expos
     ("instead", "fails", "says"),
     [
         ({"identify": lambda method: replace(method(), serial="")}, "identity", "no serial number"),
-        ({"identify": _other_each_time()}, "identity", "and then that it is"),
+        ({"identify": _other_each_time()}, "identity", ", then as "),
         (
             {"capabilities": lambda method: replace(method(), times=(0.1, 0.01))},
             "capabilities",
@@ -105,7 +105,7 @@ def _boasting(method: Callable[[Exposure], Exposure], wanted: Exposure) -> Expos
             "frames",
             "its frame has 6x4",
         ),
-        ({"trigger": lambda method: method() - 3600}, "timing", "not between the call"),
+        ({"trigger": lambda method: method() - 3600}, "timing", "outside the call"),
         ({"trigger": lambda method: 1 / 0}, "frames", "ZeroDivisionError"),
         ({"collect": _too_clean}, "light", "as photons do"),
     ],

@@ -47,9 +47,9 @@ def unconfirmed(placed: Collection[ViewId], pairs: Pairs, threefold: float) -> s
         )
     if len(placed) > FEWEST_CONFIRMED and threefold < SEEN_BY_THREE:
         return (
-            f"only {100 * threefold:.0f} % of the scene's points are where a third view sees them, too, as "
-            "where parts of a scene look alike: put something unique beside them and take views 15 degrees "
-            "apart"
+            f"only {100 * threefold:.0f} % of the scene's points are confirmed by a third view, as happens "
+            "where parts of a scene look alike: put something unique beside them and take views 15 "
+            "degrees apart"
         )
     return None
 
@@ -72,9 +72,9 @@ def hanging(views: Collection[ViewId], names: Mapping[ViewId, str]) -> Rung | No
         return None
     named = ", ".join(names.get(view, str(view)) for view in sorted(views))
     reason = (
-        f"one pair of views holds {named} on the others, and too few points that a third view sees confirm "
-        f"it: {'its pose' if len(views) == 1 else 'their poses'} may be wrong; take more views beside "
-        f"{'it' if len(views) == 1 else 'them'}, or leave {'it' if len(views) == 1 else 'them'} out"
+        f"only one pair of views connects {named} to the others, and too few points that a third view sees "
+        f"confirm it: {'its pose' if len(views) == 1 else 'their poses'} may be wrong; take more views "
+        f"beside {'it' if len(views) == 1 else 'them'}, or leave {'it' if len(views) == 1 else 'them'} out"
     )
     return Rung(name=POSE_HANGING, taken=True, reason=reason)
 
@@ -95,14 +95,14 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
     one = len(views) == 1
     if isinf(turn_errors[worst]):
-        size = f"too few to say how sure {'its pose is' if one else 'their poses are'}"
+        size = f"too few to determine how certain {'its pose is' if one else 'their poses are'}"
     else:
         size = (
             f"the standard error of {'its turn is' if one else 'their turns is up to'} "
             f"{turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that"
         )
     reason = (
-        f"few points hold {named}{more}: {size}; take more views beside {'it' if one else 'them'}, or put "
-        "texture into the scene"
+        f"few points determine {named}{more}: {size}; take more views beside {'it' if one else 'them'}, or "
+        "put texture into the scene"
     )
     return Rung(name=POSE_LOOSE, taken=True, reason=reason)

@@ -20,7 +20,7 @@ from imaging.session.calibration import MOTION
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
-_ALONE = "the other cameras see nothing of what {} sees"
+_ALONE = "the other cameras have no view in common with {}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ def place_by_rig(
 def _rung(names: list[str]) -> Rung:
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     reason = (
-        f"no scene point that {', '.join(names[:MOST_NAMES])}{more} shows was used: the other cameras of the "
-        "rig at that frame give the pose, and no reconstruction looks at the picture"
+        f"no scene point in {', '.join(names[:MOST_NAMES])}{more} was used: the pose follows from the "
+        "other cameras of the rig at that frame, and the picture is not used for reconstruction"
     )
     return Rung(name="rig_placing", taken=True, reason=reason)

@@ -51,7 +51,7 @@ def tied_model(
     if rung.taken and typical > LOOSE * max(untied, 0.1):
         reconstruction = loose
         reason = (
-            f"the cameras moved against each other: tied together, points miss by {typical:.2f} px "
+            f"the cameras moved relative to each other: as a rigid rig, points miss by {typical:.2f} px "
             f"instead of {untied:.2f} px"
         )
         rung = Rung(name="rig_constraint", taken=False, reason=reason)

@@ -144,7 +144,7 @@ def read(folder: Path) -> Given:
         if path in photos:
             raise InputError(f"{place} names {shown(path)} twice: take one of both out.")
         if not path.is_file():
-            missing.append(f"{shown(path)} is named in {place} but is not there")
+            missing.append(f"{shown(path)} is named in {place} but does not exist")
             continue
         lens = lenses[image.camera_id]
         pose = pose_of_image(image, place) if lens is not None and image.has_pose else None

@@ -157,7 +157,7 @@ def _exposures(
     paths = {name: store.inside(folder, name) for name in sorted(named, key=lambda name: (len(name), name))}
     there = {name: path for name, path in paths.items() if path.is_file()}
     missing = [
-        f"{shown(path)} is named in {entry.where} but is not there"
+        f"{shown(path)} is named in {entry.where} but does not exist"
         for name, path in paths.items()
         if name not in there
     ]

@@ -77,7 +77,7 @@ def read(folder: Path) -> Given:
         if path in photos:
             raise InputError(f"{entry.where} names {shown(path)} a second time: take one of both out.")
         if not path.is_file():
-            missing.append(f"{shown(path)} is named in {entry.where} but is not there")
+            missing.append(f"{shown(path)} is named in {entry.where} but does not exist")
             continue
         lens = None if rays_beside(path, entry) else entry.lens(path)
         camera = lenses.setdefault(lens, str(len(lenses)))

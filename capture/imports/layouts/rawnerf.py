@@ -69,7 +69,7 @@ def read(folder: Path) -> Given:
 def _test_scene(folder: Path, source: Path, images: Sequence[_Image]) -> Given:
     tests, raws = _raws(folder / "raw" / "test"), _raws(folder / "raw" / "train")
     if not tests:
-        raise InputError(f"{folder / 'raw' / 'test'} holds no DNG file beside {MERGED}: copy them there.")
+        raise InputError(f"{folder / 'raw' / 'test'} has no DNG file beside {MERGED}: copy them there.")
     if not images:
         raise InputError(f"{source} has no image with a pose: export it again.")
     first, *rest = images
@@ -155,7 +155,7 @@ def _photos(
         path = raws.get(image.stem)
         if path is None:
             missing.append(
-                f"{shown(root / image.stem)}.dng is not there, which {shown(image.name)} is made of"
+                f"{shown(root / image.stem)}.dng, of which {shown(image.name)} is made, does not exist"
             )
             continue
         photos.append(GivenPhoto(path, image.camera, image.lens, image.pose, _exposure(path), number, use))

@@ -36,7 +36,7 @@ def with_lists(given: Given, folder: Path) -> Given:
                 lists[part] = photos
             elif path is not None and 2 * sum(kind_of(Path(name)) is not None for name in names) > len(names):
                 strange.append(
-                    f"{shown(path)} is left aside: of the photos that it names {len(photos)} are there."
+                    f"{shown(path)} is ignored: only {len(photos)} of the photos that it names exist."
                 )
         if lists.keys() & {"val", "test"}:
             return split(given, lists, f"lists in {place.name}")

@@ -90,17 +90,17 @@ def _motion_notes(framed: Framed, top: dict[str, Any]) -> Iterator[str]:
     if count:
         far, turn = (max(one[axis] for one in moved) for axis in (0, 1))
         yield (
-            f"{count} photos were read while their camera moved (rolling_shutter, transform_matrix_end): "
-            "each has one pose here, that of its middle, from which others of its pixels are up to "
-            f"{far:.3g} units of the poses and {turn:.2g} degrees away."
+            f"{count} photos have a rolling shutter (rolling_shutter, transform_matrix_end): each gets the "
+            f"pose of its middle row; other rows deviate from it by up to {far:.3g} units of the poses and "
+            f"{turn:.2g} degrees."
         )
     keys = [key for key in _MOVES if top.get(key) or any(entry.values.get(key) for entry, _ in framed)]
     if not count and any(entry.rolls() for entry, _ in framed):
         keys.insert(0, "rolling_shutter")
     if keys:
         yield (
-            f"A camera that moves while it is read ({', '.join(keys)}) is not modelled: each photo has one "
-            "pose, as if all its rows had been read at once."
+            f"A rolling shutter ({', '.join(keys)}) is not modelled: each photo gets one pose for all its "
+            "rows."
         )
 
 
@@ -120,7 +120,7 @@ def _depth_notes(framed: Framed, top: dict[str, Any]) -> Iterator[str]:
         )
     stated = top.get("n_frames")
     if isinstance(stated, int) and 0 < stated < len(framed):
-        yield f"n_frames says that the first {stated} of {len(framed)} photos are to be read: all are."
+        yield f"n_frames limits the photos to the first {stated} of {len(framed)}; all are imported."
 
 
 _LIGHT = {
@@ -138,7 +138,7 @@ _LIGHT = {
 _BESIDE: Iterable[tuple[Callable[[Path], Path], str]] = (
     (
         lambda photo: photo.parent / f"dynamic_mask_{photo.stem}.png",
-        "a mask of Instant NGP that is not read: what is white in it is to be black in a mask_path",
+        "a mask of Instant NGP, which is not read: invert it and name it as mask_path",
     ),
     (
         lambda photo: photo.parent / f"{photo.name}.alpha{photo.suffix}",

@@ -192,8 +192,9 @@ def _turned(
         count = sum(changed.values())
         photos = "1 photo lies" if count == 1 else f"{count} photos lie"
         notes.append(
-            f"{photos} across the others of the same camera and size, and count as turned by a quarter to "
-            "the right by another program: the session has them turned back, beside the originals."
+            f"{photos} across the others of the same camera and size, so another program probably rotated "
+            "them by 90 degrees to the right: the session has copies that are rotated back, beside the "
+            "originals."
         )
     return now, full, notes
 

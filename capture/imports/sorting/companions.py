@@ -39,7 +39,7 @@ def asked(
     if folder.resolve().is_relative_to(root.resolve()) and any(
         photo.is_relative_to(folder) for photo in photos
     ):
-        raise InputError(f"{folder} lies among the photographs of {root}: move it beside that folder.")
+        raise InputError(f"{folder} is inside the folder of photographs {root}: move it out of there.")
     companions = beside(photos, root, folder, suffixes)
     if not companions:
         first = photos[0].relative_to(root).with_suffix(suffixes[0]) if photos else None

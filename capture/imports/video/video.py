@@ -60,9 +60,8 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
     progress("read the video", whole, whole)
     every = f"the sharpest of every {part} ({part / rate:.2g} s)"
     return (
-        f"{taken} frames of {shown(video.name)} are taken, {every}. A video is compressed, exposed anew by "
-        "the camera all the time and read row by row while it moves: photographs taken standing still are "
-        "better."
+        f"{taken} frames of {shown(video.name)} are taken, {every}. Video is compressed, its exposure "
+        "changes all the time, and its shutter rolls: photographs taken at rest are better."
     )
 
 

@@ -94,7 +94,7 @@ def _must_be(wanted: PacketType, kind: int, fields: bytes, where: str) -> None:
     if kind == wanted:
         return
     if kind != PacketType.INIT_FAIL or len(fields) < 4:
-        raise damaged(f"a packet of type {kind} where a connection was to be accepted")
+        raise damaged(f"a packet of type {kind} instead of an accepted connection")
     reason = int.from_bytes(fields[:4], "little")
     if reason == _REJECTED:
         raise CameraPermission(

@@ -100,7 +100,7 @@ class CanonBody(StandardBody):
             return self._properties[code]
         except KeyError:
             raise CameraRefused(
-                f"{self.session.where} says nothing of property 0x{code:04X}: turn its mode dial to M."
+                f"{self.session.where} does not report property 0x{code:04X}: turn its mode dial to M."
             ) from None
 
     def write(self, code: int, value: Value) -> None:

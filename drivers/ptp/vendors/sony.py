@@ -104,9 +104,9 @@ class SonyBody(StandardBody):
             self.session.get(SonyOperation.GET_EXT_DEVICE_INFO, VERSION, 1)
         except RefusedWith as error:
             raise CameraRefused(
-                f"{self.session.where} does not speak version {VERSION / 100:g} of Sony's protocol, the one "
-                "that rig's own driver knows: set USB Connection to PC Remote, or install libgphoto2 "
-                "(pip install -e '.[gphoto2]'), which knows more of them."
+                f"{self.session.where} does not support version {VERSION / 100:g} of Sony's protocol, the "
+                "only one of rig's own driver: set USB Connection to PC Remote, or install libgphoto2 "
+                "(pip install -e '.[gphoto2]'), which supports more."
             ) from error
         self.session.get(SonyOperation.SDIO_CONNECT, 3, 0, 0)
         listed = self._after_start_up()
@@ -131,7 +131,7 @@ class SonyBody(StandardBody):
         description = self._everything().get(code)
         if description is None:
             raise CameraRefused(
-                f"{self.session.where} says nothing of property 0x{code:04X}: turn its mode dial to M."
+                f"{self.session.where} does not report property 0x{code:04X}: turn its mode dial to M."
             )
         return description
 
@@ -257,7 +257,7 @@ class SonyBody(StandardBody):
             if self.time is None or error.code != ResponseCode.ACCESS_DENIED:
                 raise
             # It has begun anew by itself, and wants the handshake again.
-            raise CameraLost(f"{self.session.where} has begun anew: see its battery and cable.") from error
+            raise CameraLost(f"{self.session.where} has restarted: check its battery and cable.") from error
         return unpack_properties(blob)
 
     def _choose(self, description: DevicePropDesc | None, wanted: int) -> None:

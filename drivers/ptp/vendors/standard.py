@@ -63,7 +63,7 @@ class StandardBody:
         if not any(self.session.supports(operation) for operation in self.releases):
             return "it takes no pictures on command"
         if self._is_fuji():
-            return "its make wants a handshake that only libgphoto2 knows: pip install -e '.[gphoto2]'"
+            return "its make needs a handshake that only libgphoto2 supports: pip install -e '.[gphoto2]'"
         return "" if self.time is not None else "its exposure time cannot be set: turn its mode dial to M"
 
     @property

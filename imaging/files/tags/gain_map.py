@@ -9,10 +9,7 @@ _MARKS = (
     b"urn:iso:std:iso:ts:21496:-1",
     b"urn:com:apple:photo:2020:aux:hdrgainmap",
 )
-ASIDE = (
-    "HDR gain map is left aside: the picture itself is read, whose white is that of a print, and light above "
-    "it is unknown."
-)
+ASIDE = "HDR gain map is ignored: only the picture itself is read, and light above its white is unknown."
 
 
 def holds_gain_map(data: bytes) -> bool:

@@ -104,8 +104,8 @@ def _caution(trade: Trade) -> str:
     several = max((point.at_once for point in trade.points), default=1)
     if several > 1:
         return (
-            f"Up to {several} trainings shared a machine, so their seconds say little of one that has it to "
-            "itself: processor time is drawn instead."
+            f"Up to {several} trainings shared a machine, so their seconds do not show how long one takes "
+            "alone: processor time is drawn instead."
         )
     if comparable(trade):
         return ""

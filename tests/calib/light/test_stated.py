@@ -34,7 +34,7 @@ def stated(folder: Path, exposures: list[Exposure | None], *, by_hand: bool = Fa
 def test_one_exposure_in_all_files_is_said_and_a_white_balance_that_is_chosen_is_not(tmp_path: Path) -> None:
     by_files = stated(tmp_path, [DAYLIGHT] * 3)
     (said,) = by_files.exposure.values()
-    assert said == "the files say that every view was taken at 1/80 s f/5 ISO 400"
+    assert said == "the files state that every view was taken at 1/80 s f/5 ISO 400"
     assert not by_files.white_balance
 
 
@@ -69,6 +69,8 @@ def test_gains_of_a_makers_note_are_one_white_balance_where_they_hardly_differ(t
     session = Session.open(tmp_path / "S")
     by_files = stated_by(session, scene_views(session))
     assert [*by_files.white_balance.values()] == [
-        "the files say that red was raised 1.77 times and blue 1.53 times in all"
+        "the files state that red was raised 1.77 times and blue 1.53 times in all"
     ]
-    assert [*by_files.exposure.values()] == ["the files say that every view was taken at 1/80 s f/5 ISO 400"]
+    assert [*by_files.exposure.values()] == [
+        "the files state that every view was taken at 1/80 s f/5 ISO 400"
+    ]

@@ -44,10 +44,10 @@ def plain(code: int) -> np.ndarray:
     ("pictures", "cause"),
     [
         ([noise(0)], "only one view: poses need at least two"),
-        ([plain(0)] * 3, "3 of 3 views show nothing to hold on to, 3 of them are black: expose longer"),
+        ([plain(0)] * 3, "3 of 3 views have too few features, 3 of them are black: expose longer"),
         ([plain(255)] * 3, "are saturated: expose shorter"),
         ([plain(128)] * 3, "are without texture or blurred: focus"),
-        ([noise(1), plain(0), plain(0)], "2 of 3 views show nothing"),
+        ([noise(1), plain(0), plain(0)], "2 of 3 views have too few features"),
         ([noise(2), noise(3), noise(4)], "no two views share enough"),
     ],
     ids=["one", "black", "saturated", "blank", "one of three", "strangers"],

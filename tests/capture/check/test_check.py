@@ -160,8 +160,8 @@ def test_records_of_unknown_cameras_and_plans_are_named(rig):
     write(rig.session, records)
     report = check(rig.session.folder)
     assert kinds(report) == ["index", "index", "missing", "missing"]
-    assert "'z', no camera of the session" in report.problems[0].message
-    assert "a shot of no plan" in report.problems[1].message
+    assert "'z', which is not a camera of the session" in report.problems[0].message
+    assert "belongs to no plan" in report.problems[1].message
 
 
 def test_a_folder_that_is_no_session_is_an_input_error(tmp_path):

@@ -103,7 +103,7 @@ def test_of_a_raw_and_a_jpeg_of_one_name_the_raw_counts(tmp_path):
     )
     result = import_photos(photos, tmp_path / "s")
     assert sorted(sources(Session.open(tmp_path / "s")).values()) == ["IMG_1.DNG", "img_2.jpg"]
-    assert "1 file kept beside the RAW files of the same name, and not read." in result.guesses
+    assert "1 file kept beside RAW files of the same name, but not read." in result.guesses
 
 
 @pytest.mark.parametrize(

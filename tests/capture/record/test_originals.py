@@ -40,7 +40,7 @@ def test_a_session_imported_from_the_files_of_a_captured_one_holds_the_same(
     captured: Path, tmp_path: Path
 ) -> None:
     result = import_photos(captured / "raw", tmp_path / "imported", bracket=3)
-    assert any("6 files kept beside the RAW files" in guess for guess in result.guesses)
+    assert any("6 files kept beside RAW files" in guess for guess in result.guesses)
     same = ("sha256", "developed_sha256", "width", "height", "reported", "captured_at")
     both = []
     for folder in (captured, tmp_path / "imported"):

@@ -136,7 +136,7 @@ def test_what_is_no_text_file_is_told(tmp_path: Path) -> None:
         read(tmp_path, "x = " + "[" * 100_000)
     with pytest.raises(InputError, match="is a folder"):
         read_rig_file(tmp_path)
-    with pytest.raises(InputError, match="is not there: write it with `rig init"):
+    with pytest.raises(InputError, match="does not exist: create it with `rig init"):
         read_rig_file(tmp_path / "none.toml")
 
 

@@ -56,7 +56,7 @@ def test_a_time_is_set_and_read_in_its_unit(name: str, unit: str | None, second:
 
 def test_a_time_in_an_unknown_unit_is_refused() -> None:
     nodes = node_map(number("ExposureTime", "lines", 1, 4000))
-    with pytest.raises(CameraRefused, match=r"ExposureTime is in 'lines', of which rig knows nothing"):
+    with pytest.raises(CameraRefused, match=r"ExposureTime is in 'lines', which rig does not know"):
         settings.set_exposure(nodes, Exposure(time=0.01))
 
 

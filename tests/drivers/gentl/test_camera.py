@@ -56,7 +56,7 @@ def test_frames_are_those_of_the_sensor_when_its_shutter_opened(simulated: Simul
 def test_a_frame_with_parts_missing_is_told(simulated: SimulatedDevice) -> None:
     camera = only(SystemClock())
     simulated.cut = True
-    with pytest.raises(CameraProtocol, match="its producer says that parts of it are missing"):
+    with pytest.raises(CameraProtocol, match="its producer reports missing parts"):
         shoot(camera, 1 / 500)
     simulated.cut = False
     assert shoot(camera, 1 / 500).pixels.shape == (48, 64)

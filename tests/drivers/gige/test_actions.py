@@ -119,7 +119,7 @@ def test_a_camera_that_no_command_reaches_has_no_frame_and_the_others_have(
 def test_cameras_without_actions_are_refused() -> None:
     with aravis_fake() as address:
         camera = camera_at(address)
-        with pytest.raises(CameraRefused, match=f"GigE {ARAVIS} knows no action commands"):
+        with pytest.raises(CameraRefused, match=f"GigE {ARAVIS} has no action commands"):
             camera.join(ActionTeam(), leads=True)
         assert shoot(camera, Exposure(time=0.01)).pixels.shape == (512, 512)
         camera.close()

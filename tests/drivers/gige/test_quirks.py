@@ -67,7 +67,7 @@ def test_gain_and_black_without_a_unit_are_called_unknown(make_row: MakeRow) -> 
     assert frame.metadata.exposure == Exposure(time=2.0**-8)
     assert frame.black == ((0.0,),)
     (unknown,) = frame.metadata.unknown
-    assert re.search(r"black level without a unit: its files say 0; measure it by dark frames", unknown)
+    assert re.search(r"black level without a unit: its files state 0; measure it from dark frames", unknown)
     with pytest.raises(CameraRefused, match="gain has no unit, and may be in dB or a factor: name no ISO"):
         camera.set_exposure(LABEL)
 
@@ -75,7 +75,7 @@ def test_gain_and_black_without_a_unit_are_called_unknown(make_row: MakeRow) -> 
 def test_a_frame_of_fewer_rows_is_told(make_row: MakeRow) -> None:
     (camera,) = quirky(make_row, Quirk.FEWER_ROWS).cameras
     with pytest.raises(
-        CameraProtocol, match=r"ended it after 24 of 48 rows, .* variable height .*send all rows"
+        CameraProtocol, match=r"ended it after 24 of 48 rows .variable height.: set a fixed height"
     ):
         shoot(camera)
 
@@ -162,7 +162,7 @@ def test_a_description_in_a_file_of_this_host_is_read(make_row: MakeRow, tmp_pat
     file = tmp_path / "of the maker.zip"
     file.write_bytes(description(row, make_row))
     redirect(row, "File:simulated.zip")
-    with pytest.raises(CameraRefused, match=r"a file on this host, .* which is not there"):
+    with pytest.raises(CameraRefused, match=r"a description on this host, .* which does not exist"):
         row.cameras[0].identify()
     redirect(row, f"File:///{str(file).lstrip('/').replace(' ', '%20')}?SchemaVersion=1.1.0")
     assert np.array_equal(shoot(row.cameras[0]).pixels, shoot(row.twins[0]).pixels)
@@ -186,7 +186,7 @@ def test_a_description_at_the_camera_is_read_and_none_from_elsewhere(make_row: M
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         for host, name, why in (
-            ("203.0.113.7", "simulated.zip", "reads none from elsewhere on the network"),
+            ("203.0.113.7", "simulated.zip", "does not load any over the network"),
             (address, "moved.zip", "cannot be read .*302"),
         ):
             redirect(row, f"http://{host}:{server.server_port}/{name}")

@@ -77,7 +77,9 @@ def test_a_nikon_whose_shutter_is_open_in_bulb_is_waited_for(nth: int, toy: Simu
 
 def test_one_that_nobody_closes_is_told_with_what_to_do(toy: SimulatedRig) -> None:
     bench = Bench(toy, NIKON, Fault(Kind.BULB, operation="DEVICE_READY", nth=1, seconds=3600.0))
-    with pytest.raises(CameraBusy, match=r"its shutter is open in bulb, so let go .* turn its dial to M"):
+    with pytest.raises(
+        CameraBusy, match=r"its shutter is open in bulb mode: end the exposure.* turn its dial to M"
+    ):
         shot(bench.camera, EXPOSURE)
     assert bench.clock.now() < PATIENCE
 
@@ -135,7 +137,7 @@ def test_a_sony_of_another_protocol_is_told_and_left_to_libgphoto2(toy: Simulate
         ),
     )
     with pytest.raises(
-        CameraRefused, match=r"does not speak version 2 of Sony's protocol.*install libgphoto2"
+        CameraRefused, match=r"does not support version 2 of Sony's protocol.*install libgphoto2"
     ):
         bench.camera.capabilities()
 
@@ -152,7 +154,7 @@ def test_a_file_beyond_four_gibibytes_is_told_before_any_of_it_is_read(
 
     monkeypatch.setattr(Store, "object_info", huge)
     bench = Bench(toy, CANON)
-    with pytest.raises(CameraProtocol, match=r"has 5120 MiB, which is no picture: shoot it again"):
+    with pytest.raises(CameraProtocol, match=r"with 5120 MiB, too large for a picture: shoot it again"):
         shot(bench.camera, EXPOSURE)
     monkeypatch.undo()
     assert shot(bench.camera, EXPOSURE).metadata.exposure == EXPOSURE

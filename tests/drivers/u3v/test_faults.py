@@ -60,7 +60,7 @@ def test_one_fault_of_the_control_channel_is_got_over(
         (Fault(Kind.DROPPED_PAYLOAD, operation="Frame", count=10**6), "bytes of its payload are missing"),
         (
             Fault(Kind.FEWER_ROWS, operation="Frame", count=30),
-            "after 30 of 48 rows, as one of variable height",
+            r"after 30 of 48 rows \(variable height\)",
         ),
         (Fault(Kind.STALL, operation="Frame"), "halted"),
         (Fault(Kind.TIMEOUT, operation="Frame"), "sent no frame"),

@@ -182,7 +182,7 @@ XTRANS = [
 def test_what_is_no_mosaic_of_rgb_is_refused(write: Write, tags: dict[str, Entry]) -> None:
     path = write(**tags)
     with pytest.raises(
-        InputError, match="no mosaic of red, green, blue and unfiltered photosites, nor mono"
+        InputError, match="has other filters than red, green and blue, and is not mono"
     ) as error:
         read_raw(path)
     assert one_sentence(error, path)

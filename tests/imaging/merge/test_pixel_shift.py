@@ -161,7 +161,7 @@ def test_what_is_no_pixel_shift_is_refused(toy: SimulatedRig) -> None:
         combined(still)
     with pytest.raises(InputError, match="3 files are not a complete pixel-shift group"):
         combined(still[:3])
-    with pytest.raises(InputError, match="Bayer mosaics only"):
+    with pytest.raises(InputError, match="needs Bayer mosaics"):
         combined([replace(still[0], cfa=Cfa.X_TRANS)] * 4)
     with pytest.raises(InputError, match="differ in size"):
         combined([*still[:3], replace(still[3], white=4000)])

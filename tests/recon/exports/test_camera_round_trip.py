@@ -205,7 +205,7 @@ def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "a.txt").touch()
     Usd.Stage.CreateNew(str(tmp_path / "a.usda")).Save()
     for name, words in (
-        ("none.usda", "is not there"),
+        ("none.usda", "does not exist"),
         ("a.glb", "does not state where"),
         ("a.txt", "does not state where"),
         ("a.usda", "does not state where"),

@@ -117,6 +117,6 @@ def test_views_without_time_are_left_out_and_named_so_and_the_others_are_as_ever
     assert view.raw_psnr == pytest.approx(same.raw_psnr, abs=1e-4)
     assert short.raw_psnr == view.raw_psnr
     assert short.left_out == (
-        "1 of 3 held-out views are measured, HDR-FLIP of none, so that the report is there in time: "
+        "1 of 3 held-out views are measured, HDR-FLIP of none, to finish the report in time: "
         "`rig evaluate` measures all."
     )

@@ -66,7 +66,7 @@ export = ["scene.usdc"]
         ),
         ('sessions = ["other"]\n[[scene]]\nbudget = "soon"', "A budget of 'soon'"),
         ('sessions = ["other"]\n[[scene]]\nexport = ["../x.ply"]', "line 3: scene.0.export.0"),
-        ('sessions = ["other"]\n[[scene]]\n[[scene]]', "2 scenes that are called 'auto standard'"),
+        ('sessions = ["other"]\n[[scene]]\n[[scene]]', "2 scenes named 'auto standard'"),
         ('sessions = ["other"', "is not TOML"),
     ],
 )

@@ -80,7 +80,7 @@ def test_folders_that_are_no_scenes_are_refused(rig, tmp_path):
     ):
         code, _, err = rig("bench", protocol, str(tmp_path))
         assert code == 2
-        assert f"is no scene of {name} and holds none" in err
+        assert f"is not a scene of {name} and contains none" in err
     code, _, err = rig("bench", "rawnerf", str(tmp_path / "nowhere"))
     assert (code, "is not a folder" in err) == (2, True)
     assert list(Path(tmp_path).iterdir()) == []

@@ -238,7 +238,7 @@ def test_a_filter_wheel_is_waited_for_at_every_band(terminal: Terminal) -> None:
     assert terminal.pressed == 2
     assert said[1] == "Filter 650nm: turn the wheel of every camera to it. Then press Enter."
     terminal.is_there = False
-    with pytest.raises(InputError, match="no operator is there to turn the filter wheel to 450nm"):
+    with pytest.raises(InputError, match="the filter wheel cannot be turned to 450nm"):
         operator.turn_to("450nm")
     TerminalOperator(said.append, 20.0, clock).turn_to("450nm")
     assert clock.now() == 20.0

@@ -91,7 +91,7 @@ def test_views_that_the_report_has_no_time_for_are_said(rig, toy: Path, quick: N
     store.write_json(toy / SPLIT, {"schema_version": 1, "reason": "", "train": train, "test": test})
     monkeypatch.setattr("rig.commands.reconstruct.REPORT_SHARE", 0.0)
     code, out, _ = rig("reconstruct", str(toy), "--quality", "draft")
-    said = "1 of 3 held-out views are measured, HDR-FLIP of none, so that the report is there in time"
+    said = "1 of 3 held-out views are measured, HDR-FLIP of none, to finish the report in time"
     assert code == 0
     assert said in out
     assert len(store.read_json(toy / RECON / "metrics.json")["views"]) == 1

@@ -129,7 +129,7 @@ def test_sides_that_nothing_tells_apart_are_kept_and_named_on_request():
     model, _ = placed(features, brightness, keep_doubtful=True)
     assert len(model.poses) == VIEWS
     (doubt,) = (rung for rung in model.rungs if rung.name == "pose_undecided")
-    assert "all are kept as you asked: poses of 0000/cam" in doubt.reason
+    assert "all are kept by --keep-doubtful: poses of 0000/cam" in doubt.reason
 
 
 def with_false_pair(features: Mapping, brightness: Mapping, steady: bool) -> SceneModel:
@@ -191,4 +191,4 @@ def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
         solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
     (doubt,) = (rung for rung in rungs if rung.taken)
     assert doubt.name == "pose_unconfirmed"
-    assert doubt.reason.startswith("only 0 % of the scene's points are where a third view sees them")
+    assert doubt.reason.startswith("only 0 % of the scene's points are confirmed by a third view")

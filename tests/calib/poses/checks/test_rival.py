@@ -187,7 +187,7 @@ def test_one_view_that_one_pair_joins_is_placed_and_named(
     assert model.hanging == {ViewId(VIEWS - 1, "cam")}
     (rung,) = (rung for rung in model.rungs if rung.name == POSE_HANGING)
     assert rung.taken
-    assert "holds IMG_11.JPG on the others" in rung.reason
+    assert "connects IMG_11.JPG to the others" in rung.reason
     assert "its pose may be wrong" in rung.reason
     assert transformed(model, pycolmap.Sim3d(2 * np.eye(3, 4))).hanging == model.hanging
 

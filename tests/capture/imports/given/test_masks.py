@@ -38,9 +38,8 @@ def test_transparent_photographs_are_told_and_mask_themselves_if_asked_to(tmp_pa
     cv2.imwrite(str(tmp_path / "photos" / "1.png"), rgba[..., :3])
     result = import_photos(tmp_path / "photos", tmp_path / "S")
     guesses = [guess for guess in result.guesses if "transparent" in guess]
-    assert [guess.split(";")[0] for guess in guesses] == [
-        "1 photo is transparent in part: the scene gets nothing there, and they are composited over black"
-    ]
+    (guess,) = guesses
+    assert guess.startswith("1 photo is partly transparent: transparent areas stay empty in the scene")
     assert read_picture(tmp_path / "photos" / "0.png").black == 0.5
     import_photos(tmp_path / "photos", tmp_path / "T", masks=tmp_path / "cut")
     session = Session.open(tmp_path / "T")
@@ -116,7 +115,7 @@ def test_masks_that_cannot_be_used(photos, tmp_path):
     with pytest.raises(InputError, match="nothing is not a folder"):
         import_photos(photos, tmp_path / "S", masks=tmp_path / "nothing")
     picture(photos / "covers" / "0.png", 0)
-    with pytest.raises(InputError, match="lies among the photographs"):
+    with pytest.raises(InputError, match="is inside the folder of photographs"):
         import_photos(photos, tmp_path / "S", masks=photos / "covers")
 
 
@@ -148,7 +147,7 @@ def test_a_sound_mask_is_no_finding_and_another_is_named(session):
     path.unlink()
     ((kind, message),) = mask_problems(session)
     assert kind == "absent"
-    assert f"{first.mask}, the mask of {first.file}, is not there" in message
+    assert f"{first.mask}, the mask of {first.file}, is missing" in message
 
 
 def test_masks_of_sessions_without_their_digests_are_read(session):

@@ -143,7 +143,7 @@ def test_lists_of_names_that_are_not_there_are_told(scene):
     folder = scene()
     (folder / "test.txt").write_text("DSC_1.JPG\nDSC_2.JPG\n")
     (note,) = read_layout(folder, "nerfstudio").notes
-    assert note.endswith("test.txt is left aside: of the photos that it names 0 are there.")
+    assert note.endswith("test.txt is ignored: only 0 of the photos that it names exist.")
 
 
 def test_frames_for_testing_beside_the_others_are_read(scene):

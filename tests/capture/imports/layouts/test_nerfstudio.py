@@ -98,7 +98,7 @@ def test_photos_that_no_frame_names_are_not_imported_and_absent_ones_are_told(tm
     assert sorted(at) == ["0.png", "1.png", "2.png"]
     assert result.missing == ()
     assert any(
-        re.search(r"3\.png is named in frame 3 of .*transforms\.json but is not", guess)
+        re.search(r"3\.png is named in frame 3 of .*transforms\.json but does not exist", guess)
         for guess in result.guesses
     )
     shutil.rmtree(tmp_path / "s")

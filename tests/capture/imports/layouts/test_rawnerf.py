@@ -173,7 +173,7 @@ def test_what_is_not_there_is_told(tmp_path, picture, put):
     result, session, _ = imported(folder)
     assert result.missing == ()
     assert any(
-        re.search(r"IMG_11\.dng is not there, which IMG_11\.JPG is made of", guess)
+        re.search(r"IMG_11\.dng, of which IMG_11\.JPG is made, does not exist", guess)
         for guess in result.guesses
     )
     assert any("1 DNG file is left aside" in guess for guess in result.guesses)
@@ -219,7 +219,7 @@ def test_a_test_scene_without_its_shots_and_two_copies_of_one_name_are_refused(t
     folder = scene_with_clean_mosaic(tmp_path / "a", picture, put)
     for path in (folder / "raw" / "test").iterdir():
         path.unlink()
-    with pytest.raises(InputError, match=r"raw/test holds no DNG file beside hdrplus_test/merged\.dng"):
+    with pytest.raises(InputError, match=r"raw/test has no DNG file beside hdrplus_test/merged\.dng"):
         rawnerf.read(folder)
     folder = scene(tmp_path / "b", picture, put)
     made = pycolmap.Reconstruction(str(folder / "sparse" / "0"))

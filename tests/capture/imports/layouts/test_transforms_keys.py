@@ -70,7 +70,7 @@ def test_a_camera_that_moved_while_it_was_read_has_the_pose_of_its_middle(read, 
     share = sum(map(abs, shutter[1:])) / 2
     far, turn = np.sqrt(8) * share, np.degrees(0.4) * share
     (note,) = notes
-    assert note.startswith("2 photos were read while their camera moved")
+    assert note.startswith("2 photos have a rolling shutter")
     assert f"up to {far:.3g} units of the poses and {turn:.2g} degrees" in note
 
 

@@ -72,7 +72,7 @@ def test_cameras_know_this_computer_again() -> None:
         (packet(5, struct.pack("<I", 2)), CameraClaimed, "is connected to another program or device"),
         (packet(5, struct.pack("<I", 3)), CameraRefused, r"accepts no connection \(reason 3\)"),
         (packet(2, bytes(12)), CameraProtocol, "an acknowledgement of 12 bytes"),
-        (packet(9), CameraProtocol, "a packet of type 9 where a connection was to be accepted"),
+        (packet(9), CameraProtocol, "a packet of type 9 instead of an accepted connection"),
         (b"HTTP/1.0 400 Bad Request", CameraProtocol, "a packet of 1347703880 bytes"),
     ],
 )

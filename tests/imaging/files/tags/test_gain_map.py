@@ -15,7 +15,7 @@ PIXELS = np.random.default_rng(8).integers(0, 256, (4, 6, 3), dtype=np.uint8).re
 XAP = b"http://ns.adobe.com/xap/1.0/\0"
 ADOBE = b"""<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0"/>"""
 APPLE = b"""<apdi:AuxiliaryImageType>urn:com:apple:photo:2020:aux:hdrgainmap</apdi:AuxiliaryImageType>"""
-SENTENCE = "the HDR gain map is left aside: the picture itself is read"
+SENTENCE = "the HDR gain map is ignored: only the picture itself is read"
 
 
 def with_segment(jpeg: bytes, marker: int, body: bytes) -> bytes:
@@ -71,5 +71,5 @@ def test_a_map_in_a_heic_is_named(tmp_path, kind):
     (tmp_path / "a.heic").write_bytes(data)
     assert read_photo(tmp_path / "plain.heic").doubt == ""
     photo = read_photo(tmp_path / "a.heic")
-    assert photo.doubt.startswith("HDR gain map is left aside")
+    assert photo.doubt.startswith("HDR gain map is ignored")
     assert np.array_equal(photo.pixels, read_photo(tmp_path / "plain.heic").pixels)
