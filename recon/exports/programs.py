@@ -25,7 +25,10 @@ PROGRAMS: dict[ProgramName, Program] = {
     "nuke": Program("usd", None, "Nuke 17 or later, GeoImport, y up", READ),
     "houdini": Program("usd", None, "a stage of Solaris, y up", READ),
     "blender": Program(
-        "usd", None, "its importer takes the cameras, y up turned to z up; splats need an add-on", READ
+        "usd",
+        None,
+        "its importer takes the cameras, y up turned to z up; splats need an add-on",
+        "cameras of Blender 5.0 agree (docs/export.md); it draws no splats without the add-on",
     ),
     "arnold": Program("ply", True, "its Gaussian shape, colours as linear Rec.709, y down", READ),
     "realitykit": Program(

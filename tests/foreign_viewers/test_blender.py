@@ -1,0 +1,38 @@
+"""Cameras of a USD file of `rig export` as Blender has them, against the views that they are of."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recon.exports.export import export
+from recon.exports.place import pinhole, place_of
+from recon.result.scene import Scene
+from tests.foreign_viewers.python_programs import needs_python, run
+from tests.foreign_viewers.wall import HEIGHT, WIDTH
+
+pytestmark = needs_python("blender")
+Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""From a stage with y up to Blender's axes."""
+
+
+def test_cameras_of_blender_see_points_where_the_views_see_them(wall: Scene, tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform((-3, -0.6, -0.5), (3, 0.6, 0.5), (12, 3))
+    export(wall, tmp_path / "scene.usdc")
+    asked = {
+        "file": str(tmp_path / "scene.usdc"),
+        "size": (WIDTH, HEIGHT),
+        "frames": [view.frame for view in wall.views],
+        "points": ((points - wall.record.offset) @ (Z_UP @ place_of(wall).turn).T).tolist(),
+    }
+    (tmp_path / "asked.json").write_text(json.dumps(asked))
+    run("blender", "blender_cameras.py", tmp_path / "asked.json", tmp_path / "answer.json")
+    (camera,) = json.loads((tmp_path / "answer.json").read_text()).values()
+    for view in wall.views:
+        lens = pinhole(view.splat_camera)
+        assert camera["sensor"] == pytest.approx(36, rel=1e-5)
+        assert camera["lens"] == pytest.approx(36 * lens.fx / lens.width, rel=1e-5)
+        x, y, z = lens.cam_from_world[:3, :3] @ points.T + lens.cam_from_world[:3, 3:]
+        pixels = np.column_stack([lens.fx * x / z + lens.cx, lens.fy * y / z + lens.cy])
+        assert np.abs(np.array(camera["frames"][str(view.frame)]) - pixels).max() < 0.01
