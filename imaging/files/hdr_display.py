@@ -10,7 +10,7 @@ from collections.abc import Callable
 import imagecodecs
 import numpy as np
 
-from imaging.arrays import AnyArray, Array, Array32
+from imaging.arrays import AnyArray, Array32
 from imaging.colour import PRIMARIES, rec709_from_rgb
 
 WHITE = 203.0
@@ -27,10 +27,10 @@ _C1, _C2, _C3 = 3424 / 4096, 2413 / 128, 2392 / 128
 _PQ_WHITE = 10_000.0
 
 
-def pq_encode(luminance: AnyArray) -> Array:
-    """Code values 0..1 of light in cd/m2, which is clipped to 0..10,000."""
+def pq_encode(luminance: AnyArray) -> AnyArray:
+    """Code values 0..1 of light in cd/m2, which is clipped to 0..10,000, in the floats that it has."""
     power = (np.clip(luminance, 0, _PQ_WHITE) / _PQ_WHITE) ** _M1
-    return np.asarray(((_C1 + _C2 * power) / (1 + _C3 * power)) ** _M2, np.float64)
+    return np.asarray(((_C1 + _C2 * power) / (1 + _C3 * power)) ** _M2)
 
 
 def within(light: Array32) -> Array32:
@@ -38,9 +38,9 @@ def within(light: Array32) -> Array32:
     return np.asarray(np.clip(np.nan_to_num(light, posinf=np.inf), 0, 2.0**HEADROOM), np.float32)
 
 
-def on_screen(light: Array32) -> Array:
+def on_screen(light: Array32) -> Array32:
     """Luminance of the primaries of Rec.2020, cd/m2 [H, W, 3], of linear Rec.709 [H, W, 3], 1 as white."""
-    return np.asarray(WHITE * within(light) @ _REC2020_FROM_REC709.T, np.float64)
+    return within(light) @ np.float32(WHITE * _REC2020_FROM_REC709.T)
 
 
 def encode_avif(light: Array32) -> bytes:

@@ -5,10 +5,12 @@ from typing import Any
 
 import viser
 
+from rig.view.pages.bright import Bright
 from rig.view.pages.note import Note
 from rig.view.pictures.layers import LAYERS, legend_of
 from rig.view.pictures.look import TONE_MAPS, Look, band_legend, legend
 from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
+from rig.view.serving.window import Window
 
 FREE = "free"
 AIM = "Click or tap into the picture."
@@ -29,7 +31,7 @@ FULL_SCREEN = (
 class Controls:
     """The controls of one browser, as a look has them; `changed` is called after what concerns the picture.
 
-    narrow: of a window in which all of them would hide the picture; some begin folded.
+    window: a narrow one begins with some folded, and one on an HDR screen with that switched on.
     """
 
     def __init__(
@@ -39,7 +41,7 @@ class Controls:
         look: Look,
         changed: Callable[[], None],
         *,
-        narrow: bool,
+        window: Window,
         on_view: Callable[[str], None],
         on_pixels: Callable[[bool], None],
         on_frusta: Callable[[bool], None],
@@ -53,8 +55,13 @@ class Controls:
             self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, look.exposure, hint=hint)
             hint = "linear: clipped at white, else untouched. The others bring more light onto the screen."
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones, hint=hint)
+            hint = (
+                "A picture at rest shows light above white, as far as the screen can, in place of the tones."
+            )
+            bright = window.bright and look.tones == "AgX"
+            self.hdr = gui.add_checkbox("HDR", bright, visible=window.bright, hint=hint)
             self.legend = gui.add_image(legend(), visible=False)
-        with gui.add_folder("Cameras", expand_by_default=not narrow):
+        with gui.add_folder("Cameras", expand_by_default=not window.narrow):
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
             shows = painter.shows(None)
             self.show = gui.add_dropdown("Show", shows, visible=len(shows) > 1)
@@ -62,17 +69,18 @@ class Controls:
             self.pixels = gui.add_checkbox("1:1", False, visible=False, hint=hint)
             self.frusta = gui.add_checkbox("Photographs", False, hint="Their cameras, in the scene.")
             self.home = gui.add_button("Home", icon=viser.Icon.HOME, hint="Back to where the page began.")
-        self.parts_of_model = self._parts(gui, painter, changed, narrow)
+        self.parts_of_model = self._parts(gui, painter, changed, window.narrow)
         with gui.add_folder("Spot meter"):
             self.spot = gui.add_markdown(AIM)
         with gui.add_folder("Keys", expand_by_default=False):
             gui.add_markdown(KEYS)
         gui.add_html(FULL_SCREEN)
-        self.state = gui.add_html("")
+        self.state, self.bright = gui.add_html(""), Bright(gui)
         self._hotkeys(gui)
         self.say_legend()
         self.exposure.on_update(lambda _: changed())
         self.tones.on_update(lambda _: self._retone(changed))
+        self.hdr.on_update(lambda _: changed())
         self.show.on_update(lambda _: self._retone(changed))
         self.view.on_update(lambda _: on_view(self.view.value))
         self.pixels.on_update(lambda _: on_pixels(self.pixels.value))

@@ -34,7 +34,7 @@ def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay:
     home = start_of(painter.scene, painter.scene.views[0]) if start is None else start
     sent = home if start is None and not stay else None
     viewer.show(
-        lambda client, look, narrow: ScenePage(client, painter, home, look, narrow),
+        lambda client, look, window: ScenePage(client, painter, home, look, window),
         look_of(painter.scene),
         sent,
     )

@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -16,12 +17,13 @@ from rig.view.pages.cameras import splat_camera
 from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.pages.frusta import Frusta
 from rig.view.pictures.layers import LAYERS, TRUST, picture_of
-from rig.view.pictures.look import Look, coloured, stops
+from rig.view.pictures.look import CURVES, Look, coloured, stops
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
 from rig.view.serving.frame import Frame, marked
 from rig.view.serving.start import Start, point, stand, start_at, up_of
 from rig.view.serving.state import State
+from rig.view.serving.window import Window
 
 COARSE_SECONDS = 0.028
 """Time of a picture while the camera moves: it has as few pixels as that needs."""
@@ -41,7 +43,7 @@ class ScenePage:
     """Draws for one browser, in a thread of its own, until it is closed."""
 
     def __init__(
-        self, client: viser.ClientHandle, painter: Painter, start: Start, look: Look, narrow: bool
+        self, client: viser.ClientHandle, painter: Painter, start: Start, look: Look, window: Window
     ) -> None:
         self.client, self.painter, self.start = client, painter, start
         self.frame: Frame | None = None
@@ -60,7 +62,7 @@ class ScenePage:
             painter,
             look,
             self._wake.set,
-            narrow=narrow,
+            window=window,
             on_view=self._go,
             on_pixels=self._show_pixels,
             on_frusta=self._show_frusta,
@@ -203,6 +205,7 @@ class ScenePage:
             shown = marked(shown, *spot)
         if self._closed.is_set():
             return
+        self.controls.bright.clear()
         kind: Literal["png", "jpeg"] = "png" if exact else "jpeg"
         self.client.scene.set_background_image(shown, format=kind, jpeg_quality=75 if coarse else 95)
         place = None if spot is None else self.frame.pixel(*spot)
@@ -213,6 +216,11 @@ class ScenePage:
         if not coarse:
             self.controls.state.content = self._state().element
         self.client.flush()
+        if not coarse and self._is_bright(self._drawing, wanted.show) and not self._wake.is_set():
+            factor = np.float32(self.painter.scene.exposure * 2.0**self.controls.look.exposure)
+            light = self.frame.in_window(self._drawing.light * factor)
+            self.controls.bright.show(light if spot is None else marked(light, *spot))
+            self.client.flush()
         rate = shown.shape[0] * shown.shape[1] / max(time.perf_counter() - began, 1e-4)
         if coarse:
             self._pixels_a_second += 0.3 * (rate - self._pixels_a_second)
@@ -252,7 +260,15 @@ class ScenePage:
             return picture_of(show, drawing.layer, self.painter.scene)
         if show in (DIFFERENCE, OVER) and drawing.over is not None:
             return coloured(stops(drawing.light, scale) - stops(drawing.over, scale), DIFFERENCE_STOPS)
-        return self.controls.look.shown(drawing.light, scale)
+        look = self.controls.look
+        return (replace(look, tones="linear") if self._is_bright(drawing, show) else look).shown(
+            drawing.light, scale
+        )
+
+    def _is_bright(self, drawing: Drawing, show: str) -> bool:
+        """Return whether light itself is shown, on an HDR screen."""
+        plain = drawing.layer is None and show not in (DIFFERENCE, OVER)
+        return bool(self.controls.hdr.value) and plain and self.controls.look.tones in CURVES
 
     def _aim(self, across: float, down: float) -> None:
         """Measure at a place in the window, 0..1, from now on; pixel for pixel bring it to the middle."""

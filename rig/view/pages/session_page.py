@@ -19,6 +19,7 @@ from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer
 from rig.view.serving.start import height_angle, pose_of, stand
 from rig.view.serving.state import State
+from rig.view.serving.window import Window
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
 SHEET = 1000
@@ -36,7 +37,7 @@ class SessionPage:
         photographs: Photographs,
         rig: RigModel | None,
         look: Look,
-        narrow: bool,
+        window: Window,
     ) -> None:
         self.client, self.photographs, self.rig = client, photographs, rig
         self.frame: Frame | None = None
@@ -51,7 +52,7 @@ class SessionPage:
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones)
             shows = (PHOTOGRAPHS, RIG) if rig else (PHOTOGRAPHS,)
             self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
-        with gui.add_folder("Session", expand_by_default=not narrow):
+        with gui.add_folder("Session", expand_by_default=not window.narrow):
             self.words = gui.add_markdown("")
         self._state = gui.add_html("")
         for control in (self.exposure, self.tones, self.show):
@@ -194,4 +195,4 @@ def show_session(viewer: Viewer, folder: Path) -> None:
     start = None if rig is None else rig.start()
     shots = [[(shot.file, 1.0) for shot in group] for group in photographs.groups.values()]
     look = first_look(1.0, shot_at(shots))
-    viewer.show(lambda client, look, narrow: SessionPage(client, photographs, rig, look, narrow), look, start)
+    viewer.show(lambda client, look, window: SessionPage(client, photographs, rig, look, window), look, start)

@@ -21,7 +21,7 @@ STOPS = 8.0
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Luminance weights of linear Rec.709 (ITU-R BT.709)."""
 _BRIGHT, _DARK = (255, 0, 80), (40, 90, 255)
-_CURVES: dict[str, Callable[[Array32], Bytes]] = {
+CURVES: dict[str, Callable[[Array32], Bytes]] = {
     "linear": tones.linear,
     "ACES 2.0": tones.aces,
     "AgX": tones.agx,
@@ -46,7 +46,7 @@ class Look:
         if self.tones == "false colour":
             return bands(stops(light, factor))
         shown = light * np.float32(factor)
-        return _clipped(shown) if self.tones == "clipping" else _CURVES[self.tones](shown)
+        return _clipped(shown) if self.tones == "clipping" else CURVES[self.tones](shown)
 
 
 def first_look(exposure: float, shot_at: float | None) -> Look:

@@ -17,7 +17,14 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from rig.view.serving.state import said_state
-from rig.view.serving.window import css_width, state_of, width_of, with_script
+from rig.view.serving.window import (
+    css_width,
+    is_bright,
+    on_hdr_screen,
+    state_of,
+    width_of,
+    with_script,
+)
 
 LOCAL = "127.0.0.1"
 PARAMETER = "token"
@@ -109,6 +116,7 @@ def guarded(access: Access) -> Iterator[None]:
             response = process_request(connection, request)
             if response is None:
                 css_width.set(width_of(request))
+                on_hdr_screen.set(is_bright(request))
                 said_state.set(state_of(request))
                 return None
             response = with_script(response)

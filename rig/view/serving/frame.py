@@ -1,13 +1,18 @@
 """A picture of linear light, and where it lies in the window of a browser."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from imaging.arrays import Array32, Bytes
+from imaging.colour import srgb_decode
 
 BESIDE = 24
 """Grey of what a window shows beside a picture of another shape."""
+_BESIDE_LIGHT = float(srgb_decode(BESIDE / 255))
+Picture = TypeVar("Picture", Bytes, Array32)
+"""Codes, or light of which 1 is white."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,15 @@ class Frame:
         column, row = int(np.floor(across * wide - left)), int(np.floor(down * high - top))
         return (row, column) if 0 <= row < height and 0 <= column < width else None
 
-    def in_window(self, picture: Bytes) -> Bytes:
-        """A picture of the frame's size as the window shows it, with what is beside it."""
+    def in_window(self, picture: Picture) -> Picture:
+        """A picture of the frame's size, codes or light, as the window shows it, with what is beside it."""
         height, width = self.light.shape[:2]
         (wide, high), (left, top) = self._placed()
         if (wide, high, left, top) == (width, height, 0, 0):
             return picture
-        shown = np.full((high, wide, 3), BESIDE, np.uint8)
+        shown = np.full(
+            (high, wide, 3), BESIDE if picture.dtype == np.uint8 else _BESIDE_LIGHT, picture.dtype
+        )
         inside = picture[max(0, -top) : max(0, high - top), max(0, -left) : max(0, wide - left)]
         top, left = max(0, top), max(0, left)
         shown[top : top + inside.shape[0], left : left + inside.shape[1]] = inside
@@ -53,7 +60,7 @@ class Frame:
         return (width + 2 * left, height + 2 * top), (left, top)
 
 
-def marked(picture: Bytes, across: float, down: float) -> Bytes:
+def marked(picture: Picture, across: float, down: float) -> Picture:
     """Draw a ring around a place of a picture, 0..1 from its upper left, that is seen on any colour."""
     height, width = picture.shape[:2]
     radius = max(3.0, width / 160)
@@ -65,5 +72,5 @@ def marked(picture: Bytes, across: float, down: float) -> Bytes:
     rows, columns = np.ogrid[: near.shape[0], : near.shape[1]]
     away = np.hypot(rows + top + 0.5 - row, columns + left + 0.5 - column)
     near[np.abs(away - radius) < 1.5] = 0
-    near[np.abs(away - radius) < 0.75] = 255
+    near[np.abs(away - radius) < 0.75] = 255 if picture.dtype == np.uint8 else 1
     return shown

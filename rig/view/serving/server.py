@@ -18,7 +18,7 @@ from rig.view.serving.first import FirstPicture
 from rig.view.serving.frame import Frame
 from rig.view.serving.start import NARROW, Start, stand
 from rig.view.serving.state import State, said_state
-from rig.view.serving.window import HERE, css_width
+from rig.view.serving.window import HERE, Window, css_width, on_hdr_screen
 
 # A browser may leave while its picture is drawn: that picture is not missed.
 warnings.filterwarnings("ignore", r"Queued a \w+ on a closed connection", UserWarning)
@@ -55,8 +55,8 @@ class Page(Protocol):
         ...
 
 
-MakePage = Callable[[viser.ClientHandle, Look, bool], Page]
-"""Factory of pages: takes a browser, its look, and whether its window is narrow."""
+MakePage = Callable[[viser.ClientHandle, Look, Window], Page]
+"""Factory of pages: takes a browser, its look, and its window."""
 
 
 class Viewer:
@@ -75,7 +75,7 @@ class Viewer:
         self.access = Access.to(host)
         self.pages: dict[int, Page] = {}
         self._clients: dict[int, viser.ClientHandle] = {}
-        self._narrow: set[int] = set()
+        self._windows: dict[int, Window] = {}
         self._states: dict[int, State] = {}
         self._make: MakePage | None = None
         self._before = self.look
@@ -170,17 +170,18 @@ class Viewer:
             before.clear()
         if start is not None:
             stand(client, start)
-        page = self.pages[client.client_id] = self._make(client, look, client.client_id in self._narrow)
+        page = self._make(client, look, self._windows.get(client.client_id, Window()))
+        self.pages[client.client_id] = page
         page.tell(self._training_state)
         if state is not None:
             page.restore(state)
 
     async def _look_at_window(self, client: viser.ClientHandle) -> None:
-        """Remember whether a window is narrow, and its address, in the task of its connection."""
+        """Remember a window and its address, in the task of its connection."""
         # A camera's image is in pixels of the screen, of which a telephone has several for one of CSS.
         width = css_width.get()
-        if (client.camera.image_width if width is None else width) < NARROW:
-            self._narrow.add(client.client_id)
+        narrow = (client.camera.image_width if width is None else width) < NARROW
+        self._windows[client.client_id] = Window(narrow, on_hdr_screen.get())
         if said_state.get():
             self._states[client.client_id] = State.of(said_state.get(), self.look)
 
@@ -201,7 +202,7 @@ class Viewer:
         with self._changing:
             self._waiting.pop(client.client_id, None)
             self._clients.pop(client.client_id, None)
-            self._narrow.discard(client.client_id)
+            self._windows.pop(client.client_id, None)
             self._states.pop(client.client_id, None)
             page = self.pages.pop(client.client_id, None)
         if page is not None:

@@ -6,6 +6,7 @@ import functools
 import gzip
 import re
 from contextvars import ContextVar
+from dataclasses import dataclass
 from urllib.parse import unquote
 
 from websockets.datastructures import Headers
@@ -15,7 +16,9 @@ from rig.view.serving.state import ELEMENT
 
 HERE = "rig-here"
 """Element of the page that is there as soon as a browser has our panel."""
-_COOKIE, _STATE = "rig_view_width", "rig_view_state"
+BRIGHT = "rig-bright"
+"""Element of the page whose data is an AVIF for an HDR screen, which lies over the picture."""
+_COOKIE, _STATE, _HDR = "rig_view_width", "rig_view_state", "rig_view_hdr"
 _SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
 # viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
 # themselves for what they touch, so that no tap would ever measure. It connects to the address of the page,
@@ -28,11 +31,17 @@ html:not(.{HERE}) body::before {{
   content: "Connecting"; position: fixed; inset: 45% 0 auto; text-align: center; color: #bbb;
   font: 16px sans-serif;
 }}
+#{BRIGHT}-shown {{ position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none;
+  dynamic-range-limit: no-limit; }}
 </style>
 <script>
 const ours = () => document.documentElement.classList.add("{HERE}");
 setTimeout(ours, 15000);
-const say = () => {{ document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`; }};
+const high = matchMedia("(dynamic-range: high)");
+const say = () => {{
+  document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`;
+  document.cookie = `{_HDR}=${{Number(high.matches)}}; Path=/; SameSite=Strict`;
+}};
 say();
 addEventListener("resize", say);
 const keep = () => {{
@@ -41,9 +50,21 @@ const keep = () => {{
 }};
 keep();
 history.replaceState(null, "", location.pathname + location.search);
+high.addEventListener("change", () => {{ say(); location.reload(); }});
+const bright = Object.assign(new Image(), {{ id: "{BRIGHT}-shown", alt: "" }});
+const cover = () => {{
+  const data = document.getElementById("{BRIGHT}")?.dataset;
+  if (data?.number === bright.dataset.number) return;
+  bright.remove();
+  bright.dataset.number = data?.number ?? "";
+  if (!data?.avif) return;
+  bright.src = "data:image/avif;base64," + data.avif;
+  document.querySelector("canvas[data-engine]").after(bright);
+}};
 addEventListener("hashchange", () => {{ keep(); location.reload(); }});
 new MutationObserver(() => {{
   if (document.getElementById("{HERE}")) setTimeout(ours, 300); // in which viser folds its settings away
+  cover();
   const said = document.getElementById("{ELEMENT}")?.title;
   if (said === undefined || "#" + said === location.hash) return;
   history.replaceState(null, "", location.pathname + location.search + "#" + said);
@@ -59,6 +80,16 @@ addEventListener("pointerdown", (event) => {{
 
 css_width: ContextVar[int | None] = ContextVar("css_width", default=None)
 """Window width, px, of the present connection, or None."""
+on_hdr_screen: ContextVar[bool] = ContextVar("on_hdr_screen", default=False)
+"""True if the window of the present connection is on an HDR screen."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """narrow: all controls would hide the picture; bright: on an HDR screen."""
+
+    narrow: bool = False
+    bright: bool = False
 
 
 def width_of(request: Request) -> int | None:
@@ -66,6 +97,12 @@ def width_of(request: Request) -> int | None:
     # Not by `http.cookies`: it gives up at cookies that other servers of this machine set in their own way.
     match = _SAID.search("; ".join(request.headers.get_all("Cookie")))
     return int(match[1]) if match else None
+
+
+def is_bright(request: Request) -> bool:
+    """Return whether the window that a request is from is on an HDR screen."""
+    cookies = "; ".join(request.headers.get_all("Cookie"))
+    return re.search(rf"(?:^|;)\s*{_HDR}=1\s*(?:;|$)", cookies) is not None
 
 
 def state_of(request: Request) -> str:
