@@ -69,7 +69,6 @@ SETTINGS = {
         r"of 13 megapixels, trained at 1,280 px with 100,000 Gaussians",
         r"wider images \(1,280 px\), which the simulated cameras of 320 px",
         r"with spherical harmonics of degree 0 and",
-        r"on eleven to 23 of them",
         r"Lego, with 100 views",
         r"with 11 and 23 views",
     ),
