@@ -9,10 +9,12 @@ import pytest
 from recon.exports.export import export
 from recon.exports.place import pinhole, place_of
 from recon.result.scene import Scene
-from tests.foreign_viewers.python_programs import needs_python, run
+from tests.foreign_viewers.python_programs import run
+from tests.foreign_viewers.viewers import MODULES
 from tests.foreign_viewers.wall import HEIGHT, WIDTH
 
-pytestmark = needs_python("blender")
+BLENDER = MODULES.parent / "blender" / "bin" / "python"
+pytestmark = pytest.mark.skipif(not BLENDER.is_file(), reason=f"{BLENDER} is not there: see .ci/run")
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From a stage with y up to Blender's axes."""
 
@@ -27,7 +29,7 @@ def test_cameras_of_blender_see_points_where_the_views_see_them(wall: Scene, tmp
         "points": ((points - wall.record.offset) @ (Z_UP @ place_of(wall).turn).T).tolist(),
     }
     (tmp_path / "asked.json").write_text(json.dumps(asked))
-    run("blender", "blender_cameras.py", tmp_path / "asked.json", tmp_path / "answer.json")
+    run(BLENDER, "blender_cameras.py", tmp_path / "asked.json", tmp_path / "answer.json")
     (camera,) = json.loads((tmp_path / "answer.json").read_text()).values()
     for view in wall.views:
         lens = pinhole(view.splat_camera)

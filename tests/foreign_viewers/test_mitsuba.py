@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from imaging.files.exr import read_exr
 from recon.exports.export import export
 from recon.result.scene import Scene
-from tests.foreign_viewers.python_programs import needs_python, run
+from tests.foreign_viewers.python_programs import run
 from tests.foreign_viewers.wall import FOCAL, HEIGHT, RADIANCES, WIDTH, front, strips
 
 LIBRARIES = [
@@ -20,10 +21,8 @@ LIBRARIES = [
 ]
 LLVM = next((path for path in LIBRARIES if path and Path(path).exists()), None)
 """The compiler of Mitsuba, whose versions before 16 it cannot use."""
-pytestmark = [
-    needs_python("mitsuba"),
-    pytest.mark.skipif(LLVM is None, reason="no libLLVM of 16 or later: apt-get install libllvm19"),
-]
+pytest.importorskip("mitsuba")
+pytestmark = pytest.mark.skipif(LLVM is None, reason="no libLLVM of 16 or later: apt-get install libllvm19")
 
 
 def with_normals(path: Path) -> None:
@@ -48,7 +47,7 @@ def test_the_radiances_of_the_wall_are_rendered(wall: Scene, tmp_path: Path) -> 
         out = str(path.with_suffix(".exr"))
         asked.append({"file": str(path), "srgb": not linear, "out": out, **stand, **size})
     (tmp_path / "asked.json").write_text(json.dumps(asked))
-    run("mitsuba", "mitsuba_picture.py", tmp_path / "asked.json", DRJIT_LIBLLVM_PATH=str(LLVM))
+    run(sys.executable, "mitsuba_picture.py", tmp_path / "asked.json", DRJIT_LIBLLVM_PATH=str(LLVM))
     light = np.array(RADIANCES)[:, None] * np.ones(3)
     upper, lower = strips(read_exr(tmp_path / "True.exr").rgb())
     assert np.abs(np.log2(upper / light)).max() < 0.02

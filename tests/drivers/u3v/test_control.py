@@ -228,7 +228,7 @@ def test_an_answer_that_wrote_less_is_refused() -> None:
 
 def test_senseless_limits_are_refused() -> None:
     channel, _ = opened(Scripted())
-    with pytest.raises(CameraProtocol, match="packets hold 20 and 12"):
+    with pytest.raises(CameraProtocol, match="packets of 20 and 12 bytes"):
         channel.limit(20, 12, 0.5)
 
 
