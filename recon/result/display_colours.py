@@ -134,9 +134,12 @@ def _fit(
         progress("fitting display colours", step, steps)
         for group in optimizer.param_groups:
             group["lr"] = longer * rates[group["name"]].at(step / steps)
-        camera, shown = pairs[order[step % len(pairs)]]
+        turn, place = divmod(step, len(pairs))
+        camera, shown = pairs[order[place]]
+        # Viewers move on with each turn, since an even number of pictures would meet the same viewer always.
+        viewer = viewers[(place + turn) % len(viewers)]
         optimizer.zero_grad()
-        image = viewers[step % len(viewers)](model, camera, degree=degree).image
+        image = viewer(model, camera, degree=degree).image
         off = image.clamp(0, 1) - shown / 255 if end == 1 else _weighed(image) - _weighed(shown)
         off.square().mean().backward()
         optimizer.step()
