@@ -148,3 +148,9 @@ def test_more_light_than_the_headroom_is_clipped_and_less_than_none_is_black(enc
         assert patches(shown)[0].max() < 0.002
         np.testing.assert_allclose(patches(shown)[2:], patches(expected)[2:], rtol=0.1, atol=0.01)
     assert BRIGHTEST == WHITE * 2.0**HEADROOM
+
+
+def test_the_sdr_picture_keeps_room_above_white() -> None:
+    """As docs/render.md has it: white is code 188 there."""
+    base = GainMap(encode_ultra_hdr(np.ones((PATCH, PATCH, 3), np.float32))).base
+    np.testing.assert_allclose(255 * base, 188, atol=1.5)
