@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import IO, Any, Concatenate, ParamSpec, TypeVar
 
 from capture.nodes.cluster import joined
 from imaging.compute import memory
 from imaging.compute.workers import ATTEMPTS, LocalWorkers, Share, Task, WorkerLost, Workers
 from imaging.errors import InputError
+from rig.batch import forks
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -50,7 +51,7 @@ class Ended:
 
 
 def run(share: Share, words: Sequence[str]) -> Ended:
-    """Run `python -m rig` with these words and `--json` to its end; again where its process was killed."""
+    """Run `rig` with these words and `--json` to its end; again where its process was killed."""
     began = time.monotonic()
     attempt = 1
     code, out, err, cost = _once(share, words)
@@ -72,36 +73,38 @@ def _once(share: Share, words: Sequence[str]) -> tuple[int, str, str, Cost]:
     """Return exit code, standard output, standard error and cost of one attempt."""
     # Files, not pipes: communicate() would wait for the process itself, and its usage would be lost.
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "rig", *words, "--json"],
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=err,
-            env=os.environ | share.environment(),
-        )
-        try:
-            share.pin(process.pid)
-            cost = _waited(process)
-        except BaseException:
-            process.kill()
-            process.wait()
-            raise
+        # A node of a cluster has given memory to the task, not to a process that stays.
+        once = forks.run if sys.platform == "linux" and not share.serves else _started
+        code, usage = once(share, [*words, "--json"], out, err)
         texts = []
         for file in (out, err):
             file.seek(0)
             texts.append(file.read().decode(errors="replace"))
-    return process.returncode, texts[0], texts[1], cost
-
-
-def _waited(process: "subprocess.Popen[bytes]") -> Cost:
-    """Wait for the end of a process; returns its cost, that of its children included."""
-    if not hasattr(os, "wait4"):
-        process.wait()
-        return Cost()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
     unit = 1 if sys.platform == "darwin" else 1024
-    return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit)
+    cost = Cost() if usage is None else Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit)
+    return code, texts[0], texts[1], cost
+
+
+def _started(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes]) -> "forks.Ending":
+    """Run as `forks.run`, by a Python of its own."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=out,
+        stderr=err,
+        env=os.environ | share.environment(),
+    )
+    try:
+        share.pin(process.pid)
+        if not hasattr(os, "wait4"):
+            return process.wait(), None
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    except BaseException:
+        process.kill()
+        process.wait()
+        raise
+    return process.returncode, usage
 
 
 @dataclass

@@ -55,7 +55,7 @@ def test_parts_of_a_plan_are_made_apart_and_joined(rig, toy: Path) -> None:
     assert code == 0, err
     (row,) = json.loads(out)["rows"]
     assert row["session"] == str(toy)
-    assert row["processor_seconds"] > 1
+    assert row["processor_seconds"] > 0.3
     assert row["peak"] > 100_000_000
 
 
