@@ -5,8 +5,6 @@ of ITU-R BT.2408-7, and light goes on for `HEADROOM` stops above it. The curve o
 ITU-R BT.2100-2, table 4.
 """
 
-from collections.abc import Callable
-
 import imagecodecs
 import numpy as np
 
@@ -19,8 +17,8 @@ HEADROOM = 4.0
 """Stops above white at which light is clipped: 3248 cd/m2, more than today's screens show."""
 BRIGHTEST = WHITE * 2.0**HEADROOM
 """Luminance of the brightest light, cd/m2."""
-_QUALITY_JPEG, _QUALITY_AVIF = 100, 98
-"""At which light of the demo is within 0.05 stops, in 95 % of its pixels (JPEG) and in 99 % (AVIF)."""
+_QUALITY = 98
+"""At which light of the demo is within 0.05 stops in 99 % of its pixels."""
 _REC2020_FROM_REC709 = np.linalg.inv(rec709_from_rgb(PRIMARIES["rec2020"]))
 _M1, _M2 = 2610 / 16384, 2523 / 32
 _C1, _C2, _C3 = 3424 / 4096, 2413 / 128, 2392 / 128
@@ -50,7 +48,7 @@ def encode_avif(light: Array32) -> bytes:
     return bytes(
         imagecodecs.avif_encode(
             codes,
-            _QUALITY_AVIF,
+            _QUALITY,
             speed=8,
             bitspersample=10,
             pixelformat="444",
@@ -60,26 +58,3 @@ def encode_avif(light: Array32) -> bytes:
             numthreads=1,
         )
     )
-
-
-def encode_ultra_hdr(light: Array32) -> bytes:
-    """Ultra HDR JPEG of linear Rec.709 [H, W, 3], 1 as white: an sRGB picture, and a gain map of ISO 21496-1.
-
-    The sRGB picture is libultrahdr's, which rolls highlights off by Reinhard's curve.
-    """
-    shown = within(light)
-    kinds = imagecodecs.ULTRAHDR
-    return bytes(
-        imagecodecs.ultrahdr_encode(
-            np.dstack([shown, np.ones_like(shown[..., :1])]).astype(np.float16),
-            _QUALITY_JPEG,
-            scale=1,
-            gamut=kinds.CG.BT_709,
-            transfer=kinds.CT.LINEAR,
-            nits=BRIGHTEST,
-        )
-    )
-
-
-ENCODERS: dict[str, Callable[[Array32], bytes]] = {".jpg": encode_ultra_hdr, ".avif": encode_avif}
-"""Functions that encode a picture for HDR screens, by suffix."""

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from imaging.arguments import checked
-from imaging.arrays import Array, Array32
+from imaging.arrays import Array, Array32, Bytes
 from imaging.choices import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr_camera import film_attributes
-from imaging.files.hdr_display import ENCODERS
+from imaging.files.hdr_display import encode_avif
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
+from imaging.files.ultra_hdr import encode_ultra_hdr
 from imaging.progress import Progress, unreported
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
@@ -138,7 +139,7 @@ def render(
                     film.add(shot)
             if request.hdr:
                 bright = in_colour(image, bands) * np.float32(factor * 2.0 ** (*request.stops, 0.0)[0])
-                pictures += _write_hdr(out / frame.stem, bright)
+                pictures += _write_hdr(out / frame.stem, bright, (request.shown or displayed)(bright, 1.0))
                 if hdr_film is not None:
                     hdr_film.add(bright)
     on_progress("rendering", len(frames), len(frames))
@@ -147,12 +148,12 @@ def render(
     return files + pictures + mosaics + films
 
 
-def _write_hdr(stem: Path, light: Array32) -> list[Path]:
-    """Write light for HDR screens, 1 as white, beside the PNG of that name."""
-    files = [stem.with_name(stem.name + suffix) for suffix in ENCODERS]
-    for file, encode in zip(files, ENCODERS.values(), strict=True):
-        store.write_bytes(file, encode(light))
-    return files
+def _write_hdr(stem: Path, light: Array32, base: Bytes) -> list[Path]:
+    """Write light for HDR screens, 1 as white, beside the PNG of that name; base: sRGB, for other screens."""
+    files = {".jpg": encode_ultra_hdr(light, base), ".avif": encode_avif(light)}
+    for suffix, data in files.items():
+        store.write_bytes(stem.with_name(stem.name + suffix), data)
+    return [stem.with_name(stem.name + suffix) for suffix in files]
 
 
 def _tell_empty(

@@ -24,6 +24,7 @@ from recon.rendering.camera_paths import named_path
 from recon.rendering.render import render, render_probe
 from recon.rendering.video import Video
 from recon.result.data_layers import DataLayers
+from recon.result.display import displayed
 from recon.result.layer_names import LAYERS
 from recon.result.opened import open_model
 from recon.result.scene import open_scene
@@ -168,6 +169,8 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     np.testing.assert_array_equal(normal, data.normal(camera))
     bright = imagecodecs.ultrahdr_decode((tmp_path / f"{names[1]}.jpg").read_bytes(), boost=2**HEADROOM)
     assert np.median(np.abs(bright[..., :3] - light * scene.exposure)) < 0.01
+    base = cv2.imread(str(tmp_path / f"{names[1]}.jpg"))[..., ::-1].astype(float)
+    assert np.abs(base - displayed(light, scene.exposure)).mean() < 1
     shown = decoded(files[-2])[1][1]
     assert shown.shape == light.shape
     assert np.median(np.abs(np.clip(shown, 0, 16) - light.clip(0, 16) * scene.exposure)) < 0.01
