@@ -15,14 +15,21 @@ from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_e
 from recon.splat.gpu.inputs import appended
 from recon.splat.gpu.project import HIGH, WIDE
 
-REGISTERS = 128
-"""Most registers of a thread. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it
-pays with 5 % more instructions (ptxas of CUDA 12.9, counted, not timed).
-"""
+_REGISTERS = 128
 SLOT = tl.constexpr(11)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
 the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3) and of |s|, then the largest w."""
 _MIDDLE_X, _MIDDLE_Y = tl.constexpr((WIDE.value - 1) / 2), tl.constexpr((HIGH.value - 1) / 2)
+
+
+def register_cap(hip: object) -> dict[str, int]:
+    """Option of the launch of `composite_backward`: most registers of a thread, where not on ROCm (`hip`).
+
+    Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with 5 % more
+    instructions (ptxas of CUDA 12.9, counted, not timed). ROCm's launch refuses an option that it does not
+    know, and its compiler takes fewer by itself.
+    """
+    return {} if hip else {"maxnreg": _REGISTERS}
 
 
 @triton.jit
