@@ -4,12 +4,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
-from statistics import median
 
 from calib import view_images
 from calib.boards.measure import picture_of
 from calib.data import learned
-from calib.data.features import ENOUGH_FEATURES, MORE_FEATURES, MOST_FEATURES, FeatureKind
+from calib.data.features import MORE_FEATURES, MOST_FEATURES, FeatureKind, enough_features
 from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
 from calib.evidence import Evidence
@@ -29,7 +28,7 @@ from imaging.session.view_id import ViewId
 
 FURTHER: dict[FeatureKind, str] = {"more": "more_features", "learned": "learned_matching"}
 WORDS: dict[FeatureKind, str] = {
-    "more": f"{MORE_FEATURES:,} features an image for {MOST_FEATURES:,}",
+    "more": f"up to {MORE_FEATURES:,} features an image for {MOST_FEATURES:,}",
     "learned": "learned features (DISK, matched by LightGlue)",
 }
 FEW = 0.8
@@ -141,9 +140,9 @@ def _by_features(
     except CalibrationError as error:
         refusal = error
     showing = [view for view, summary in summaries.items() if summary.blank is None]
-    number = median([len(summaries[view].features.points) for view in showing] or [0])
     # Of pictures that have no more features than they may have, there are no more to be had.
-    further: list[tuple[FeatureKind, float]] = [("more", 1.0)] if number >= ENOUGH_FEATURES else []
+    richer = [_is_rich(summaries[view]) for view in showing]
+    further: list[tuple[FeatureKind, float]] = [("more", 1.0)] if 2 * sum(richer) > len(richer) else []
     further += [("learned", FEW)] if learned.available() else []
     for kind, least in further:
         held, placed = _held(model)
@@ -166,6 +165,11 @@ def _by_features(
         assert refusal is not None
         raise refusal
     return model, summaries
+
+
+def _is_rich(summary: ViewSummary) -> bool:
+    """Return whether a picture has as many features as end the search for smaller ones."""
+    return len(summary.features.points) >= enough_features(summary.width * summary.height)
 
 
 def _held(model: sfm.SceneModel | None) -> tuple[int, int]:

@@ -94,7 +94,7 @@ RULES: Mapping[str, tuple[Part, ...]] = {
     "third views": (Part(resolution, "unconfirmed", lambda *_: None),),
     "joined by one pair": (Part(first_model, "joined_groups", lambda _, views, __: [set(views)]),),
     "placed at once": (Part(first_model, "map_at_once", lambda *_: None),),
-    "further features": (Part(place_views, "ENOUGH_FEATURES", 10**9),),
+    "further features": (Part(place_views, "enough_features", lambda _: 10**9),),
     "EXIF's focal length": (
         Part(sfm, "focal_priors", lambda _: {}),
         Part(sfm, "settle_focal", lambda _, free, *__: (free, ())),

@@ -63,10 +63,11 @@ class Model:
     hanging: frozenset = frozenset()
 
 
-def given(kind, count=500):
-    """Summaries of ten views with so many features of a kind."""
+def given(kind, count=500, size=(1600, 1000)):
+    """Summaries of ten views of a size with so many features of a kind."""
     features = SimpleNamespace(points=range(count))
-    return {number: SimpleNamespace(blank=None, kind=kind, features=features) for number in range(10)}
+    one = SimpleNamespace(blank=None, kind=kind, features=features, width=size[0], height=size[1])
+    return dict.fromkeys(range(10), one)
 
 
 @pytest.mark.parametrize("kind", ["sift", "learned"])
@@ -135,11 +136,20 @@ def test_learned_features_are_the_last_rung(monkeypatch, by_sift, by_learned, th
 
 
 @pytest.mark.parametrize(
-    ("count", "by_sift", "by_more", "expected"),
-    [(6000, 8, 9, 9), (6000, 9, 8, 9), (6000, 10, 10, 10), (500, 8, 9, 8), (6000, None, 3, 3)],
+    ("count", "size", "by_sift", "by_more", "expected"),
+    [
+        (6000, (1600, 1000), 8, 9, 9),
+        (6000, (1600, 1000), 9, 8, 9),
+        (6000, (1600, 1000), 10, 10, 10),
+        (500, (1600, 1000), 8, 9, 8),
+        (6000, (1600, 1000), None, 3, 3),
+        (2000, (1600, 1000), 8, 9, 8),
+        (2000, (400, 300), 8, 9, 9),  # the search ended before the smallest features
+        (2000, (320, 240), 8, 9, 8),
+    ],
 )
 def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
-    monkeypatch, count, by_sift, by_more, expected
+    monkeypatch, count, size, by_sift, by_more, expected
 ):
     def solved(evidence, summaries, *rest):
         placed = by_more if summaries[0].kind == "more" else by_sift
@@ -153,11 +163,11 @@ def test_more_features_are_tried_where_pictures_have_more_and_views_are_lost(
     monkeypatch.setattr(
         place_views.view_images,
         "summaries",
-        lambda *given_: asked.append(given_[-1]) or given(given_[-1], count),
+        lambda *given_: asked.append(given_[-1]) or given(given_[-1], count, size),
     )
-    model, _ = place_views._by_features(None, given("sift", count), None, False, unreported)
+    model, _ = place_views._by_features(None, given("sift", count, size), None, False, unreported)
     assert len(model.poses) == expected
-    assert asked == (["more"] if count == 6000 and by_sift != 10 else [])
+    assert asked == (["more"] if (count == 6000 or size == (400, 300)) and by_sift != 10 else [])
     said = [rung.reason for rung in model.rungs if rung.name == place_views.FURTHER["more"]]
     assert bool(said) == (expected == by_more and asked == ["more"])
 
@@ -185,7 +195,7 @@ def test_views_that_one_pair_holds_count_for_less(monkeypatch, by_sift, by_more,
     assert (len(model.poses), len(model.hanging)) == expected
     said = [rung.reason for rung in model.rungs]
     if by_sift == (9, 1):
-        assert said[0].startswith("9 (1 by one pair only) of 10 images are placed without, 9 with 10,000")
+        assert said[0].startswith("9 (1 by one pair only) of 10 images are placed without, 9 with up to")
     assert bool(said) == (expected == by_more != by_sift)
 
 
