@@ -1,8 +1,9 @@
 """A plan carried out: sessions are calibrated where they are not yet, scenes trained and exported."""
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -47,6 +48,8 @@ class BatchRow(Record):
     forecast: int | None = None
     peak: int | None = None
     processor_seconds: float | None = None
+    disk: int | None = None
+    """Bytes of the session's folder at the end of the step, with all that is in it."""
 
     @property
     def quality(self) -> str:
@@ -112,7 +115,9 @@ class _Run:
                 self.train(session, ended)
                 return
             for number, scene in enumerate(self.plan.scenes):
-                self.finish(number, _failed(session, scene, "calibrate", ended))
+                # The first scene has the cost of the one calibration.
+                spent = ended if number == 0 else replace(ended, seconds=0.0, cost=Cost())
+                self.finish(number, _failed(session, scene, "calibrate", spent))
 
         self.start(partial(forecasts.calibration, session), ["calibrate", str(session)], calibrated)
 
@@ -128,7 +133,7 @@ class _Run:
     ) -> Callable[[Ended, Task], None]:
         def trained(ended: Ended, task: Task) -> None:
             if ended.code not in (0, 3) or "reconstruction" not in ended.data:
-                self.finish(number, _failed(session, scene, "reconstruct", ended, task))
+                self.finish(number, _failed(session, scene, "reconstruct", ended, task, before))
                 return
             data = ended.data
             cost = ended.cost if before is None else before.cost + ended.cost
@@ -179,6 +184,7 @@ class _Run:
 
     def finish(self, number: int, row: BatchRow) -> None:
         """A scene is done, or has failed."""
+        row = row.model_copy(update={"disk": _stored(row.session)})
         self.rows[row.session, number] = row
         self.done += 1
         what = f"{row.failed} failed: {row.says}" if row.failed else outcome(row)
@@ -231,6 +237,11 @@ def outcome(row: BatchRow) -> str:
     return ", ".join(words)
 
 
+def _stored(folder: Path) -> int:
+    """Bytes of the files in a folder."""
+    return sum(os.path.getsize(path) for path in folder.rglob("*") if path.is_file())
+
+
 def _ended(then: Callable[[Ended, Task], None], task: Task, future: "Future[Ended]") -> None:
     """Go on with how a command ended, or with why it did not."""
     try:
@@ -241,16 +252,23 @@ def _ended(then: Callable[[Ended, Task], None], task: Task, future: "Future[Ende
 
 
 def _failed(
-    session: Path, scene: PlannedScene, step: Step, ended: Ended, task: Task | None = None
+    session: Path,
+    scene: PlannedScene,
+    step: Step,
+    ended: Ended,
+    task: Task | None = None,
+    before: Ended | None = None,
 ) -> BatchRow:
+    """Return the row of a step that failed. before: the calibration, as `_Run.train` has it."""
+    cost = ended.cost if before is None else before.cost + ended.cost
     return BatchRow(
         session=session,
         scene=scene.called,
         failed=step,
         says=ended.says,
-        seconds=ended.seconds,
+        seconds=ended.seconds + (0.0 if before is None else before.seconds),
         attempts=ended.attempts,
         forecast=task.memory if task is not None and task.memory else None,
-        peak=ended.cost.peak,
-        processor_seconds=ended.cost.processor_seconds,
+        peak=cost.peak,
+        processor_seconds=cost.processor_seconds,
     )

@@ -1,17 +1,19 @@
 """`rig batch`: many sessions with many settings."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from rig.batch import estimates as estimating
 from rig.batch import plan as plans
 from rig.batch import processes, run, shards
 from rig.options.common import CoresOption, JsonOption, RayOption
 from rig.report.pages import batch as batch_page
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
-from rig.terminal.text import counted, size
+from rig.terminal.text import counted, duration, size
 
 
 def batch(
@@ -41,6 +43,12 @@ def batch(
         bool,
         typer.Option("--merge", help="Only join the results of all shards in one table and page."),
     ] = False,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="Only estimate the processor seconds and bytes of each scene; begin nothing."
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate sessions and reconstruct scenes by a plan.
@@ -60,10 +68,30 @@ def batch(
         return _batch_result(result, batch_page.batch_report(result), unmade)
     if shard is not None:
         read = shards.shard_of(read, shard)
+    if dry_run:
+        return _estimated(estimating.estimates(read))
     with running("batch") as status:
         with processes.begun(workers, ray, cores) as several:
             result = run.carry_out(read, several, on_progress=status, on_message=status.say)
         return _batch_result(result, batch_page.batch_report(result), None)
+
+
+def _estimated(rows: "Sequence[estimating.Estimate]") -> CommandResult:
+    seconds, more = sum(row.processor_seconds for row in rows), sum(row.more for row in rows)
+    cells = [
+        (str(row.session), row.scene, f"{row.processor_seconds:.0f}", size(row.more), row.says)
+        for row in rows
+    ]
+    lines = table([("", cells)], ("Session", "Scene", "CPU s", "Adds", "No estimate"), {})
+    lines.append(f"About {duration(seconds)} of processor time and {size(more)} in all.")
+    refused = [row for row in rows if row.says]
+    missing = f"{counted(len(refused), 'scene')} cannot be estimated: {refused[0].says}" if refused else None
+    data = {
+        "estimates": [row.model_dump(mode="json") for row in rows],
+        "processor_seconds": seconds,
+        "bytes": more,
+    }
+    return CommandResult(data, lines, missing, usable=len(refused) < len(rows))
 
 
 def _batch_result(result: "run.BatchResult", report: Path, unmade: str | None) -> CommandResult:

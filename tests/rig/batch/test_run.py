@@ -95,7 +95,21 @@ def test_what_fails_is_told_and_the_rest_goes_on(tmp_path: Path) -> None:
     result = carry_out(planned(tmp_path), Recorder(calibrate="No view."), on_message=said.append)
     assert [row.failed for row in result.rows] == [None, None, "calibrate", "calibrate"]
     assert {row.says for row in result.rows[2:]} == {"No view."}
+    assert [row.processor_seconds for row in result.rows[2:]] == [8.0, None]  # once for the session
     assert any(line.endswith("b, one: calibrate failed: No view.") for line in said)
+
+
+def test_a_calibration_counts_though_the_training_fails(tmp_path: Path) -> None:
+    rows = carry_out(planned(tmp_path), Recorder(reconstruct="No pose.")).rows
+    assert [row.processor_seconds for row in rows] == [4.0, 4.0, 12.0, 4.0]
+    assert [row.seconds for row in rows] == [1.0, 1.0, 2.0, 1.0]
+
+
+def test_bytes_are_those_of_the_session(tmp_path: Path) -> None:
+    plan = planned(tmp_path)
+    (tmp_path / "a" / "raw").mkdir()
+    (tmp_path / "a" / "raw" / "1.dng").write_bytes(bytes(1234))
+    assert [row.disk for row in carry_out(plan, Recorder()).rows] == [1234, 1234, 0, 0]
 
 
 def test_an_export_that_fails_leaves_the_scene(tmp_path: Path) -> None:

@@ -22,12 +22,19 @@ def test_a_scene_is_made_and_what_fails_is_told(rig, toy: Path) -> None:
         'set = { iterations = 20, gaussians = 300, refine = "none", environment = false }\n'
         '[[scene]]\nmethod = "hdr-gs"\n'
     )
+    code, out, err = rig("batch", str(plan), "--dry-run", "--json")
+    assert code == 0, err
+    estimate = json.loads(out)["estimates"][0]
+    assert not (toy / "reconstructions").exists()
+    before = sum(path.stat().st_size for path in toy.rglob("*") if path.is_file())
     code, out, err = rig("batch", str(plan), "--json")
     data = json.loads(out)
     assert code == 3, err
     made, failed = data["rows"]
     assert (made["failed"], made["already_there"], made["iterations"]) == (None, False, 20)
     assert made["db"] > 5
+    assert 0.5 < estimate["more"] / (made["disk"] - before) < 2
+    assert 0.2 < estimate["processor_seconds"] / made["processor_seconds"] < 5
     assert (toy / "exports" / "small" / "scene.ply").is_file()
     assert (failed["failed"], failed["scene"]) == ("reconstruct", "hdr-gs standard")
     assert "1 scene of 2 could not be made" in data["missing"]
