@@ -37,6 +37,7 @@ from recon.result.place import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
+from recon.train.gpu_check import trusted
 from recon.train.half_size import UNTIL
 from recon.train.interrupt import Interrupted
 from recon.train.monitor import Shown, no_viewer
@@ -77,10 +78,10 @@ def reconstruct(
     called again with the same request (with a time to keep, as fast as the machine then is); a finished
     one is returned as it is. A training of another request, or of another calibration, is not overwritten
     unless it asks to replace that; then the new one is trained in `SHELF/.NAME.new`, and takes the
-    place of what is there when it is finished. Runs on the GPU if there is one. Started several times over
-    by torchrun, the processes train one scene together, each looking at a share of the views: a step then
-    takes as many views as there are processes, and there are fewer steps. The session has to be on a disk
-    that all of them see; the first one writes.
+    place of what is there when it is finished. Runs on the GPU if there is one whose kernels are right.
+    Started several times over by torchrun, the processes train one scene together, each looking at a share
+    of the views: a step then takes as many views as there are processes, and there are fewer steps. The
+    session has to be on a disk that all of them see; the first one writes.
 
     Args:
         session: Its folder.
@@ -148,6 +149,7 @@ def reconstruct(
         folder = store.inside(session, f"{shelf}/{name}")
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
+        device = trusted(device, on_message, on_progress, alone=ranks.count == 1)
         sizes = (asked,) if countdown is None else asked.downwards(len(dataset.train))
         if checkpoint is not None:  # it goes on at the size that it began with
             began = Settings.model_validate(checkpoint.facts["settings"]).max_width

@@ -26,14 +26,15 @@ _ROOT = Path(__file__).parents[2]
 _SOURCES = ("imaging", "drivers", "calib", "recon")
 
 
+def caches() -> Path:
+    """Return rig's folder of what can be made again: `$XDG_CACHE_HOME/hdr-rig`, else `~/.cache/hdr-rig`."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "hdr-rig"
+
+
 def cache_folder() -> Path:
     """Return where the compiled code of exactly these sources is kept."""
     given = os.environ.get("NUMBA_CACHE_DIR")
-    if given:
-        base = Path(given)
-    else:
-        caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-        base = Path(caches) / "hdr-rig" / "numba"
+    base = Path(given) if given else caches() / "numba"
     digest = hashlib.sha256(numba.__version__.encode())
     for folder in _SOURCES:
         for source in sorted((_ROOT / folder).rglob("*.py")):

@@ -10,6 +10,7 @@ from recon.observe.kernels.linear_kernel import Sites, recorded
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.splat.limits import CHANNELS_MOST
+from recon.train.gpu_check import checked
 
 _CPU = torch.device("cpu")
 
@@ -22,13 +23,13 @@ def warm_up(
     channels: int = 3,
     depth: bool = False,
 ) -> None:
-    """Run each kernel once, on next to nothing: those of the CPU, then those of `device` if it is another.
+    """Run each kernel once, on next to nothing: those of the CPU, then those of a GPU that are right there.
 
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `imaging.compute.jit`; Triton has a cache of its own) and loaded in a fraction of a second
-    afterwards. progress: (message, done, total). fisheye: also those that project through fisheyes, compiled
-    apart; channels: of the light, for which the blending is; depth: also
-    those that draw depth beside it.
+    afterwards. A GPU's kernels are compared with the CPU's then (`recon.train.gpu_check`).
+    progress: (message, done, total). fisheye: also those that project through fisheyes, compiled apart;
+    channels: of the light, for which the blending is; depth: also those that draw depth beside it.
     """
     cached = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if cached else "compiling, once on this machine,"
@@ -38,7 +39,7 @@ def warm_up(
     progress(f"{doing} its gradient", 1, total)
     image.sum().backward()  # type: ignore[no-untyped-call]
     if fisheye:
-        _render(device, fisheye=True, channels=channels).sum().backward()  # type: ignore[no-untyped-call]
+        _render(_CPU, fisheye=True, channels=channels).sum().backward()  # type: ignore[no-untyped-call]
     if depth and channels < CHANNELS_MOST:
         _render(_CPU, channels=channels + 1).sum().backward()  # type: ignore[no-untyped-call]
     progress(f"{doing} cameras and SSIM", 2, total)
@@ -46,8 +47,9 @@ def warm_up(
     planes = image.detach().permute(2, 0, 1).contiguous()
     photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)
     if device != _CPU:
-        progress(f"loading the kernels of {device}, or compiling them once", 3, total)
-        _render(device).sum().backward()  # type: ignore[no-untyped-call]
+        progress("loading the kernels of the GPU, or compiling and checking them once", 3, total)
+        if not checked(device).wrong:
+            _render(device, fisheye=fisheye).sum().backward()  # type: ignore[no-untyped-call]
     progress("kernels are ready", total, total)
 
 

@@ -11,6 +11,7 @@ from drivers import conformance, discovery, host
 from imaging import stress_case
 from imaging.errors import InputError
 from recon.train import device as devices
+from recon.train import gpu_check
 from rig import stability as stresses
 from rig.commands.usb_bus import open_bus, open_network
 from rig.options.cameras import addresses_of
@@ -79,7 +80,7 @@ def doctor(
         status("looking for cameras", 0, 2)
         findings = host.examine()
         status("looking for a GPU", 1, 2)
-        findings.append(host.Finding(*_training()))
+        findings.append(host.Finding(*_training(status)))
     findings.append(host.Finding(*_defaults(context)))
     findings += [host.Finding(name, _version(name)) for name in PACKAGES]
     width = max(len(finding.name) for finding in findings)
@@ -165,8 +166,8 @@ def _row(case: "stress_case.StressCase") -> tuple[str, ...]:
     return case.case, case.what, case.against, error, f"{case.limit:.0e}", "yes" if case.ok else "NO"
 
 
-def _training() -> tuple[str, str, str]:
-    """Environment of `rig reconstruct`."""
+def _training(status: "progress.StatusLine") -> tuple[str, str, str]:
+    """Environment of `rig reconstruct`; the kernels of a GPU are compared with the processor's."""
     import torch
 
     device = devices.training_device()
@@ -176,7 +177,15 @@ def _training() -> tuple[str, str, str]:
             f"on the {devices.device_name(device)}, though there is a GPU",
             "pip install triton",
         )
-    return "training", f"on {devices.device_name(device)}", ""
+    name = devices.device_name(device)
+    if device.type == "cpu":
+        return "training", f"on {name}", ""
+    status(f"checking the kernels of {name}", 1, 2)
+    check = gpu_check.examined(device)
+    if check.wrong:
+        fix = "Update the GPU's driver and torch; until then training runs on the processor."
+        return "training", f"not on {name}: {check.wrong}", fix
+    return "training", f"on {name}; {check.in_words()}", ""
 
 
 def _defaults(context: typer.Context) -> tuple[str, str, str]:

@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 from drivers.conformance import EXAMINATIONS
+from recon.train import device, gpu_check
 
 from .refusals import assert_refused
 
@@ -43,3 +45,25 @@ def test_what_fails_is_named(rig) -> None:
 )
 def test_what_cannot_be_examined(rig, arguments: list[str], says: str, tmp_path: Path) -> None:
     assert says in assert_refused(rig, ["doctor", *arguments], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("result", "says"),
+    [
+        (gpu_check.GpuCheck({"image": 1.6e-7, "gradients": 9.9e-7}), "image 1.6e-07, gradients 9.9e-07"),
+        (
+            gpu_check.GpuCheck({}, "its kernels did not run (KeyError: maxnreg)"),
+            "not on GeForce: its kernels",
+        ),
+    ],
+)
+def test_the_kernels_of_a_gpu_are_examined(
+    rig, result: gpu_check.GpuCheck, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device, "training_device", lambda: torch.device("cuda", 0))
+    monkeypatch.setattr(device, "device_name", lambda which: "GeForce")
+    monkeypatch.setattr(gpu_check, "examined", lambda which: result)
+    _, out, _ = rig("doctor", "--json")
+    (finding,) = (one for one in json.loads(out)["findings"] if one["name"] == "training")
+    assert says in finding["says"]
+    assert bool(finding["fix"]) == bool(result.wrong)
