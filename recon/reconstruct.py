@@ -21,6 +21,7 @@ from recon.data.load import load
 from recon.data.overruled import overruled
 from recon.decide.cost.countdown import Countdown, TooShort
 from recon.decide.cost.duration import how_long, slowdown
+from recon.decide.cost.gpu_memory import exceeded, require_room
 from recon.decide.cost.memory_need import fitting, free
 from recon.decide.decisions import iterations_at_most, planned
 from recon.decide.evidence import Run
@@ -164,6 +165,8 @@ def reconstruct(
             try:
                 _reconstruct(place, run, asked, checkpoint, earlier, on_log)
                 break
+            except torch.OutOfMemoryError as error:
+                raise exceeded(place, device, resumable=(place / CHECKPOINT).is_file()) from error
             except TooShort:
                 if smaller is None:
                     raise
@@ -251,6 +254,7 @@ def _begun(folder: Path, run: Run, earlier: tuple[Rung, ...]) -> tuple[Training,
     fisheye = any(view.lens.fisheye for view in views)
     deep = any(view.depth is not None for view in views)
     warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
+    require_room(run.dataset, run.asked, run.device)
     started = run.clock()
     plan = run.ranks.decided(lambda: planned(run))
     plan = dataclasses.replace(plan, rungs=(*earlier, *plan.rungs))

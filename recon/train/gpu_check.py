@@ -187,7 +187,10 @@ def _drawn(
     if "fisheye" in lens:
         camera, view = moved(camera, delta)
     stats, limits = SplatStats(count, device), Limits.for_scene(DIMMEST, BRIGHTEST)
-    render = rasterizer(RasterInputs(*leaves.values(), camera, None, limits, stats, view))
+    means, quats, scales, opacities, colours = leaves.values()
+    render = rasterizer(
+        RasterInputs(means, quats, scales, opacities, colours, camera, None, limits, stats, view)
+    )
     pull = torch.tensor(rng.normal(size=(height, width, 4)), dtype=torch.float32).to(device)
     loss = (pull[..., :3] * torch.log(render.image + DIMMEST)).sum() + (pull[..., 3] * render.alpha).sum()
     loss.backward()  # type: ignore[no-untyped-call]

@@ -116,7 +116,7 @@ def need(
     shots = sum(_number(counts, view, 0, stored) * decoded_bytes(view) for view in firsts)
     start = sum(_number(counts, view, 1, stored) * _light(view) for view in firsts)
     targets = sum(_number(counts, view, 1, stored) * _targets(view) for view in firsts)
-    targets += max(_step(view) for view in firsts)
+    targets += max(step_bytes(view) for view in firsts)
     if stored:
         targets += max(LOOK * pixels_of(view) for view in firsts)
     numbers = sum(NUMBERS[: degree + 1])
@@ -148,8 +148,8 @@ def _targets(view: View) -> int:
     return FLOAT * pixels + masks + weights + depth
 
 
-def _step(view: View) -> int:
-    """Bytes of a render, of its comparison with all shots, and of the gradients of both."""
+def step_bytes(view: View) -> int:
+    """Return the bytes of a render, of its comparison with all shots, and of the gradients of both."""
     depth = DEPTH * pixels_of(view) if view.depth is not None else 0
     return FLOAT * (8 * sum(math.prod(shot.shape) for shot in view.shots) + 16 * pixels_of(view)) + depth
 

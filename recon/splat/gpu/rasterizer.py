@@ -31,8 +31,8 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
     interprets.
 
     `inputs.view` is on the CPU.
-    ValueError for tensors on the CPU, for colours of other than three channels, and for 2^27 or more pairs
-    of a Gaussian and a tile of its box.
+    ValueError for tensors on the CPU and for colours of other than three channels; InputError for 2^27 or
+    more pairs of a Gaussian and a tile of its box.
     """
     if inputs.means.device.type != "cuda" and not knobs.runtime.interpret:
         raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {inputs.means.device}")

@@ -13,6 +13,7 @@ import triton
 import triton.language as tl
 from triton import cdiv
 
+from imaging.errors import InputError
 from recon.splat.gpu.project import HIGH, OPTIONS, PAINT, SHAPE, WIDE
 
 BLOCK = 256
@@ -22,7 +23,7 @@ CHUNK = 8
 FIELDS = 10
 """Rows of a table of entries: see `gather`."""
 MAX_PAIRS = 1 << 27
-"""Most pairs, for 32-bit offsets of a table's rows; at about 300 bytes a pair, memory ends before."""
+"""More pairs than there may be, for 32-bit offsets of a table's rows; memory mostly ends before."""
 _MAX_INT16 = (1 << 15) - 1
 _SLACK = tl.constexpr(1e-6)
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""
@@ -139,10 +140,13 @@ def match_all(
 ) -> tuple[Pairs, torch.Tensor]:
     """All pairs, in order of depth with ties in order of index; and `touched` of `match`.
 
-    number int64 [N] and what follows: from `project`; size: the sum of number. ValueError for too many.
+    number int64 [N] and what follows: from `project`; size: the sum of number. InputError for too many.
     """
     if size >= MAX_PAIRS:
-        raise ValueError(f"{size} pairs of a Gaussian and a tile are too many: render a smaller image")
+        raise InputError(
+            f"A view has {size:,} pairs of a Gaussian and a tile, and the GPU's kernels take {MAX_PAIRS:,}: "
+            "give a smaller --set width or --set gaussians."
+        )
     order = torch.sort(depth, stable=True).indices
     counts = number[order]
     start = torch.empty_like(number)
