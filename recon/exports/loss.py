@@ -5,7 +5,7 @@ pictures drawn of both. A stop is a factor of two in light. What is dimmer than 
 counts as that.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -15,14 +15,16 @@ import torch
 from imaging.arrays import Array, Array32
 from imaging.colour import srgb_decode
 from imaging.progress import Progress
+from recon.exports.canvas import canvas, manners_of
+from recon.exports.place import pinhole
 from recon.exports.splats import Splats
 from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.result.scene import Scene
-from recon.result.viewers import viewers_of
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Renderer
 from recon.scene.sampling import Sampling
+from recon.splat import SplatCamera
 
 VIEWS = 4
 """Views drawn for the measurement; evenly chosen."""
@@ -75,16 +77,15 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
         off = stops_between(truth.light, held.light, floor)
         median, worst = float(np.median(off)), float(off.max())
     views = chosen(scene.views)
-    renderers = _renderers(scene, held)
     pixels, clipped = [], []
     for done, view in enumerate(views):
         progress("measuring what is lost", done, len(views))
-        light = _light(scene, view)
+        camera = view.splat_camera if held.linear else pinhole(view.splat_camera)
+        light = _light(scene, camera)
         brightest = np.inf if held.brightest is None else held.brightest
         white = (light * held.factor > brightest).any(2)
         clipped.append(white.mean())
-        for renderer in renderers:
-            image = drawn(scene, held, view, renderer)
+        for image in _drawings(scene, held, camera):
             pixels.append(stops_between(light[~white], image[~white], floor).ravel())
     every = np.concatenate([*pixels, [0.0]] if not any(map(len, pixels)) else pixels)
     return Loss(
@@ -119,19 +120,36 @@ def chosen(views: Sequence[SceneView]) -> list[SceneView]:
     return [views[round(place)] for place in np.linspace(0, len(views) - 1, count)]
 
 
-def _light(scene: Scene, view: SceneView) -> Array32:
-    """Return what a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
+def _light(scene: Scene, camera: SplatCamera) -> Array32:
+    """Return what a camera in the world sees in the channels and the unit of `Splats.light`, [H, W, 3]."""
     if scene.record.display is None:
-        return in_colour(scene.render(view), scene.record.bands)
-    return np.asarray(
-        srgb_decode(scene.drawn(scene.record.world.camera(view.splat_camera)).numpy().clip(0, 1)), np.float32
-    )
+        return in_colour(scene.render(camera), scene.record.bands)
+    image = scene.drawn(scene.record.world.camera(camera))
+    return np.asarray(srgb_decode(image.numpy().clip(0, 1)), np.float32)
 
 
-def _renderers(scene: Scene, splats: Splats) -> tuple[Renderer, ...]:
-    """Renderer of the scene, or of display values those in the manner of viewers, which blend these."""
-    if not splats.linear:
-        return viewers_of(len(splats), splats.end)
+def _drawings(scene: Scene, splats: Splats, camera: SplatCamera) -> Iterator[Array]:
+    """Radiance [H, W, 3] that a camera in the world sees of a file: a picture by `rig`, or of display values
+    one by each of the viewers.
+    """
+    if splats.linear:
+        yield drawn(scene, splats, camera)
+        return
+    for manner in manners_of(splats.end):
+        yield splats.decoded(canvas(splats, scene.record.world.camera(camera), manner)) / splats.factor
+
+
+def drawn(scene: Scene, splats: Splats, camera: SplatCamera) -> Array:
+    """Radiance [H, W, 3] that a camera in the world sees of the linear Gaussians of a file, by `rig`."""
+    renderer = _renderer(scene, splats)
+    with torch.no_grad():
+        placed = scene.record.world.camera(camera)
+        image = renderer(splats.gaussians(), placed, degree=min(splats.degree, 2)).image.double().numpy()
+    return np.asarray(image / splats.factor)
+
+
+def _renderer(scene: Scene, splats: Splats) -> Renderer:
+    """Renderer of the scene for linear light in the units of a file."""
     limits = scene.renderer.limits
     far = scene.renderer.environment if not splats.dome else None
     if far is not None:  # in the units of the file, as the Gaussians
@@ -142,19 +160,7 @@ def _renderers(scene: Scene, splats: Splats) -> tuple[Renderer, ...]:
         limits = replace(limits, luminance_reference=limits.luminance_reference * unit)
     cameras = [scene.record.world.camera(view.splat_camera) for view in scene.views if view.use == "training"]
     sampling = Sampling.of(splats.gaussians().parameters["means"], cameras)
-    return (Renderer(PlainHarmonics(), limits, far, sampling),)
-
-
-def drawn(scene: Scene, splats: Splats, view: SceneView, renderer: Renderer | None = None) -> Array32:
-    """Radiance [H, W, 3] of a view of the scene, drawn by `rig` from the Gaussians of a file; of display
-    values in the 8 bits of a screen.
-    """
-    renderer = renderer or _renderers(scene, splats)[0]
-    camera = scene.record.world.camera(view.splat_camera)
-    with torch.no_grad():
-        image = renderer(splats.gaussians(), camera, degree=min(splats.degree, 2)).image.numpy()
-    light = image if splats.linear else splats.decoded(np.round(255 * image) / 255)
-    return np.asarray(light / splats.factor, np.float32)
+    return Renderer(PlainHarmonics(), limits, far, sampling)
 
 
 def _span(median: float, most: float, when: str) -> str:

@@ -15,21 +15,21 @@ from recon.splat import Limits
 
 MOST_CODE = 4.0
 """Largest sRGB code that PlayCanvas and SuperSplat hold of a Gaussian: light of 25 times white."""
-_PLAYCANVAS_BLUR = 0.3 / 4
+PLAYCANVAS_BLUR = 0.3 / 4
 """Variance, px^2: PlayCanvas adds 0.3 in halves of a pixel."""
-_SPARK_BLUR = 0.3
+SPARK_BLUR = 0.3
 """Variance, px^2, for which Spark makes up by the opacity."""
 
 
 def playcanvas() -> Renderer:
     """Renderer in the manner of PlayCanvas and SuperSplat."""
-    return Renderer(PlainHarmonics(), replace(Limits.gsplat(), blur=_PLAYCANVAS_BLUR))
+    return Renderer(PlainHarmonics(), replace(Limits.gsplat(), blur=PLAYCANVAS_BLUR))
 
 
 def spark(count: int) -> Renderer:
     """Renderer of `count` Gaussians in the manner of Spark; colours have to be within 0..1."""
     finest = Sampling(torch.zeros(count), torch.zeros(count))
-    return Renderer(PlainHarmonics(), replace(Limits.gsplat(), blur=_SPARK_BLUR), sampling=finest)
+    return Renderer(PlainHarmonics(), replace(Limits.gsplat(), blur=SPARK_BLUR), sampling=finest)
 
 
 def viewers_of(count: int, end: float) -> tuple[Renderer, ...]:

@@ -97,9 +97,9 @@ def test_colours_by_direction_are_those_of_plain_harmonics(
     scene = open_scene(write_made(tmp_path / "shiny", degree=2, seed=1, bent=False))
     splats = linear_splats(scene, scene.exposure, with_dome=False)
     tab = opened(scene, 48, 36)
-    off = stops_between(drawn(scene, splats, scene.views[0]), light_of(tab, scene), FAINT)
+    off = stops_between(drawn(scene, splats, scene.views[0].splat_camera), light_of(tab, scene), FAINT)
     flat = replace(splats, harmonics=splats.harmonics[:, :1])
-    without = stops_between(drawn(scene, flat, scene.views[0]), light_of(tab, scene), FAINT)
+    without = stops_between(drawn(scene, flat, scene.views[0].splat_camera), light_of(tab, scene), FAINT)
     assert np.median(off) < 0.01
     assert np.quantile(off, 0.99) < 0.1
     assert np.median(off) < 0.05 * np.median(without)

@@ -52,7 +52,7 @@ def test_another_exposure_is_fitted_anew(made_sky: Path, tmp_path: Path) -> None
     assert np.median(colours[1] - colours[0]) > 0.02
     for one in exported:
         assert one.loss is not None
-        assert one.loss.pixel_median < 0.8
+        assert one.loss.pixel_median < 1.2
         assert 0 < one.loss.clipped < 0.9
     assert exported[1].loss.clipped > exported[0].loss.clipped
 

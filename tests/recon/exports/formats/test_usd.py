@@ -45,7 +45,7 @@ def read_back(stage: Usd.Stage, scene: Scene) -> Splats:
 
 def off(scene: Scene, splats: Splats, view: SceneView) -> np.ndarray:
     """Relative difference of light where there is any."""
-    light, other = scene.render(view.splat_camera), drawn(scene, splats, view)
+    light, other = scene.render(view.splat_camera), drawn(scene, splats, view.splat_camera)
     return np.abs(other[light > 0] / light[light > 0] - 1)
 
 
