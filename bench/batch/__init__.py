@@ -1,0 +1,1 @@
+"""Scripts that measure batches of many sessions."""
