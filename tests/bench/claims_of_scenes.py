@@ -7,6 +7,7 @@ from .figures_of_scenes import (
     EXR,
     RAW,
     before_background,
+    behind,
     beside_peer,
     by_scene,
     compared,
@@ -15,6 +16,7 @@ from .figures_of_scenes import (
     dropped,
     far_gain,
     few,
+    fixed_behind,
     gained,
     guarded,
     learned,
@@ -33,6 +35,19 @@ CLAIMS = (
         r"opaque gains ([\d.]+) and ([\d.]+) dB on two of these splits, and costs the banana and the tree "
         r"([\d.]+) to ([\d.]+);",
         before_background,
+    ),
+    Claim(
+        r"two folds of the castle SSIM falls by ([\d.]+)\.",
+        lambda: [-behind("fine map, trained", "castle", "SSIM")[0]],
+    ),
+    Claim(
+        r"adds ([\d.]+) \+- ([\d.]+) dB to the castle, ([\d.]+) \+- ([\d.]+) to the drone's flight, "
+        r"([\d.]+) \+- ([\d.]+) to the tree and ([\d.]+) \+- ([\d.]+) to the banana;",
+        fixed_behind,
+    ),
+    Claim(
+        r"trained, it costs a fold of the banana ([\d.]+)\.",
+        lambda: [-behind("coarse map, trained", "banana")[0]],
     ),
     Claim(
         r"castle `rig` reaches ([\d.]+) dB and OpenSplat, which also trains without a GPU, ([\d.]+);",

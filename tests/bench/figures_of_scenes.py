@@ -157,3 +157,14 @@ def before_background() -> list[float]:
     costs = regularised(name, "banana quarter", "banana eighth", "monstree quarter")
     flight = regularised(name, "brighton eighth", "brighton quarter")
     return [*flight, -max(costs), -min(costs)]
+
+
+def behind(candidate: str, name: str, column: str = "dB") -> list[float]:
+    """Difference that a map of far light makes to drafts of a set, and its standard error over views."""
+    return cells("real_backdrop", column, candidate, name)[0]
+
+
+def fixed_behind() -> list[float]:
+    """dB that a coarse, fixed map gains on each set, with errors: castle, flight, tree, banana."""
+    sets = "castle", "brighton", "monstree", "banana"
+    return [number for name in sets for number in behind("coarse map, fixed", name)]

@@ -34,6 +34,8 @@ SETTINGS = {
         r"where it is 0\.3 and",
         r"chroma learned four times as fast",
         r"after 1,000 iterations",
+        r"A map of 24 rows that stays",
+        r"In drafts of 400 px with every view",
         r"\(24 views of 80 px, drafts of 5,000 Gaussians",
         r"simulated scene of 200 px",
         r"one scene of 100 px",
