@@ -1,9 +1,10 @@
-"""The rasteriser on a GPU: its tests, then its speed beside gsplat's, in one call.
+"""The rasteriser on a GPU: its check, its tests, then its speed and memory beside gsplat's, in one call.
 
     python -m bench.speed.gpu [--quick] [--json] [--write] [--seed 0]
 
-Needs a CUDA device, Triton, and pytest; gsplat is measured where it is installed and builds. Milliseconds
-are the median of CUDA events over repeated renders. Both draw the same Gaussians at the cut-offs of 3DGS;
+Needs a GPU, Triton, and pytest; gsplat is measured where it is installed and builds, and `gpu.sh` beside this
+file has more. Milliseconds are the median of CUDA events over repeated renders, memory is what torch held at
+most, tensors of the scene included. Both draw the same Gaussians at the cut-offs of 3DGS;
 ours also at cut-offs that are right for high contrast. --write puts the table into bench/results/gpu.md.
 """
 
@@ -11,7 +12,9 @@ import argparse
 import importlib.util
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,8 +25,11 @@ from torch.autograd import backward
 
 from bench.speed.drawn import drawn
 from bench.support.record import arguments, deliver, machine, words
+from imaging.compute import memory
 from recon.splat import Limits, SplatCamera
 from recon.stability.workloads import view, workload
+from recon.train.device import training_device
+from recon.train.gpu_check import COUNT, compared, examined
 
 ROOT = Path(__file__).parents[2]
 SIZES = ((1920, 1080), (3840, 2160))
@@ -60,7 +66,9 @@ def timed(render: Render, tensors: list[torch.Tensor], pull: torch.Tensor, round
             tensor.grad = None
         backward(render(), pull)
 
-    return {"forward_ms": milliseconds(forward, rounds), "both_ms": milliseconds(both, rounds)}
+    torch.cuda.reset_peak_memory_stats()
+    times = {"forward_ms": milliseconds(forward, rounds), "both_ms": milliseconds(both, rounds)}
+    return {**times, "peak": torch.cuda.max_memory_allocated()}
 
 
 def by_gsplat(tensors: list[torch.Tensor], camera: SplatCamera) -> Render:
@@ -85,7 +93,11 @@ def by_gsplat(tensors: list[torch.Tensor], camera: SplatCamera) -> Render:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    tests = sorted(str(path) for path in (ROOT / "tests" / "recon" / "splat").glob("test_gpu*.py"))
+    tests = sorted(str(path) for path in (ROOT / "tests" / "recon").rglob("test_gpu*.py"))
+    check = examined(torch.device("cuda"))
+    began = time.perf_counter()
+    compared(torch.device("cuda"))
+    check_seconds = time.perf_counter() - began
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", *tests]
     passed = subprocess.run(command, cwd=ROOT, check=False).returncode == 0
     rows = []
@@ -105,12 +117,22 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
             renders = {f"ours, {label}": ours(limits) for label, limits in CUTS.items()}
             if importlib.util.find_spec("gsplat"):
-                renders["gsplat"] = by_gsplat(tensors, camera)
+                with suppress(Exception):  # whatever building it raises
+                    renders["gsplat"] = by_gsplat(tensors, camera)
             for label, render in renders.items():
                 row = {"size": f"{width}x{height}", "gaussians": count, "what": label}
-                rows.append(row | timed(render, tensors, pull, options.rounds))
+                with suppress(torch.OutOfMemoryError):  # its row has no figures
+                    row |= timed(render, tensors, pull, options.rounds)
+                rows.append(row)
     device = torch.cuda.get_device_name()
-    return {"machine": machine(), "device": device, "tests_passed": passed, "rows": rows}
+    return {
+        "machine": machine(),
+        "device": device,
+        "check": check.in_words(),
+        "check_seconds": check_seconds,
+        "tests_passed": passed,
+        "rows": rows,
+    }
 
 
 def report(result: dict[str, Any]) -> str:
@@ -118,14 +140,18 @@ def report(result: dict[str, Any]) -> str:
         "# The rasteriser on a GPU",
         "",
         f"`python -m bench.speed.gpu --write`: {result['device']}; {words(result['machine'])}. "
-        f"The tests {'passed' if result['tests_passed'] else 'FAILED'} on it.",
+        f"The tests {'passed' if result['tests_passed'] else 'FAILED'} on it. Check of {COUNT} Gaussians, in "
+        f"{result['check_seconds']:.2f} s: {result['check']}.",
         "",
-        "| size | Gaussians | | forward, ms | forward + backward, ms |",
-        "|---|---|---|---|---|",
+        "| size | Gaussians | | forward, ms | forward + backward, ms | memory |",
+        "|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:
         cells = [row["size"], f"{row['gaussians']:,}", row["what"]]
-        cells += [f"{row['forward_ms']:.2f}", f"{row['both_ms']:.2f}"]
+        if "peak" in row:
+            cells += [f"{row['forward_ms']:.2f}", f"{row['both_ms']:.2f}", memory.text(row["peak"])]
+        else:
+            cells += ["", "", "too little"]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
@@ -133,9 +159,12 @@ def report(result: dict[str, Any]) -> str:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--present", action="store_true", help="only say whether there is a GPU")
     options = parser.parse_args()
-    if not torch.cuda.is_available():
-        sys.exit("bench/speed/gpu.py: torch sees no CUDA device here, so there is nothing to measure.")
+    if training_device().type == "cpu":
+        sys.exit("bench/speed/gpu.py: torch and Triton see no GPU here, so there is nothing to measure.")
+    if options.present:
+        return
     options.sizes, options.counts, options.rounds = SIZES, COUNTS, 20
     if options.quick:
         options.sizes, options.counts, options.rounds = SIZES[:1], COUNTS[:1], 5

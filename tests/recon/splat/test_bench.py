@@ -1,4 +1,9 @@
-"""The peer that bench/speed/splat.py measures against computes what we compute."""
+"""The peer that bench/speed/splat.py measures against computes what we do; an hour on a GPU needs one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -25,3 +30,14 @@ def test_peer_agrees(name: str) -> None:
     for ours, theirs in zip(*gradients, strict=True):
         # The peer clamps alpha, we clamp the opacity: at most 1e-3 of either.
         assert (ours - theirs).norm() < 2e-3 * theirs.norm()
+
+
+def test_an_hour_on_a_gpu_is_refused_in_a_sentence_without_one() -> None:
+    script = Path(__file__).parents[3] / "bench" / "speed" / "gpu.sh"
+    environment = os.environ | {"PYTHON": sys.executable, "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run([script], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == (
+        "bench/speed/gpu.py: torch and Triton see no GPU here, so there is nothing to measure.\n"
+    )
