@@ -35,7 +35,7 @@ from recon.train.warm_up import warm_up
 
 SCENES = ("lego", "demo")
 PLACES = {"gpu": {}, "processor": {"CUDA_VISIBLE_DEVICES": ""}}
-"""What is set in the environment of a training, by where it runs."""
+"""Environment variables of a training, by where it runs."""
 
 
 def trained(name: str, quality: Any, work: Path) -> dict[str, Any]:
