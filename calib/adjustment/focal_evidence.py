@@ -25,8 +25,8 @@ _RIDGE = 1e-9
 
 
 def effect(reconstruction: Any, free: Free, scale: float) -> dict[int, float]:
-    """Movement of points with a focal length that is CHANGE longer, px rms, by COLMAP's number of a
-    camera.
+    """Movement of a camera's points with a focal length that is CHANGE longer, px rms, by COLMAP's number of
+    the camera.
 
     Poses, points and the other terms of the lenses make up for as much of it as they can. Nothing but points
     counts for the focal length. Cameras whose lens is fixed have no entry. scale: of the Cauchy loss, px.
@@ -47,7 +47,9 @@ def effect(reconstruction: Any, free: Free, scale: float) -> dict[int, float]:
     unit = np.zeros((len(size), len(places)))
     unit[places, np.arange(len(places))] = 1.0
     covariance = np.linalg.solve(curvature, unit)[places, np.arange(len(places))] / size[places] ** 2
-    moved = CHANGE / np.sqrt(np.maximum(covariance, 1e-30) * part.weight.sum())
+    camera = np.array([reconstruction.image(int(image)).camera_id for image in linear.image])
+    weights = np.array([part.weight[camera == number].sum() for number in linear.lenses])
+    moved = CHANGE / np.sqrt(np.maximum(covariance, 1e-30) * weights)
     return {
         number: float(moved[row] * reconstruction.cameras[number].mean_focal_length())
         for row, number in enumerate(linear.lenses)

@@ -5,11 +5,13 @@ import pytest
 
 from bench.calibration import tracks
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers
-from calib.adjustment.focal_evidence import DETERMINED, effect
+from calib.adjustment.focal_evidence import CHANGE, DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
 from calib.adjustment.lens_ladder import climb
 from calib.adjustment.uncertainty import standard_errors
+from imaging.files.colmap import pycolmap
 from imaging.progress import unreported
+from tests.calib.adjustment.test_uncertainty import made, residuals
 
 SCALE = 0.35
 
@@ -72,3 +74,20 @@ def test_a_middle_aside_is_not_taken_for_a_tilt_over_flat_ground():
     (middle,) = [rung for rung in rungs if rung.name == "lens_principal_point"]
     assert not middle.taken
     assert "does not determine the principal point" in middle.reason
+
+
+def test_the_effect_is_that_on_the_camera_of_the_focal_length():
+    """One of two cameras, held at a longer focal length, moves its own points so much."""
+    truth = made(3)
+    change = 0.1 * CHANGE
+    held = FocalPrior((1 + change) * truth.cameras[1].mean_focal_length(), 1.0, held=True)
+    model = pycolmap.Reconstruction(truth)
+    camera = model.cameras[1]
+    camera.params = [held.px, *camera.params[1:]]
+    for _ in range(3):
+        adjust(model, Free(focal={1: held}), 10.0, 1)
+    of_camera = np.concatenate(
+        [np.full(image.num_points3D, image.camera_id == 1) for _, image in sorted(model.images.items())]
+    )
+    moved = np.sqrt((residuals(model)[of_camera] ** 2).sum(1).mean())
+    assert moved == pytest.approx(effect(truth, Free(), 10.0)[1] * change / CHANGE, rel=0.2)

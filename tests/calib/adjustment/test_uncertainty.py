@@ -218,3 +218,19 @@ def test_a_term_that_no_view_tells_is_as_lenses_are_built(model: Any) -> None:
         assert terms["p1"] < 1.5 * reduced.BUILT["p1"]
     few.delete_point3D(min(few.points3D))
     assert uncertainty.standard_errors(few, Free(), NOISE, unreported) is None
+
+
+def test_the_choice_of_the_lens_counts_as_an_error() -> None:
+    """The chosen model leaves a middle that is 5 px aside where it was, by residuals of 0.02 px."""
+    model = made(3)
+    for image in model.images.values():
+        for point in image.points2D:
+            point.xy = np.ravel(point.xy) + np.array([5.0, 0.0])
+    chosen = Free("SIMPLE_RADIAL")
+    for _ in range(3):
+        adjust(model, chosen, NOISE / 10, 1)
+    stated = uncertainty.standard_errors(model, chosen, NOISE / 10, unreported)
+    assert stated is not None
+    for terms in stated.lenses.values():
+        assert terms["cx"] == pytest.approx(5.0, rel=0.5)
+        assert terms["cy"] < 1.0
