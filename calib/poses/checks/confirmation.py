@@ -95,14 +95,14 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
     one = len(views) == 1
     if isinf(turn_errors[worst]):
-        size = f"too few to determine how certain {'its pose is' if one else 'their poses are'}"
+        size = (
+            f"few points determine {named}{more}: too few to determine how certain "
+            f"{'its pose is' if one else 'their poses are'}"
+        )
     else:
         size = (
-            f"the standard error of {'its turn is' if one else 'their turns is up to'} "
-            f"{turn_errors[worst]:.2g} degrees, and a pose may be wrong by three times that"
+            f"the photographs determine how {named}{more} {'is' if one else 'are'} turned to "
+            f"{turn_errors[worst]:.2g} degrees only (a standard error: a pose may be wrong by three times it)"
         )
-    reason = (
-        f"few points determine {named}{more}: {size}; take more views beside {'it' if one else 'them'}, or "
-        "put texture into the scene"
-    )
+    reason = f"{size}; take more views beside {'it' if one else 'them'}, or put texture into the scene"
     return Rung(name=POSE_LOOSE, taken=True, reason=reason)
