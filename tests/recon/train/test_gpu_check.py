@@ -68,7 +68,7 @@ def test_every_kernel_agrees_where_it_runs_several_programs(monkeypatch: pytest.
 
     Through the fisheye, whose camera has a gradient that is summed over programs.
     """
-    monkeypatch.delitem(gpu_check._LENSES, "Brown's lens")
+    monkeypatch.setattr(gpu_check, "_LENSES", {"a fisheye": gpu_check._LENSES["a fisheye"]})
     check = compared(DEVICE, 136, 24)
     assert check.wrong == ""
     assert set(check.errors) == set(gpu_check.LIMITS)

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -85,7 +86,8 @@ def test_gaussians_that_do_not_fit_are_refused_with_a_number_that_does(
 def test_memory_that_ends_in_a_training_leaves_its_checkpoint(
     toy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    train = stage.train
+    train, session = stage.train, tmp_path / "session"
+    shutil.copytree(toy, session, ignore=shutil.ignore_patterns("reconstructions"))
 
     def ends(training, dataset, plan, *, save, **options) -> None:
         train(training, dataset, plan, save=save, until=1, **options)
@@ -98,12 +100,12 @@ def test_memory_that_ends_in_a_training_leaves_its_checkpoint(
     with pytest.raises(
         ReconstructionError, match=r"has too little memory for the training in .*memory: close"
     ):
-        stage.reconstruct(toy, request)
-    folder = toy / "reconstructions" / "memory"
+        stage.reconstruct(session, request)
+    folder = session / "reconstructions" / "memory"
     assert (folder / CHECKPOINT).is_file()
     assert not (folder / MODEL).exists()
     monkeypatch.setattr(stage, "train", train)
     iterations: list[int] = []
-    stage.reconstruct(toy, request, on_log=lambda line: iterations.append(line["iteration"]))
+    stage.reconstruct(session, request, on_log=lambda line: iterations.append(line["iteration"]))
     assert (folder / MODEL).is_file()
     assert max(iterations) == 2
