@@ -19,10 +19,6 @@ from hypothesis.internal.conjecture import providers
 # they wait for each other: with two processes on two cores matching features takes three times the processor
 # time. They read this when they are first imported. The threads of `imaging.compute.threads` stay.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# Triton reads this when it is first imported, which tests of any folder may do: without a GPU its kernels are
-# interpreted.
-if not Path("/proc/driver/nvidia").exists():
-    os.environ["TRITON_INTERPRET"] = "1"
 # Whoever runs the tests may have defaults of their own.
 os.environ["RIG_CONFIG"] = ""
 # No test pulls the plug: nobody waits until what is written is on the disk. Tests of refusing disks have an

@@ -16,9 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-os.environ.pop(
-    "TRITON_INTERPRET", None
-)  # read as Triton is first imported: interpreted kernels do not compile
+if __name__ == "__main__":  # read as Triton is first imported: interpreted kernels do not compile
+    os.environ.pop("TRITON_INTERPRET", None)
 
 import triton
 from triton.backends.compiler import GPUTarget
