@@ -54,6 +54,12 @@ def _centres(poses: list[Array]) -> Array:
     return np.stack([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
 
 
+def _spread(poses: list[Array]) -> float:
+    """Size of the cloud of centres, which a similarity scales."""
+    centres = _centres(poses)
+    return float(np.linalg.norm(centres - centres.mean(0)))
+
+
 def errors(poses: Mapping[str, Array], true: Mapping[str, Array]) -> dict[str, Any]:
     """Compare poses with true ones: distances of centres, m, and angles of turns, degrees, by view."""
     names = sorted(poses.keys() & true.keys())
@@ -73,6 +79,7 @@ def errors(poses: Mapping[str, Array], true: Mapping[str, Array]) -> dict[str, A
     return {
         "placed": len(names),
         "extent": extent,
+        "spread": _spread(goal),
         "centres": away.tolist(),
         "turns": turns.tolist(),
         "wrong": int((away > WRONG * extent).sum()),
@@ -97,8 +104,18 @@ def by_rig(folder: Path, work: Path) -> dict[str, Any]:
     poses = {names[view.frame, view.camera]: view.cam_from_world.matrix() for view in record.views}
     lens = record.cameras[0].lens
     assert lens is not None, "a camera whose views have poses has a lens"
-    shown = {"focal": (lens.fx + lens.fy) / 2, "middle": [lens.cx, lens.cy], "said": list(record.doubts)}
-    return {"seconds": seconds, **shown, **errors(poses, truth(folder)[0])}
+    row = errors(poses, truth(folder)[0])
+    unit = row["spread"] / _spread(list(poses.values()))
+    stated = [view.error for view in record.views if view.error is not None]
+    return {
+        "seconds": seconds,
+        "focal": (lens.fx + lens.fy) / 2,
+        "middle": [lens.cx, lens.cy],
+        "said": list(record.doubts),
+        "stated_centres": [unit * error.translation for error in stated],
+        "stated_turns": [error.rotation for error in stated],
+        **row,
+    }
 
 
 def by_pycolmap(folder: Path, work: Path) -> dict[str, Any]:
@@ -168,15 +185,17 @@ def table(result: dict[str, Any]) -> str:
         "beside pycolmap's defaults (exhaustive pairs, one camera). Centres: median and largest distance "
         "from the measured ones, mm, and the median in per cent of the extent of all centres. Turns: the "
         "same, degrees. Focal length: per cent above the published mean of both. Principal point: px from "
-        "the published one.",
+        "the published one. Stated: root mean square of the stated standard errors along the worst axis of "
+        "each view; behind it, the true errors over them.",
         "",
-        "| set | views | program | placed | centres, mm | % | turns | focal length | principal point | s |",
-        "|" + "---|" * 10,
+        "| set | views | program | placed | centres, mm | % | turns | focal length | principal point "
+        "| stated, mm | stated turns | s |",
+        "|" + "---|" * 12,
     ]
     for name, row in result["rows"].items():
         for program in PROGRAMS:
             one = row[program]
-            cells = [""] * 5
+            cells = [""] * 7
             if one["placed"]:
                 centres, turns = 1000 * np.array(one["centres"]), np.array(one["turns"])
                 off = np.linalg.norm(np.subtract(one["middle"], row["truth"]["middle"]))
@@ -186,12 +205,23 @@ def table(result: dict[str, Any]) -> str:
                     f"{np.median(turns):.3f}, {turns.max():.3f}",
                     f"{100 * (one['focal'] / row['truth']['focal'] - 1):+.2f}",
                     f"{off:.1f}",
+                    _stated(one, "centres"),
+                    _stated(one, "turns"),
                 ]
             lines.append(
                 f"| {name} | {row['views']} | {program} | {one['placed']} | {' | '.join(cells)} "
                 f"| {one['seconds']:.0f} |"
             )
     return "\n".join(lines) + "\n"
+
+
+def _stated(row: Mapping[str, Any], kind: str) -> str:
+    """Root mean square of stated errors and of the true ones over it; empty for a program without any."""
+    if f"stated_{kind}" not in row:
+        return ""
+    stated, true = (float(np.sqrt(np.mean(np.square(row[key])))) for key in (f"stated_{kind}", kind))
+    size = f"{1000 * stated:.1f}" if kind == "centres" else f"{stated:.3f}"
+    return f"{size}, {true / stated:.1f}"
 
 
 def main() -> None:

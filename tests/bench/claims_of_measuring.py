@@ -39,7 +39,49 @@ def _split(kind: str) -> list[float]:
     ]
 
 
+def _lasers(column: str, place: int = 0) -> list[tuple[float, float]]:
+    """A number of each set of bench/real/laser.py, of rig and of pycolmap."""
+    both = ([one[place] for one in cells("laser", column, program)] for program in ("rig", "pycolmap"))
+    return list(zip(*both, strict=True))
+
+
+def _ends(values: list[float]) -> list[float]:
+    return [min(values), max(values)]
+
+
 CLAIMS = (
+    Claim(
+        r"in ([\d.]+) to ([\d.]+) of the processor seconds and with centres ([\d.]+) to ([\d.]+) times as "
+        r"near to the measured ones, ([\d.]+) to ([\d.]+) mm off in the median for ([\d.]+) to (\d+\.\d)",
+        lambda: [
+            *_ends([ours / theirs for ours, theirs in _lasers("s")]),
+            *_ends([theirs / ours for ours, theirs in _lasers("centres, mm")]),
+            *_ends([ours for ours, _ in _lasers("centres, mm")]),
+            *_ends([theirs for _, theirs in _lasers("centres, mm")]),
+        ],
+    ),
+    Claim(
+        r"the true errors of turns are still ([\d.]+) to ([\d.]+) times the stated ones",
+        lambda: _ends([one[1] for one in cells("laser", "stated turns", "rig")]),
+    ),
+    Claim(
+        r"in ([\d.]+) to ([\d.]+) of the processor seconds of pycolmap's defaults, and centres are "
+        r"([\d.]+) to ([\d.]+)",
+        lambda: [
+            *_ends([ours / theirs for ours, theirs in _lasers("s")]),
+            *_ends([theirs / ours for ours, theirs in _lasers("centres, mm")]),
+        ],
+        page=_METHODS,
+    ),
+    Claim(
+        r"centres on all six are ([\d.]+) to ([\d.]+) times the stated errors and turns ([\d.]+) to "
+        r"([\d.]+) times",
+        lambda: [
+            *_ends([one[1] for one in cells("laser", "stated, mm", "rig")]),
+            *_ends([one[1] for one in cells("laser", "stated turns", "rig")]),
+        ],
+        page=_METHODS,
+    ),
     Claim(
         r"the same result: ([\d.]+) against ([\d.]+) there, ([\d.]+) against ([\d.]+) on a hundred",
         lambda: [
