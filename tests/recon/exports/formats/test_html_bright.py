@@ -107,7 +107,7 @@ def until(tab: Any, condition: str) -> None:
 def test_an_hdr_screen_gets_the_light_unclipped(gpu: Any, scene: Scene, tmp_path: Path) -> None:
     assert look_of(scene) == Look(0.0, "AgX")
     tab = opened(gpu, scene, tmp_path, HIGH + CANVAS)
-    until(tab, "element('tones').value === 'HDR'")
+    until(tab, "element('tones').value === 'HDR' && !element('bright').hidden")
     assert tab.locator("#bright").is_visible()
     until(tab, "window.shown && shown.width === 240")
     truth = scene.render(pinhole(scene.views[0].splat_camera).resized(240)) * scene.exposure
