@@ -15,16 +15,17 @@ from recon.scene.gaussians import Gaussians
 from recon.scene.harmonics import basis, sphere
 
 
-def properties(degree: int) -> tuple[str, ...]:
+def properties(degree: int, *, normals: bool = False) -> tuple[str, ...]:
     """Names of a Gaussian's numbers, little-endian float32 each, with harmonics of a degree.
 
     Colour towards direction d: max(0, 0.5 + SH(d)), the harmonics as in 3DGS; f_rest holds all of red, then
     green, then blue, and viewers derive the degree from their number. opacity is a logit, scales are natural
-    logarithms, rot is wxyz. The comments state whether colours are display values or light. The normals of
-    the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
+    logarithms, rot is wxyz. The comments state whether colours are display values or light. normals: with
+    those of the first 3DGS files, all zero, which Mitsuba demands, and gsplat and PlayCanvas leave out.
     """
     return (
         *("x", "y", "z"),
+        *(("nx", "ny", "nz") if normals else ()),
         *(f"f_dc_{channel}" for channel in range(3)),
         *(f"f_rest_{index}" for index in range(3 * ((degree + 1) ** 2 - 1))),
         "opacity",
@@ -71,16 +72,19 @@ def write_ply(
     comments: Sequence[str],
     world: WorldTransform = SAME,
     offset: Vector = (0.0, 0.0, 0.0),
+    *,
+    normals: bool = False,
 ) -> None:
     """Write the Gaussians with the colours of `plain_harmonics`, each of `comments` on a line of its own.
 
-    Coordinates are those of the world less `offset`.
+    Coordinates are those of the world less `offset`. normals: see `properties`.
     """
     count = len(gaussians)
     parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
     quats = parameters["quats"] / np.linalg.norm(parameters["quats"], axis=1, keepdims=True).clip(1e-12)
     columns = [
         world.to_world(parameters["means"]) - offset,
+        np.zeros((count, 3 if normals else 0)),
         harmonics[:, 0],
         harmonics[:, 1:].transpose(0, 2, 1).reshape(count, -1),
         parameters["opacity_logits"][:, None],
@@ -88,7 +92,7 @@ def write_ply(
         quats,
     ]
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
-    names = properties(math.isqrt(harmonics.shape[1]) - 1)
+    names = properties(math.isqrt(harmonics.shape[1]) - 1, normals=normals)
     header += [f"element vertex {count}", *(f"property float {name}" for name in names), "end_header"]
     body = np.concatenate(columns, axis=1).astype("<f4").tobytes()
     store.write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + body)

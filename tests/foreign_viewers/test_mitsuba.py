@@ -25,15 +25,6 @@ pytest.importorskip("mitsuba")
 pytestmark = pytest.mark.skipif(LLVM is None, reason="no libLLVM of 16 or later: apt-get install libllvm19")
 
 
-def with_normals(path: Path) -> None:
-    """Add the normals of the first 3DGS files, without which Mitsuba refuses a file."""
-    head, end, body = path.read_bytes().partition(b"end_header\n")
-    rows = np.frombuffer(body, "<f4").reshape(-1, head.count(b"property float"))
-    named = b"".join(b"property float %s\n" % name for name in (b"z", b"nx", b"ny", b"nz"))
-    head = head.replace(b"property float z\n", named)
-    path.write_bytes(head + end + np.insert(rows, [3, 3, 3], 0, axis=1).astype("<f4").tobytes())
-
-
 def test_the_radiances_of_the_wall_are_rendered(wall: Scene, tmp_path: Path) -> None:
     """Light of a linear file, and of display values with `srgb_primitives`, which end at white."""
     place = np.linalg.inv(front().cam_from_world) @ np.diag([-1.0, -1.0, 1.0, 1.0])  # +x is left in Mitsuba
@@ -41,7 +32,6 @@ def test_the_radiances_of_the_wall_are_rendered(wall: Scene, tmp_path: Path) -> 
     for linear in (True, False):
         path = tmp_path / f"{linear}.ply"
         export(wall, path, linear=linear, exposure=0.0)
-        with_normals(path)
         stand = {"to_world": place.tolist(), "fov": math.degrees(2 * math.atan(WIDTH / 2 / FOCAL))}
         size = {"width": WIDTH, "height": HEIGHT}
         out = str(path.with_suffix(".exr"))

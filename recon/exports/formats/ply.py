@@ -16,7 +16,7 @@ def write(job: Job) -> Written:
     """Write the file, as a writer of `rig export`."""
     splats = job.splats()
     lines = comments(job, linear=splats.linear, factor=splats.factor, dome=splats.dome)
-    write_ply(job.out, splats.gaussians(), splats.harmonics, lines, splats.world, splats.offset)
+    write_ply(job.out, splats.gaussians(), splats.harmonics, lines, splats.world, splats.offset, normals=True)
     return Written([job.out], splats.in_single(), splats if splats.linear else None)
 
 

@@ -59,6 +59,15 @@ def test_the_layout_is_that_of_3dgs(tmp_path):
     assert head[4:] == [f"property float {name}" for name in properties(2)]
 
 
+def test_the_first_layout_of_3dgs_has_normals_of_zero_behind_the_places(tmp_path):
+    gaussians = make_gaussians(PlainHarmonics())
+    without = read_ply(written(tmp_path / "a.ply", gaussians, PlainHarmonics()))
+    table = read_ply(written(tmp_path / "b.ply", gaussians, PlainHarmonics(), normals=True))
+    assert tuple(table)[:7] == ("x", "y", "z", "nx", "ny", "nz", "f_dc_0")
+    for name in table:
+        np.testing.assert_array_equal(table[name], 0 if name in ("nx", "ny", "nz") else without[name])
+
+
 @pytest.mark.parametrize(("degree", "rest"), [(0, 0), (1, 9), (2, 24)])
 def test_the_harmonics_of_3dgs_are_written_as_they_are_and_no_more_than_the_degree(tmp_path, degree, rest):
     gaussians = make_gaussians(PlainHarmonics())
