@@ -15,7 +15,7 @@ from os import PathLike
 from pathlib import Path
 
 from imaging.arguments import checked
-from imaging.choices import Space
+from imaging.choices import ExrStorage, Space
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.plates.merged_view import UNIT, MergedView, merge_view
@@ -57,6 +57,7 @@ def merge(
     frame: int | None = None,
     camera: str | None = None,
     space: Space = "rec709",
+    exr: ExrStorage = "float",
     exposure: float | None = None,
     on_progress: Progress = unreported,
 ) -> Merged:
@@ -71,6 +72,7 @@ def merge(
         frame: Frame to merge; None: all.
         camera: Camera to merge; None: all.
         space: Primaries of the files.
+        exr: Storage of the light in the files, see `imaging.files.exr.write_exr`.
         exposure: Stops of the values above the light; None: those of the session, which show its median as
             middle grey.
         on_progress: Callback for the current step, the steps done, and all of them.
@@ -114,7 +116,7 @@ def merge(
     ]
     for done, (view, path, shots) in enumerate(parts):
         on_progress("merging", done, len(parts))
-        results.append(merge_view(opened, path, view, shots, calibration, space, factor))
+        results.append(merge_view(opened, path, view, shots, calibration, space, factor, exr))
     on_progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
     return Merged(out, tuple(results), factor, calibration)

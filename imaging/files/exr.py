@@ -12,6 +12,7 @@ import OpenEXR
 
 from imaging.arguments import checked
 from imaging.arrays import AnyArray, Array32, Integers
+from imaging.choices import ExrStorage
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -50,6 +51,7 @@ EXPOSURE_FACTOR = "rig:exposureFactor"
 LIGHT = "light"
 """The part of a file of several that is no data."""
 _AS_LINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+_DWAA = {"compression": OpenEXR.DWAA_COMPRESSION}
 
 
 @dataclass(frozen=True)
@@ -118,30 +120,31 @@ def write_exr(
     path: str | Path,
     channels: AnyArray | Planes,
     *,
-    half: bool = False,
+    storage: ExrStorage = "float",
     primaries: str | None = "rec709",
     exposure: Exposure | None = None,
     attributes: Mapping[str, ExrValue] | None = None,
     data: Mapping[str, Planes] | None = None,
 ) -> None:
-    """Write linear light, ZIP compressed, whole or not at all.
+    """Write linear light, whole or not at all.
 
     NaN and infinities are kept.
 
     Args:
         path: File.
         channels: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name.
-        half: Store float16 in place of float32.
+        storage: Of the light: float32; `half`, float16; or `dwaa`, float16 whose R, G and B or Y are
+            compressed with loss. All else is compressed by ZIP.
         primaries: Entry of `IDS` in `imaging.files.tags.exr_colour`; None: unknown, which the file states.
         exposure: Exposure to write as `expTime`, `aperture` and `isoSpeed`.
         attributes: Values by name (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become
             float32, and matrices too.
-        data: Channels other than light, of the same size, by the name of the part that holds them; the light
-            is then in a part `light` before them.
+        data: Channels other than light, of the same size, float32 by the name of the part that holds them;
+            the light is then in a part `light` before them.
 
     Raises:
         StorageError: The disk refuses.
-        InputError: A finite value is too large for the type.
+        InputError: A finite value is too large for the type, or one that is not finite is for DWAA.
         ValueError: The shapes or names are invalid.
     """
     path = Path(path)
@@ -158,13 +161,18 @@ def write_exr(
         else:
             header[name] = float(value) if isinstance(value, int | float | np.number) else value
     shared = {name: value for name, value in header.items() if name == _OF_ALL_PARTS}
+    if storage == "dwaa":
+        header |= _DWAA
     parts = {LIGHT: (header, light)} | {
         name: ({INTEROP_ID: DATA, **shared}, planes) for name, planes in (data or {}).items()
     }
     stored = {
         name: (
             attributes_of,
-            {channel: _stored(path, channel, plane, half) for channel, plane in planes.items()},
+            {
+                channel: _stored(path, channel, plane, storage if name == LIGHT else "float")
+                for channel, plane in planes.items()
+            },
         )
         for name, (attributes_of, planes) in parts.items()
     }
@@ -324,14 +332,16 @@ def _planes(channels: AnyArray | Planes) -> dict[str, AnyArray]:
     return {"Y": channels}
 
 
-def _stored(path: Path, name: str, plane: AnyArray, half: bool) -> AnyArray:
+def _stored(path: Path, name: str, plane: AnyArray, storage: ExrStorage) -> AnyArray:
     """A plane in the type that is written; the library takes strided arrays for contiguous ones."""
     if plane.ndim != 2 or plane.size == 0:
         raise ValueError(f"channel {name} is [H, W], not {plane.shape}")
-    kind = np.float16 if half else np.float32
+    if storage == "dwaa" and not np.isfinite(plane).all():
+        raise InputError(f"{path}: channel {name} has NaN or infinity, which DWAA makes 0: write it as half.")
+    kind = np.float32 if storage == "float" else np.float16
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(plane, dtype=kind)
     if np.any(np.isinf(stored) & np.isfinite(plane)):
-        fix = "write it as float" if half else "scale it down"
+        fix = "scale it down" if storage == "float" else "write it as float"
         raise InputError(f"{path}: channel {name} exceeds {np.finfo(kind).max:g}, the largest value: {fix}.")
     return stored

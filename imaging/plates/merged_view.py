@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from imaging.arrays import Array32, Mask
-from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, Space
+from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, read_exr_header, white_luminance, write_exr
@@ -140,6 +140,7 @@ def merge_view(
     calibration: CalibrationRecord | None,
     space: Space,
     factor: float,
+    storage: ExrStorage = "float",
 ) -> MergedView:
     """Merge a bracket into a file of light times `factor`; one with the same inputs stays as it is."""
     camera = None if calibration is None else calibration.camera(view.camera)
@@ -148,7 +149,7 @@ def merge_view(
     absolute = None
     if calibration is not None and (known := calibration.luminance) and view.camera in known.cameras:
         absolute = known.value / factor, known.error / factor
-    made = [space, factor, absolute, _white_balance(session, view, calibration)]
+    made = [space, factor, storage, absolute, _white_balance(session, view, calibration)]
     key = _key(session, shots, k, response, camera, made)
     reused = _finished(path, key)
     if reused is not None:
@@ -185,7 +186,7 @@ def merge_view(
         data["sigma"] = {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
     data["mask"] = {"mask": picture.mask.astype(np.float32)}
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
-    write_exr(path, channels, primaries=primaries, attributes=attributes, data=data)
+    write_exr(path, channels, primaries=primaries, attributes=attributes, data=data, storage=storage)
     return MergedView(view, path, len(shots), *numbers, False, merged.warnings)
 
 
@@ -241,7 +242,7 @@ def _key(
     camera: CameraCalibration | None,
     asked: Sequence[object],
 ) -> str:
-    """Digest of all that a file is made from; asked: space, factor, scale and white balance."""
+    """Digest of all that a file is made from; asked: space, factor, storage, scale and white balance."""
     parts: list[object] = [
         VERSION,
         asked,

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from imaging.arrays import Array32
-from imaging.choices import SPACE_PRIMARIES, Space
+from imaging.choices import SPACE_PRIMARIES, ExrStorage, Space
 from imaging.colour import space_from_rec709
 from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
 from imaging.files.exr_camera import camera_attributes
@@ -60,11 +60,13 @@ def write_light(
     space: Space = "rec709",
     alpha: Array32 | None = None,
     layers: Mapping[Layer, Array32] | None = None,
+    storage: ExrStorage = "float",
 ) -> None:
     """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
 
     light: Rec.709, in the unit of `header` (`header_of`). alpha [H, W]: written as channel A, by which the
     light is premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name.
+    storage: of the light, as in `write_exr`.
     """
     header, primaries = dict(header), None
     if bands:
@@ -79,7 +81,7 @@ def write_light(
         split = np.moveaxis(np.atleast_3d(values), -1, 0)
         data[layer] = dict(zip(CHANNELS[layer], split, strict=True))
         header[f"rig:{layer}"] = NOTES[layer]
-    write_exr(path, planes, primaries=primaries, attributes=header, data=data)
+    write_exr(path, planes, primaries=primaries, attributes=header, data=data, storage=storage)
 
 
 def header_of(record: ModelRecord, name: str, factor: float = 1.0) -> dict[str, ExrValue]:

@@ -122,7 +122,7 @@ def render(
             if frame.number is not None:
                 header |= film_attributes(frame.number, request.rate)
             values = image * np.float32(factor)
-            write_light(file, values, header, bands, request.space, alpha, planes)
+            write_light(file, values, header, bands, request.space, alpha, planes, request.exr)
             files.append(file)
             for index, mosaic in enumerate(() if sensor is None else sensor.bracket(image, seed=done)):
                 file = out / f"{frame.stem}_{index}.dng"
@@ -186,9 +186,9 @@ def render_probe(
     `out`.
 
     place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is.
-    request, options: as of `render`, of which width (of the map, half as high), exposure, space and shown
-    count. The layout of the map, in its header, is that of the scene's environment.exr. InputError for an
-    invalid place.
+    request, options: as of `render`, of which width (of the map, half as high), exposure, space, exr and
+    shown count. The layout of the map, in its header, is that of the scene's environment.exr. InputError for
+    an invalid place.
     """
     out = Path(out)
     store.require_writable(out)
@@ -209,10 +209,9 @@ def render_probe(
     store.make_folder(out)
     files = [out / "probe.exr", out / "probe.png"]
     values = probe.light * np.float32(factor)
-    write_light(files[0], values, header, scene.record.bands, request.space, probe.alpha)
-    shot = picture(
-        in_colour(probe.light, scene.record.bands), probe.alpha, factor, request.shown or displayed
-    )
+    bands = scene.record.bands
+    write_light(files[0], values, header, bands, request.space, probe.alpha, storage=request.exr)
+    shot = picture(in_colour(probe.light, bands), probe.alpha, factor, request.shown or displayed)
     store.write_bytes(files[1], encode_png(shot))
     return files
 

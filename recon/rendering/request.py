@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from imaging.choices import Space
+from imaging.choices import ExrStorage, Space
 from imaging.request import Request
 from recon.result.layer_names import Layer
 
@@ -45,6 +45,11 @@ class RenderRequest(Request):
     space: Annotated[
         Space, "Primaries of the EXR files, which name them by colorInteropID; light is linear in all."
     ] = "rec709"
+    exr: Annotated[
+        ExrStorage,
+        "Storage of the light in the EXR files: 32-bit floats; half, 16-bit floats; or dwaa, these with "
+        "lossy compression. Layers stay 32-bit floats.",
+    ] = "float"
     layers: Annotated[
         Sequence[Layer],
         "Data layers beside the light, in separate EXR parts: depth, alpha, normal, trust. Trust is the "

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from calib.exports import merge_session
-from imaging.choices import SPACE_NAMES
+from imaging.choices import SPACE_NAMES, ExrStorage
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
@@ -24,6 +24,13 @@ def merge(
     ] = None,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
     space: SpaceOption = "rec709",
+    exr: Annotated[
+        ExrStorage,
+        typer.Option(
+            help="Storage of the light: 32-bit floats; half, 16-bit floats; or dwaa, these with lossy "
+            "compression. Standard deviation and mask stay 32-bit floats.",
+        ),
+    ] = "float",
     exposure: Annotated[
         float | None,
         typer.Option(
@@ -53,7 +60,14 @@ def merge(
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
         merged = merge_session.merge(
-            session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status
+            session,
+            out,
+            frame=frame,
+            camera=camera,
+            space=space,
+            exr=exr,
+            exposure=exposure,
+            on_progress=status,
         )
     calibration, factor = merged.calibration, merged.exposure_factor
     reused = sum(picture.reused for picture in merged.views)

@@ -45,6 +45,7 @@ OPTIONS = Asked(
     ),
     width=Shown(how={"metavar": "PX", "min": 16, "max": 16384, "rich_help_panel": _CAMERAS}),
     space=Shown(how={"rich_help_panel": _FILES}),
+    exr=Shown(how={"rich_help_panel": _FILES}),
     layers=Shown(
         kind=str | None,
         made=_layers,

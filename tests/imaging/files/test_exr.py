@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imaging.choices import ExrStorage
 from imaging.colour import space_from_rec709
 from imaging.errors import InputError, StorageError
 from imaging.exposure import Exposure
@@ -89,23 +90,27 @@ def test_special_values_survive(tmp_path: Path) -> None:
     back = read_exr(tmp_path / "a.exr").channels["Y"]
     assert np.array_equal(back.view(np.uint32), special.view(np.uint32))
     half = np.array([[np.nan, np.inf, -np.inf, 65504.0]], np.float32)
-    write_exr(tmp_path / "h.exr", half, half=True)
+    write_exr(tmp_path / "h.exr", half, storage="half")
     assert np.array_equal(read_exr(tmp_path / "h.exr").channels["Y"], half, equal_nan=True)
 
 
 def test_half_rounds_to_eleven_bits(tmp_path: Path) -> None:
-    write_exr(tmp_path / "a.exr", RGB, half=True)
+    write_exr(tmp_path / "a.exr", RGB, storage="half")
     assert np.array_equal(read_exr(tmp_path / "a.exr").rgb(), RGB.astype(np.float16).astype(np.float32))
     with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
         assert file.parts[0].channels["R"].pixels.dtype == np.float16
 
 
-@pytest.mark.parametrize(("value", "half"), [(65520.0, True), (1e39, False), (-1e39, False)])
-def test_what_does_not_fit_is_refused_and_nothing_written(tmp_path: Path, value: float, half: bool) -> None:
+@pytest.mark.parametrize(
+    ("value", "storage"), [(65520.0, "half"), (65520.0, "dwaa"), (1e39, "float"), (-1e39, "float")]
+)
+def test_what_does_not_fit_is_refused_and_nothing_written(
+    tmp_path: Path, value: float, storage: ExrStorage
+) -> None:
     pixels = np.zeros((4, 4, 3))
     pixels[1, 2, 0] = value
     with pytest.raises(InputError, match="channel R exceeds"):
-        write_exr(tmp_path / "a.exr", pixels, half=half)
+        write_exr(tmp_path / "a.exr", pixels, storage=storage)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -71,6 +71,24 @@ def test_pictures_of_a_cut_out_object_are_layers(cut_out: Path, tmp_path: Path) 
     np.testing.assert_allclose(srgb_decode(picture[..., :3]), straight, atol=0.01)
 
 
+def test_light_is_stored_as_asked_and_layers_without_loss(cut_out: Path, tmp_path: Path) -> None:
+    view = open_scene(cut_out).views[0].name
+    exact = read_exr(render(cut_out, tmp_path / "float", views=[view], layers=("depth",))[0]).channels
+    for storage, within in (("half", 2**-11), ("dwaa", 0.05)):
+        file = render(cut_out, tmp_path / storage, views=[view], layers=("depth",), exr=storage)[0]
+        with OpenEXR.File(str(file), separate_channels=True) as opened:
+            light, depth = (part.channels for part in opened.parts)
+            assert light["G"].pixels.dtype == np.float16
+            assert np.array_equal(depth["Z"].pixels, exact["Z"])
+            assert ("DWAA" in str(opened.parts[0].header["compression"])) == (storage == "dwaa")
+            off = np.abs(light["G"].pixels - exact["G"])
+        bright = exact["G"] > 2**-10
+        assert np.median(off[bright] / exact["G"][bright]) <= within
+    place = render_probe(cut_out, tmp_path, view, width=32, exr="half")[0]
+    with OpenEXR.File(str(place), separate_channels=True) as opened:
+        assert opened.parts[0].channels["G"].pixels.dtype == np.float16
+
+
 def test_photographs_of_a_cut_out_object_are_compared_before_white_too(cut_out: Path) -> None:
     result = evaluate(cut_out)
     opened = open_model(cut_out)

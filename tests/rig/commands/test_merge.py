@@ -73,6 +73,20 @@ def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path
     assert [entry["reused"] for entry in third] == [True, False]
 
 
+def test_light_is_stored_as_asked_and_a_file_of_another_storage_is_made_again(
+    rig: Run, toy: Path, tmp_path: Path
+) -> None:
+    chosen = ("merge", str(toy), str(tmp_path / "M"), "--frame", "1", "--camera", "cam0", "--json")
+    exact = read_exr(Path(json.loads(rig(*chosen)[1])["files"][0]["file"])).channels
+    (half,) = json.loads(rig(*chosen, "--exr", "half")[1])["files"]
+    assert not half["reused"]
+    stored = read_exr(Path(half["file"])).channels
+    assert np.array_equal(stored["R"], exact["R"].astype(np.float16).astype(np.float32))
+    assert not np.array_equal(stored["R"], exact["R"])
+    assert np.array_equal(stored["sigma.R"], exact["sigma.R"])
+    assert json.loads(rig(*chosen, "--exr", "half")[1])["files"][0]["reused"]
+
+
 def bracket(
     folder: Path, codes: list[np.ndarray], times: list[float | None], masks: list[np.ndarray] | None = None
 ) -> Path:
