@@ -36,6 +36,10 @@ FILES: tuple[tuple[str, str, bool | None], ...] = (
     ("playcanvas", "glb", None),
     ("spark", "ply", None),
     ("spark", "spz", None),
+    ("babylon", "ply", None),
+    ("babylon", "glb", None),
+    ("babylon", "spz", None),
+    ("babylon", "sog", None),
 )
 """Viewer, format, and whether light is linear; None: by default."""
 FAINT = 2.0**-10
@@ -101,10 +105,10 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Files of `rig export` in viewers of others",
         "",
-        "`python -m bench.recon.viewers demo/ --write`, after `make demo` and `.ci/run`. PlayCanvas 2.23.3 "
-        "and Spark 2.2.0 in Chromium, without settings, no tone map: one view at its own size, the canvas "
-        "against what `rig render` draws, PSNR of the codes, and stops of the pixels that are not clipped; "
-        "last the median that `rig export` states.",
+        "`python -m bench.recon.viewers demo/ --write`, after `make demo` and `.ci/run`. PlayCanvas 2.23.3, "
+        "Spark 2.2.0 and Babylon.js 9.28.0 in Chromium, without settings, no tone map: one view at its own "
+        "size, the canvas against what `rig render` draws, PSNR of the codes, and stops of the pixels that "
+        "are not clipped; last the median that `rig export` states.",
         "",
         "| scene | viewer | file | light | dB | stops, median | in 1 % | stated |",
         "|---|---|---|---|---|---|---|---|",

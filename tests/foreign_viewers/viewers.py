@@ -29,8 +29,16 @@ IMPORTS = {
     "three": "three/build/three.module.js",
     "three/addons/": "three/examples/jsm/",
     "@sparkjsdev/spark": "@sparkjsdev/spark/dist/spark.module.min.js",
+    "@babylonjs/": "@babylonjs/",
+    "@adobe/spz": "@adobe/spz/dist/spz.js",
+    "fflate": "fflate/esm/browser.js",
 }
-PACKAGES = {"playcanvas": ("playcanvas",), "spark": ("@sparkjsdev/spark", "three"), "three": ("three",)}
+PACKAGES = {
+    "playcanvas": ("playcanvas",),
+    "spark": ("@sparkjsdev/spark", "three"),
+    "three": ("three",),
+    "babylon": ("@babylonjs/core", "@babylonjs/loaders", "@adobe/spz", "fflate"),
+}
 """Packages of each viewer."""
 PAGE = """<!doctype html><meta charset="utf-8"><style>body {{ margin: 0; background: black }}</style>
 <script type="importmap">{{"imports": {imports}}}</script>
