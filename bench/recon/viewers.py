@@ -40,6 +40,9 @@ FILES: tuple[tuple[str, str, bool | None], ...] = (
     ("babylon", "glb", None),
     ("babylon", "spz", None),
     ("babylon", "sog", None),
+    ("three", "ply", None),
+    ("three", "spz", None),
+    ("three", "glb", True),
 )
 """Viewer, format, and whether light is linear; None: by default."""
 FAINT = 2.0**-10
@@ -62,7 +65,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                     path = folder / f"scene{'-linear' if linear else ''}.{file}"
                     # A stated exposure, so that the fit is that of today and not of the scene's training.
                     exported = export(scene, path, linear=linear, exposure=math.log2(scene.exposure))
-                    codes = viewer.drawn(path, camera, turn=turn_of(scene, file))
+                    tones = "codes" if name == "three" and not linear else "none"
+                    codes = viewer.drawn(path, camera, turn=turn_of(scene, file), tones=tones)
                     Image.fromarray(codes).save(folder / f"{name}-{path.name}.png")
                     assert exported.loss is not None
                     rows.append(
@@ -106,7 +110,8 @@ def report(result: dict[str, Any]) -> str:
         "# Files of `rig export` in viewers of others",
         "",
         "`python -m bench.recon.viewers demo/ --write`, after `make demo` and `.ci/run`. PlayCanvas 2.23.3, "
-        "Spark 2.2.0 and Babylon.js 9.28.0 in Chromium, without settings, no tone map: one view at its own "
+        "Spark 2.2.0, Babylon.js 9.28.0 and three.js 0.187.0 in Chromium, without settings (three.js with "
+        "`outputColorSpace = LinearSRGBColorSpace`, but for linear light), no tone map: one view at its own "
         "size, the canvas against what `rig render` draws, PSNR of the codes, and stops of the pixels that "
         "are not clipped; last the median that `rig export` states.",
         "",

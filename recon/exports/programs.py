@@ -43,6 +43,9 @@ PROGRAMS: dict[ProgramName, Program] = {
     ),
     "spark": Program("ply", False, "a SplatMesh, y down", "pictures of Spark 2.2 agree (docs/export.md)"),
     "three": Program(
-        "ply", False, "a SplatMesh of Spark, y down", "pictures of Spark 2.2 agree (docs/export.md)"
+        "ply",
+        False,
+        "a SplatMesh of Spark, or a GaussianSplat with outputColorSpace = LinearSRGBColorSpace, y down",
+        "pictures of Spark 2.2 agree, those of three.js 0.187 less (docs/export.md)",
     ),
 }

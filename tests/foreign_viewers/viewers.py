@@ -28,6 +28,8 @@ IMPORTS = {
     "playcanvas": "playcanvas/build/playcanvas.mjs",
     "three": "three/build/three.module.js",
     "three/addons/": "three/examples/jsm/",
+    "three/tsl": "three/build/three.tsl.js",
+    "three/webgpu": "three/build/three.webgpu.js",
     "@sparkjsdev/spark": "@sparkjsdev/spark/dist/spark.module.min.js",
     "@babylonjs/": "@babylonjs/",
     "@adobe/spz": "@adobe/spz/dist/spz.js",

@@ -1,0 +1,62 @@
+"""Files of `rig export` as three.js's own splats are drawn, against the light that they are of."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging.arrays import Array
+from imaging.colour import srgb_encode
+from recon.exports.export import export
+from recon.exports.place import place_of
+from recon.result.scene import Scene
+from tests.foreign_viewers.viewers import Viewer, needs
+from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
+
+pytestmark = needs("three")
+LIGHT = np.array(RADIANCES)[:, None] * np.ones(3)
+
+
+@pytest.fixture(scope="module")
+def viewer(browser: object) -> Iterator[Viewer]:
+    with Viewer(browser, "three", WIDTH, HEIGHT) as running:
+        yield running
+
+
+def turn_of(kind: str, scene: Scene) -> Array:
+    """From the coordinates of a scene to those of a file: glTF stands level, SPZ has the axes of OpenGL."""
+    turn = np.diag([1.0, -1.0, -1.0, 1.0]) if kind == "spz" else np.eye(4)
+    if kind == "glb":
+        turn[:3, :3] = place_of(scene).turn
+    return turn
+
+
+@pytest.mark.parametrize("kind", ["ply", "spz", "glb"])
+def test_the_radiances_of_the_wall_are_seen_where_codes_are_output_as_they_are(
+    kind: str, wall: Scene, viewer: Viewer, files: Path
+) -> None:
+    export(wall, files / f"h.{kind}", exposure=0.0)
+    codes = viewer.drawn(files / f"h.{kind}", front(), turn=turn_of(kind, wall), tones="codes")
+    upper, lower = strips(codes.astype(float))
+    assert np.abs(upper - 255 * srgb_encode(LIGHT)).max() < 1.5
+    assert np.abs(lower - 255 * srgb_encode(LIGHT * TINT))[1:].max() < 2.5
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb"])
+def test_linear_light_is_what_three_takes_colours_for(
+    kind: str, wall: Scene, viewer: Viewer, files: Path
+) -> None:
+    """In steps of 8 bits of light, which are coarse in the dark, and up to white."""
+    export(wall, files / f"j.{kind}", exposure=0.0, linear=True)
+    upper, _ = strips(viewer.drawn(files / f"j.{kind}", front(), turn=turn_of(kind, wall)).astype(float))
+    stepped = np.round(255 * LIGHT.clip(max=1)) / 255
+    assert np.abs(upper - 255 * srgb_encode(stepped)).max() < 1.5
+
+
+def test_display_values_are_seen_bright(wall: Scene, viewer: Viewer, files: Path) -> None:
+    """The warning in docs/export.md: their codes count as light, and are encoded once more."""
+    export(wall, files / "k.ply", exposure=0.0)
+    upper, _ = strips(viewer.drawn(files / "k.ply", front()).astype(float))
+    assert np.abs(upper - 255 * srgb_encode(srgb_encode(LIGHT.clip(max=1)))).max() < 2
+    assert upper[0].min() > 80
