@@ -39,22 +39,25 @@ def far_light(
     """The environment that training starts from, of `finest` rows at most; images: radiance images of views.
 
     Of the lights that views see in the direction of a texel it has the one that most others are like: what
-    stands before it in one view looks otherwise from the next. Directions in which no two views see alike
-    have the light of the nearest in which two do.
+    stands before it in one view looks otherwise from the next. Saturated pixels are lower bounds, which are
+    like any brighter light. Directions in which no two views see alike have the light of the nearest in which
+    two do.
     """
     focal = float(np.median([max(view.lens.fx, view.lens.fy) for view in views]))
     rows = int(np.clip(round(np.pi * focal / TEXEL), 16, finest))
     axes = _axes(views)
     directions = (texels(rows) @ axes).reshape(-1, 3)
     light = np.full((MOST_LOOKS, len(directions), 3), np.nan, np.float32)
+    bound = np.zeros(light.shape[:2], bool)
     count = np.zeros(len(directions), np.int64)
-    for view, (rgb, _) in zip(views, images, strict=True):
-        at, looks = _looks(view, rgb, directions)
+    for view, (rgb, trusted) in zip(views, images, strict=True):
+        at, looks, measured = _looks(view, rgb, trusted, directions)
         room = count[at] < MOST_LOOKS
-        at, looks = at[room], looks[room]
+        at, looks, measured = at[room], looks[room], measured[room]
         light[count[at], at] = looks
+        bound[count[at], at] = ~measured
         count[at] += 1
-    best, friends = _most_like(light)
+    best, friends = _most_like(light, bound)
     planes = light[best, np.arange(len(directions))].reshape(rows, 2 * rows, 3)
     unsure = (friends == 0).reshape(rows, 2 * rows)
     nearest = distance_transform_edt(unsure, return_distances=False, return_indices=True)
@@ -64,17 +67,25 @@ def far_light(
     return Environment(scaled.clamp_min(floor).log().float().contiguous(), axes)
 
 
-def _most_like(light: Array32) -> tuple[Integers, Integers]:
-    """Sample among [L, D, 3], NaN where missing, that most others resemble, and their number, [D]."""
+def _most_like(light: Array32, bound: Mask) -> tuple[Integers, Integers]:
+    """Sample among [L, D, 3], NaN where missing, that most others resemble, and their number, [D].
+
+    bound [L, D]: samples that are lower bounds.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
         logs = np.log(light @ LUMINANCE)
     logs[~np.isfinite(logs)] = np.nan
     best, friends = np.zeros(light.shape[1], np.int64), np.full(light.shape[1], -1, np.int64)
     for one, log in enumerate(logs):
-        alike = (np.abs(logs - log) < ALIKE).sum(0) - np.isfinite(log)
+        alike = (_apart(logs - log, bound) < ALIKE).sum(0) - np.isfinite(log)
         better = np.isfinite(log) & (alike > friends)
         best[better], friends[better] = one, alike[better]
     return best, np.maximum(friends, 0)
+
+
+def _apart(difference: Array, bound: Mask) -> Array:
+    """Distance to a light that is `difference` darker; of a lower `bound` 0 where that is brighter."""
+    return np.asarray(np.where(bound, np.maximum(difference, 0), np.abs(difference)))
 
 
 def within_reach(views: Sequence[View], points: Array) -> Mask:
@@ -115,12 +126,12 @@ def looked_through(
     """Return at which swept points the views rather see the light from far away, bool [P].
 
     Most of those that look there see it to `ALIKE`, and all together differ less from it than from the light
-    of the point. images, units: as of `far_light`.
+    of the point; saturated pixels are lower bounds of both. images, units: as of `far_light`.
     """
     looks, through = np.zeros(len(start.xyz), np.int64), np.zeros(len(start.xyz), np.int64)
     gain = np.zeros(len(start.xyz))
     of_point = _log_luminance(units(torch.from_numpy(start.rgb)))
-    for view, (rgb, _) in zip(views, images, strict=True):
+    for view, (rgb, trusted) in zip(views, images, strict=True):
         pixels, depth = project(view.lens, start.xyz)
         at = np.flatnonzero(inside(view.lens, pixels, depth))
         column, row = np.floor(pixels[at]).astype(int).T
@@ -128,10 +139,11 @@ def looked_through(
         at, column, row = at[unmasked], column[unmasked], row[unmasked]
         directions = torch.from_numpy((start.xyz[at] - view.centre) @ far.axes.T).to(far.ln_light)
         shown = _log_luminance(units(torch.from_numpy(rgb[row, column])))
-        from_far = np.abs(shown - _log_luminance(far.light(directions)))
+        bound = ~trusted[row, column]
+        from_far = _apart(shown - _log_luminance(far.light(directions)), bound)
         looks[at] += 1
         through[at] += from_far < ALIKE
-        gain[at] += np.minimum(np.abs(shown - of_point[at]), 1) - np.minimum(from_far, 1)
+        gain[at] += np.minimum(_apart(shown - of_point[at], bound), 1) - np.minimum(from_far, 1)
     swept = np.arange(len(start.xyz)) >= start.sparse
     return np.asarray(swept & (2 * through > looks) & (gain > 0))
 
@@ -155,8 +167,8 @@ def _axes(views: Sequence[View]) -> Array:
     return np.stack([side, up, np.cross(side, up)])
 
 
-def _looks(view: View, rgb: Array32, directions: Array) -> tuple[Integers, Array32]:
-    """Return which of far directions [D, 3] a view shows, and their light [M, 3]."""
+def _looks(view: View, rgb: Array32, trusted: Mask, directions: Array) -> tuple[Integers, Array32, Mask]:
+    """Return which of far directions [D, 3] a view shows, their light [M, 3], and where it is measured."""
     lens, turn = view.lens, view.lens.cam_from_world[:3, :3]
     border = rays(lens, [[0, 0], [lens.width, 0], [0, lens.height], [lens.width, lens.height]])
     widest = float((border[:, 2] / np.linalg.norm(border, axis=1)).min())
@@ -166,9 +178,10 @@ def _looks(view: View, rgb: Array32, directions: Array) -> tuple[Integers, Array
     ahead, pixels = ahead[shown], pixels[shown]
     at = np.floor(pixels).astype(int)
     valid = view.valid[at[:, 1], at[:, 0]]
+    measured = trusted[at[:, 1], at[:, 0]][valid]
     ahead, pixels = ahead[valid], (pixels[valid] - 0.5).astype(np.float32)
     if not len(ahead):
-        return ahead, np.zeros((0, 3), np.float32)
+        return ahead, np.zeros((0, 3), np.float32), measured
     # OpenCV maps no more than 32767 places a side.
     width = 1 << 14
     padded = np.zeros((-(-len(pixels) // width) * width, 2), np.float32)
@@ -181,4 +194,4 @@ def _looks(view: View, rgb: Array32, directions: Array) -> tuple[Integers, Array
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return ahead, light.reshape(-1, 3)[: len(ahead)]
+    return ahead, light.reshape(-1, 3)[: len(ahead)], measured

@@ -33,6 +33,10 @@ FEWEST_SWEPT, MOST_VIEWS, MOST_POINTS = 200, 8, 2000
 TRIAL_WIDTH, TRIAL_GAUSSIANS, TRIAL_LOOKS, MOST_ITERATIONS = 160, 5000, 40, 400
 """Pixels, Gaussians, iterations a view and in all, of a trial. With ten looks a far field, which is soon
 trained, seems worth 2.5 dB to a castle and to a flight that lose by it; with forty the castle loses 2.5."""
+ERRORS = 0.0
+"""Standard errors that the gain of a trial has to exceed: the views' agreement on far light has spoken for it
+before. Scenes that need it gain 0.2 to 1.2 dB, and one exposure a view differs more between views than that;
+scenes that lose by it lose 1.8 to 3.4 dB in the trial (bench/real/far_field.py, bench/foreign/yards.py)."""
 FEWEST_JUDGED = 2
 """Views held out of a trial: its gains and losses are larger than those of other trials."""
 
@@ -131,4 +135,5 @@ def tried(dataset: Dataset, settings: Settings, reason: str, progress: Progress)
         float(np.std(gains, ddof=1) / np.sqrt(len(gains))),
         UNIT,
         f"{reason}; two trainings of {iterations} iterations, judged on {len(gains)} views held out of both",
+        errors=ERRORS,
     )

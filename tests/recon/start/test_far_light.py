@@ -69,6 +69,23 @@ def test_a_near_thing_in_one_view_does_not_hide_what_others_see(toy_dataset: Dat
     assert float(far.ln_light.max()) < np.log(9)
 
 
+def test_saturated_pixels_are_lower_bounds_of_the_light_of_a_direction(toy_dataset: Dataset) -> None:
+    """One exposure a view: most views saturate where the sky is brightest, each at another light."""
+    images = []
+    for number, (rgb, _) in enumerate(pictures(toy_dataset, wall=None)):
+        most = 2.0 ** (number % 4)
+        images.append((np.minimum(rgb, most), (rgb < most).all(-1)))
+    assert np.mean([trusted.mean() for _, trusted in images]) < 0.8
+    far = far_light(toy_dataset.train, images, lambda radiance: radiance)
+    off = []
+    for view, (rgb, _) in zip(toy_dataset.train, pictures(toy_dataset, wall=None), strict=True):
+        below = (rgb < 8).all(-1)
+        off.append(np.abs(np.log(far.render(view.lens).numpy()[below] / rgb[below])))
+    assert np.percentile(np.concatenate(off), 90) < 0.1
+    points = start_of(toy_dataset, images)
+    assert far_share(toy_dataset, images, points, lambda light: light) > 2 * SURE
+
+
 @pytest.mark.parametrize("wall", [None, 1.0])
 def test_no_gaussian_starts_in_the_air_where_views_look_through_to_the_sky(
     toy_dataset: Dataset, wall: float | None
