@@ -4,6 +4,12 @@ import os
 import subprocess
 from pathlib import Path
 
+import pytest
+
+from tests.foreign_viewers.viewers import MODULES
+
+BLENDER = MODULES.parent / "blender" / "bin" / "python"
+needs_blender = pytest.mark.skipif(not BLENDER.is_file(), reason=f"{BLENDER} is not there: see .ci/run")
 SCRIPTS = Path(__file__).parent / "programs"
 
 

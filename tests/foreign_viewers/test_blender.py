@@ -9,12 +9,10 @@ import pytest
 from recon.exports.export import export
 from recon.exports.place import pinhole, place_of
 from recon.result.scene import Scene
-from tests.foreign_viewers.python_programs import run
-from tests.foreign_viewers.viewers import MODULES
+from tests.foreign_viewers.python_programs import BLENDER, needs_blender, run
 from tests.foreign_viewers.wall import HEIGHT, WIDTH
 
-BLENDER = MODULES.parent / "blender" / "bin" / "python"
-pytestmark = pytest.mark.skipif(not BLENDER.is_file(), reason=f"{BLENDER} is not there: see .ci/run")
+pytestmark = needs_blender
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From a stage with y up to Blender's axes."""
 
