@@ -2,10 +2,10 @@
 
     python -m bench.real.backdrop [--quick] [--json] [--write] [--work FOLDER] [--sets ...]
 
-Sets and folds are those of `bench.real.more_time`; every training is a draft with harmonics of degree 0 and
-without corrections. A map has the light of far directions that views agree on (`recon.start.far_light`), of
-many rows or few, trained or fixed as that is. CANDIDATES says which sets and folds each is tried on. Finished
-rows are kept in FOLDER.
+Sets and folds are those of `bench.real.more_time`; every training has harmonics of degree 0 and no
+corrections, and is a draft, or for LONG and HALF a training of the preset standard. A map has the light of
+far directions that views agree on (`recon.start.far_light`), of many rows or few, trained or fixed as that
+is. CANDIDATES says which sets and folds each is tried on. Finished rows are kept in FOLDER.
 --quick: the castle.
 """
 
@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from recon.data.dataset import Dataset
 from recon.data.light import Images, Light, light_of, radiance_images
 from recon.data.load import load
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, START_SHARE
+from recon.decide.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.decide.steps.method_choice import method_for
 from recon.methods import METHODS
 from recon.methods.method import Method
@@ -43,7 +44,7 @@ from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
-DRAFT = QUALITIES["draft"]
+PRESETS: tuple[QualityName, ...] = ("draft", "standard")
 COARSE = 24
 """Rows of a coarse map: 7.5 degrees."""
 TENTH, FIXED = Rate(0.003, 0.0003), Rate(1e-9, 1e-9)
@@ -51,6 +52,9 @@ TENTH, FIXED = Rate(0.003, 0.0003), Rate(1e-9, 1e-9)
 ALL = tuple((name, fold) for name in SETS for fold in range(4))
 CASTLE = tuple(run for run in ALL if run[0] == "castle")
 SOME = (*CASTLE[:2], ("brighton", 0), ("brighton", 1))
+HALF = tuple(run for run in ALL if run[1] < 2)
+"""Folds of the preset standard, of which only the usual training and the fixed map are made."""
+LONG = ("usual", "coarse map, fixed")
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,12 @@ class Given:
     light: Light
     method: Method
     start: Start
+    quality: Quality
 
     @property
     def cap(self) -> int:
         """Most Gaussians."""
-        return DRAFT.gaussians_of(len(self.dataset.train))
+        return self.quality.gaussians_of(len(self.dataset.train))
 
     def at(self, start: Start) -> Gaussians:
         """Gaussians at points."""
@@ -113,16 +118,17 @@ CANDIDATES: dict[str, tuple[Candidate, tuple[tuple[str, int], ...]]] = {
 
 
 @cache
-def given(session: Path) -> Given:
+def given(session: Path, quality: QualityName) -> Given:
     """Read a fold and sweep it."""
+    preset = QUALITIES[quality]
     dataset = load(session, max_width=WIDTH)
     images = [(np.array(image), np.array(trusted)) for image, trusted in radiance_images(dataset)]
     light = light_of(dataset, images)
-    half = int(START_SHARE * DRAFT.gaussians_of(len(dataset.train)))
+    half = int(START_SHARE * preset.gaussians_of(len(dataset.train)))
     rng = np.random.Generator(np.random.PCG64([0, 0x57A27]))
     start = start_points(dataset, images, half, rng, light=light)
     method = Overrides(degree=0).composed(METHODS[method_for(dataset, "auto")[0]](dataset, light))
-    return Given(dataset, images, light, method, start)
+    return Given(dataset, images, light, method, start, preset)
 
 
 def begun(given: Given, candidate: Candidate) -> Training:
@@ -135,11 +141,11 @@ def begun(given: Given, candidate: Candidate) -> Training:
     return training
 
 
-def trained(session: Path, whole: Path, candidate: Candidate) -> dict[str, Any]:
+def trained(session: Path, whole: Path, candidate: Candidate, quality: QualityName) -> dict[str, Any]:
     """Figures by held-out view of one training; whole: the session of all views, which confirms pixels."""
-    here = given(session)
+    here = given(session, quality)
     training = begun(here, candidate)
-    iterations = DRAFT.iterations_of(len(here.dataset.train))
+    iterations = here.quality.iterations_of(len(here.dataset.train))
     plan = Plan(iterations, DensityRules(here.cap), rate_factor=rate_factor(iterations))
     train(training, here.dataset, plan, log=lambda line: None, save=lambda: None)
     renderer, masks, views = training.renderer(), confirmed(whole), {}
@@ -158,23 +164,32 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache, rows = Cache(options.work / "real-backdrop.jsonl"), []
     sets = SETS[:1] if options.quick else options.sets
     for name, (candidate, runs) in {"usual": (usual, ALL), **CANDIDATES}.items():
-        for known, fold in (run for run in runs if run[0] in sets):
+        planned: list[tuple[QualityName, str, int]] = [("draft", *run) for run in runs]
+        planned += [("standard", *run) for run in HALF if name in LONG]
+        for quality, known, fold in (run for run in planned if run[1] in sets):
 
             def made(
-                known: str = known, fold: int = fold, candidate: Candidate = candidate
+                quality: QualityName = quality,
+                known: str = known,
+                fold: int = fold,
+                candidate: Candidate = candidate,
             ) -> dict[str, Any]:
                 whole = session_of(known, options.work)
-                return trained(fold_of(whole, fold, options.work), whole, candidate)
+                return trained(fold_of(whole, fold, options.work), whole, candidate, quality)
 
-            rows.append(
-                {"candidate": name, "set": known, "fold": fold} | cache.get(f"{name} {known} {fold}", made)
-            )
+            key = f"{name} {known} {fold}" + ("" if quality == "draft" else f" {quality}")
+            row = {"candidate": name, "quality": quality, "set": known, "fold": fold}
+            rows.append(row | cache.get(key, made))
     return {"machine": machine(), "rows": rows}
 
 
-def gains(result: dict[str, Any], candidate: str, name: str) -> Array:
+def gains(result: dict[str, Any], quality: QualityName, candidate: str, name: str) -> Array:
     """Difference to the usual trainings of the same folds, [views, (dB, confirmed, others, SSIM)]."""
-    of = {(row["candidate"], row["set"], row["fold"]): row["views"] for row in result["rows"]}
+    of = {
+        (row["candidate"], row["set"], row["fold"]): row["views"]
+        for row in result["rows"]
+        if row["quality"] == quality
+    }
     return np.array(
         [
             [views[view][kind] - of["usual", name, fold][view][kind] for kind in KINDS]
@@ -190,21 +205,21 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Backdrops of few real photographs",
         "",
-        f"`python -m bench.real.backdrop --write`: drafts of {WIDTH} px, {DRAFT.iterations} iterations, "
-        f"{DRAFT.gaussians:,} Gaussians, one seed. {words(result['machine'])}.",
+        f"`python -m bench.real.backdrop --write`: {WIDTH} px, one seed, iterations and Gaussians of the "
+        f"preset. {words(result['machine'])}.",
         "",
         f"Maps of light from far away: fine has the photographs' pixels, coarse {COARSE} rows; trained at "
-        "the usual rate, at a tenth of it, or fixed as views agree on it. Added to a draft without a far "
+        "the usual rate, at a tenth of it, or fixed as views agree on it. Added to a training without a far "
         "field, held-out dB after a gain a channel, over the views of the folds tried: of all pixels, of "
         "those whose depth another photograph confirms, and of the others; SSIM. Behind +-: the standard "
         "error over views.",
         "",
-        "| candidate | set | views | dB | confirmed | others | SSIM | views that lose |",
-        "|---|---|---|---|---|---|---|---|",
+        "| preset | candidate | set | views | dB | confirmed | others | SSIM | views that lose |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
-    for candidate in CANDIDATES:
+    for quality, candidate in product(PRESETS, CANDIDATES):
         for name in SETS:
-            gain = gains(result, candidate, name)
+            gain = gains(result, quality, candidate, name)
             if not len(gain):
                 continue
             error = np.nanstd(gain, axis=0, ddof=1) / np.sqrt(np.isfinite(gain).sum(axis=0))
@@ -212,9 +227,8 @@ def report(result: dict[str, Any]) -> str:
                 f"{m:+.{places}f} +- {e:.{places}f}"
                 for m, e, places in zip(np.nanmean(gain, axis=0), error, (2, 2, 2, 3), strict=True)
             ]
-            lines.append(
-                f"| {candidate} | {name} | {len(gain)} | {' | '.join(cells)} | {(gain[:, 0] < 0).sum()} |"
-            )
+            titles, losing = f"{quality} | {candidate} | {name}", (gain[:, 0] < 0).sum()
+            lines.append(f"| {titles} | {len(gain)} | {' | '.join(cells)} | {losing} |")
     return "\n".join(lines) + "\n"
 
 

@@ -36,7 +36,7 @@ trained, seems worth 2.5 dB to a castle and to a flight that lose by it; with fo
 ERRORS = 0.0
 """Standard errors that the gain of a trial has to exceed: the views' agreement on far light has spoken for it
 before. Scenes that need it gain 0.2 to 1.2 dB, and one exposure a view differs more between views than that;
-scenes that lose by it lose 1.8 to 3.4 dB in the trial (bench/real/far_field.py, bench/foreign/yards.py)."""
+scenes that lose by it lose 0.2 to 3.4 dB in the trial (bench/real/far_field.py, bench/foreign/yards.py)."""
 FEWEST_JUDGED = 2
 """Views held out of a trial: its gains and losses are larger than those of other trials."""
 
