@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data import learned
-from calib.data.matching import match
+from calib.data.matching import match, multiplies_bytes
 from calib.data.pairs import pairs_to_match
 from calib.data.previews import enlargement
 from calib.data.unfinished import Unfinished
@@ -126,10 +126,12 @@ def extract(picture: Array32, most: int = MOST_FEATURES, enough: int = ENOUGH_FE
     return Features(places[:, :2] / scale, vectors)
 
 
-def _matched(one: Features, other: Features, sides: tuple[Any, Any]) -> npt.NDArray[np.uint32]:
+def _matched(
+    one: Features, other: Features, sides: tuple[Any, Any], *, by_bytes: bool = False
+) -> npt.NDArray[np.uint32]:
     """Pairs of indices [M, 2] of features of two pictures; sides: their pycolmap cameras."""
     if one.kind != "learned":
-        return match(one.descriptors, other.descriptors)
+        return match(one.descriptors, other.descriptors, by_bytes=by_bytes)
     sizes = tuple((camera.width, camera.height) for camera in sides)
     return learned.match(
         (one.points, one.descriptors), (other.points, other.descriptors), (sizes[0], sizes[1])
@@ -190,6 +192,8 @@ def fill_database(
         {view: view_features.descriptors for view, view_features in features.items()}, tied
     )
 
+    by_bytes = multiplies_bytes(sum(len(features[a].points) * len(features[b].points) for a, b in every))
+
     def key_of(a: ViewId, b: ViewId) -> str:
         """The name under which matches of a pair are kept."""
         return f"{features[a].kind} {a} {b}"
@@ -200,7 +204,7 @@ def fill_database(
         one, other = features[a], features[b]
         matches = unfinished.small(key_of(a, b))
         if matches is None:
-            matches = _matched(one, other, (cameras[a.camera], cameras[b.camera]))
+            matches = _matched(one, other, (cameras[a.camera], cameras[b.camera]), by_bytes=by_bytes)
         if len(matches) < FEWEST_MATCHES:
             return matches, None
         return matches, pycolmap.estimate_two_view_geometry(

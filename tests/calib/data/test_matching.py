@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.data.matching import FARTHEST, RATIO, ROWS, match
+from calib.data.matching import FARTHEST, RATIO, ROWS, WORTHWHILE, match, multiplies_bytes
 
 
 def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -31,8 +31,13 @@ def by_definition(one: np.ndarray, other: np.ndarray) -> set[tuple[int, int]]:
     return {(i, j) for i, j in enumerate(there) if j is not None and back[j] == i}
 
 
+WAYS = [False, *([True] if multiplies_bytes(WORTHWHILE) else [])]
+"""Products by floats, and by bytes where the processor has instructions for them."""
+
+
+@pytest.mark.parametrize("by_bytes", WAYS)
 @pytest.mark.parametrize("count", [2, ROWS - 1, ROWS, 2 * ROWS + 7])
-def test_matches_are_those_of_the_definition(count):
+def test_matches_are_those_of_the_definition(count, by_bytes):
     rng = np.random.default_rng(count)
     one = descriptors(rng, count)
     noisy = np.abs(
@@ -42,9 +47,25 @@ def test_matches_are_those_of_the_definition(count):
     other = np.concatenate([noisy, repeated, descriptors(rng, 40)])
     other = whole(other / np.linalg.norm(other, axis=1, keepdims=True))
     one = whole(one)
-    matches = {(int(a), int(b)) for a, b in match(one, other)}
+    matches = {(int(a), int(b)) for a, b in match(one, other, by_bytes=by_bytes)}
     assert matches == by_definition(one, other)
-    assert {(b, a) for a, b in matches} == {(int(a), int(b)) for a, b in match(other, one)}
+    back = match(other, one, by_bytes=by_bytes)
+    assert {(b, a) for a, b in matches} == {(int(a), int(b)) for a, b in back}
+
+
+@pytest.mark.parametrize("by_bytes", WAYS)
+def test_products_of_the_largest_numbers_do_not_saturate(by_bytes):
+    rng = np.random.default_rng(3)
+    one = np.repeat(np.array([[255, 255], [255, 0], [0, 255]], np.uint8), 64, axis=1).repeat(20, axis=0)
+    one -= rng.integers(0, 2, one.shape, np.uint8) * (one > 0)
+    other = one[rng.permutation(len(one))]
+    matches = {(int(a), int(b)) for a, b in match(one, other, by_bytes=by_bytes)}
+    assert matches == by_definition(one, other)
+    assert len(matches) == len(one)
+
+
+def test_few_products_are_not_worth_loading_torch():
+    assert not multiplies_bytes(WORTHWHILE / 2)
 
 
 def test_too_few_features_match_nothing():
