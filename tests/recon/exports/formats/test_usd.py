@@ -82,6 +82,19 @@ def test_every_validator_of_openusd_passes(name: str, request: pytest.FixtureReq
     assert [(error.GetName(), error.GetMessage()) for error in errors] == []
 
 
+@pytest.mark.parametrize("name", ["made", "made_sky", "made_shiny"])
+def test_every_rule_of_nvidia_passes(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """`usd-validation-nvidia`: what Omniverse asks of an asset."""
+    nvidia = pytest.importorskip("usd_validation_nvidia", reason="pip install usd-validation-nvidia")
+    stage = written(open_scene(request.getfixturevalue(name)), tmp_path / "scene.usdc")
+    engine = nvidia.ValidationEngine()
+    assert len(engine.rules) > 40
+    issues = engine.validate(str(tmp_path / "scene.usdc")).issues()
+    assert [(issue.rule.__name__, issue.message) for issue in issues] == []
+    stage.GetPrimAtPath("/World/Splats").GetAttribute("extent").Clear()
+    assert [issue.rule.__name__ for issue in engine.validate(stage).issues()] == ["ExtentsChecker"]
+
+
 def test_what_is_said_of_light_and_lengths(made: Path, made_sky: Path, tmp_path: Path) -> None:
     stage = written(open_scene(made_sky), tmp_path / "a.usda")
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
