@@ -1,6 +1,7 @@
 """Geometry and motion of a simulated rig: four cameras on one plate, the plate on an arc.
 
-The plate's cameras stand half an arc step apart, so that all views together form two even rows.
+The plate's cameras stand half an arc step apart, so that all views together form two even rows. One camera
+on a nodal head turns about its entrance pupil instead, in a level row and two that look up and down.
 """
 
 import math
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.sim.camera.optics import Optics
+from drivers.sim.scene.court import EYE
 from drivers.sim.scene.tabletop import TARGET
 from drivers.sim.seeds import generator
 from imaging.arrays import Array
@@ -22,6 +24,8 @@ from imaging.mosaic import Matrix, as_matrix
 ARC_STEP = 11.0
 """Degrees between neighbouring frames."""
 _RADIUS, _HEIGHT, _MIDDLE = 2.30, 1.35, 225.0  # m, m, degrees: the arc faces the corner of the room
+_PITCH = 56.0
+"""Degrees above and below the horizon at which the upper and the lower row of a nodal head look."""
 LensKind = Literal["normal", "fisheye"]
 _BASELINE = (0.22, 0.36)  # m between the cameras of the plate, across and up
 
@@ -86,6 +90,23 @@ def _cam_from_plate(seed: int, index: int) -> Array:
 def rig_from_world(seed: int, frames: int, frame: int) -> Array:
     """Pose of the rig, whose axes are those of its first camera, float64 [4, 4]."""
     return np.asarray(_cam_from_plate(seed, 0) @ _plate_from_world(seed, frames, frame))
+
+
+def head_from_world(seed: int, frames: int, frame: int) -> Array:
+    """Pose of a camera on a nodal head, whose clicks are some tenths of a degree off, float64 [4, 4].
+
+    Half of the frames look level, and a quarter each up and down.
+    """
+    noise = generator(seed, "head", frame)
+    level, up = frames - 2 * (frames // 4), frames // 4
+    row, first, count = (0.0, 0, level) if frame < level else (_PITCH, level, up)
+    if frame >= level + up:
+        row, first, count = -_PITCH, level + up, up
+    turn = 2 * math.pi * (frame - first + (0.5 if first else 0.0)) / count
+    turn += math.radians(noise.uniform(-0.3, 0.3))
+    pitch = math.radians(row + noise.uniform(-0.3, 0.3))
+    ahead = (math.cos(pitch) * math.cos(turn), math.cos(pitch) * math.sin(turn), math.sin(pitch))
+    return look_at(EYE, np.add(EYE, ahead), math.radians(noise.uniform(-0.2, 0.2)))
 
 
 def mounts(

@@ -12,8 +12,9 @@ from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.camera.filters import behind
 from drivers.sim.camera.response import Curve
 from drivers.sim.camera.sensor import SensorModel
-from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
+from drivers.sim.mounting import LensKind, Mount, head_from_world, mounts, rig_from_world
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
+from drivers.sim.scene.court import court_scene
 from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
@@ -30,6 +31,10 @@ RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 
 LDR_BRACKET = tuple(
     Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 200, 1 / 40, 1 / 8, 0.6)
 )
+# From the brightest lamp of the court down to the back of its shed.
+NODAL_BRACKET = tuple(
+    Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 8000, 1 / 500, 1 / 30, 1 / 2, 4.0)
+)
 
 EVEN = 700.0
 """Radiance of the soft light: what is white fits into 1/60 s at f/4 and ISO 100."""
@@ -39,14 +44,14 @@ EVEN = 700.0
 class RigSettings:
     """Settings of a rig that can be overridden.
 
-    scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files; samples:
-    rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames; effects: jitter,
-    flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which the sensors differ
-    from their files, such as prnu. even: soft light alone, which fits into one exposure, instead of lamps;
-    gloss: of all surfaces; None keeps theirs. distortion, vignetting, gains: factors on how far lenses and
-    sensitivities are from ideal ones, 0 for just that. curve: of a camera that develops its photographs. cfa:
-    of all sensors, begun at a place of its own by each; None: a Bayer one. glare: share of the light that
-    lenses scatter.
+    scene: the laid table, the gallery, or the court, in which one camera turns on a nodal head instead of
+    going along an arc; positions: frames; bit_depth: of the RAW files; samples: rays along a pixel's side;
+    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise; lens:
+    of all cameras; sensor: fields of SensorModel in which the sensors differ from their files, such as prnu.
+    even: soft light alone, which fits into one exposure, instead of lamps; gloss: of all surfaces; None keeps
+    theirs. distortion, vignetting, gains: factors on how far lenses and sensitivities are from ideal ones, 0
+    for just that. curve: of a camera that develops its photographs. cfa: of all sensors, begun at a place of
+    its own by each; None: a Bayer one. glare: share of the light that lenses scatter.
     """
 
     kind: Literal["raw", "ldr"]
@@ -54,7 +59,7 @@ class RigSettings:
     positions: int
     width: int
     height: int
-    scene: Literal["table", "gallery"] = "table"
+    scene: Literal["table", "gallery", "court"] = "table"
     bit_depth: int = 12
     samples: int = 4
     light: float = 1.0
@@ -79,6 +84,9 @@ _RIGS = {
     "gallery": RigSettings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
     "gallery-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
     "demo-fisheye": RigSettings("raw", cameras=4, positions=6, width=320, height=240, lens="fisheye"),
+    "nodal": RigSettings(
+        "raw", cameras=1, positions=12, width=320, height=240, scene="court", lens="fisheye"
+    ),
     "toy": RigSettings("raw", cameras=2, positions=3, width=64, height=48),
     "toy-ldr": RigSettings("ldr", cameras=2, positions=3, width=64, height=48),
     "toy-fisheye": RigSettings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
@@ -125,6 +133,8 @@ class SimulatedRig:
         self.name, self.seed, self.settings = name, seed, settings
         self.frames = settings.positions
         self.bracket = RAW_BRACKET if settings.kind == "raw" else LDR_BRACKET
+        if settings.scene == "court":
+            self.bracket = NODAL_BRACKET
         self.scene = _scene(settings)
         self.mounts: tuple[Mount, ...] = tuple(
             replace(
@@ -220,7 +230,7 @@ class SimulatedRig:
     def cam_from_world(self, camera: int, frame: int, subject: Subject = "scene") -> Array:
         """True pose of a camera at a frame, float64 [4, 4]."""
         place = frame if subject == "scene" else 0
-        return np.asarray(self.mounts[camera].cam_from_rig @ rig_from_world(self.seed, self.frames, place))
+        return np.asarray(self.mounts[camera].cam_from_rig @ self._rig_from_world(place))
 
     def board_from_world(self, frame: int) -> Array:
         """True pose of the board at a frame, float64 [4, 4]."""
@@ -231,7 +241,11 @@ class SimulatedRig:
             self.mounts[0].optics.lens,
             [mount.cam_from_rig for mount in self.mounts],
         )
-        return np.asarray(held @ rig_from_world(self.seed, self.frames, 0))
+        return np.asarray(held @ self._rig_from_world(0))
+
+    def _rig_from_world(self, frame: int) -> Array:
+        placed = head_from_world if self.settings.scene == "court" else rig_from_world
+        return placed(self.seed, self.frames, frame)
 
     def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> Array32:
         """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
@@ -274,7 +288,7 @@ class SimulatedRig:
 
 
 def _scene(settings: RigSettings) -> Scene:
-    scene = demo_scene() if settings.scene == "table" else gallery_scene()
+    scene = {"table": demo_scene, "gallery": gallery_scene, "court": court_scene}[settings.scene]()
     if settings.even:
         scene = scene.evenly_lit(EVEN)
     if settings.gloss is not None:
