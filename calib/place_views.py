@@ -22,6 +22,7 @@ from calib.survey.stated import stated_places
 from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError
 from imaging.progress import Progress
+from imaging.session.calibration import TURNED
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
@@ -74,6 +75,13 @@ def place_views(
     session = evidence.session
     summaries = view_images.summaries(evidence, unfinished, progress)
     model, summaries = _by_features(evidence, summaries, unfinished, keep_doubtful, progress)
+    if _taken(model, TURNED):
+        if evidence.control is not None or evidence.target is not None:
+            raise CalibrationError(
+                "All views were taken from one place, so that coordinates cannot be given to it: leave "
+                "--survey and --onto out, or take views from several places."
+            )
+        return Placement(model, summaries, (), None)
     model, coordinates = located(
         session,
         evidence.views,

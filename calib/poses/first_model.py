@@ -90,13 +90,8 @@ class FirstModels:
     unplaced: tuple[Rung, ...]
 
 
-def first_models(
-    scene: Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
-) -> FirstModels:
-    """Views matched and mapped, without what contradicts itself.
-
-    models: pycolmap cameras by name.
-    """
+def matched(scene: Scene, database: Any, models: Mapping[str, Any], max_error: float) -> Pairs:
+    """The pairs of views that match, at least one; models: pycolmap cameras by name."""
     pairs = fill_database(
         database, models, scene.features, max_error, scene.rigs, scene.unfinished, scene.progress
     )
@@ -104,6 +99,18 @@ def first_models(
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
+    return pairs
+
+
+def first_models(
+    scene: Scene,
+    database: Any,
+    models: Mapping[str, Any],
+    pairs: Pairs,
+    cameras: Mapping[str, Lens],
+    max_error: float,
+) -> FirstModels:
+    """Views mapped by their matches, without what contradicts itself."""
     require_depth(pairs, cameras, max_error)
     placing = _Placing(scene, database, models, pairs, max_error)
     main, held, rest = placing.placed(frozenset(models))

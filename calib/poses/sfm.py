@@ -14,13 +14,14 @@ from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
 from calib.poses.checks.confirmation import hanging, loose
-from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
+from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models, matched
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.places import align_to_places
 from calib.poses.refusals import require_features
 from calib.poses.rigs.apart import Joined, join, unjoined
 from calib.poses.rigs.known_rig import NOTHING, KnownRig, camera_of, to_metres
 from calib.poses.rigs.tied_model import polish, tied_model
+from calib.poses.turning.turned_views import TurnedViews, turned_views
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
@@ -119,11 +120,16 @@ def solve(
         unfinished or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
     )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
+    if isinstance(adjusted, TurnedViews):
+        return _turned(adjusted)
     rungs: tuple[Rung, ...] = ()
     if adjusted.is_fisheye and not any(lens.fisheye for lens in cameras.values()):
         # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
         rungs = tuple(rung for rung in adjusted.lens_rungs if rung.name in _LENS_KINDS)
-        adjusted = _adjusted(scene, {**cameras, **adjusted.centred(cameras)})
+        again = _adjusted(scene, {**cameras, **adjusted.centred(cameras)})
+        if isinstance(again, TurnedViews):
+            return _turned(again)
+        adjusted = again
     if adjusted.metric and not adjusted.free.placed:  # distances are better known now than at first
         for rig in rigs:
             to_metres(
@@ -152,6 +158,19 @@ def solve(
         free=adjusted.free,
         typical=adjusted.typical,
         by_motion=adjusted.by_motion,
+    )
+
+
+def _turned(views: TurnedViews) -> SceneModel:
+    """The model of views from one place, whose errors are not stated."""
+    fields = fields_of(views.reconstruction)
+    return SceneModel(
+        views.reconstruction,
+        **fields,
+        rungs=(views.rung,),
+        errors=None,
+        metric=False,
+        typical=views.typical,
     )
 
 
@@ -210,8 +229,11 @@ class _Adjusted:
         }
 
 
-def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
-    """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms."""
+def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted | TurnedViews:
+    """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms.
+
+    Views from one place have their turns instead.
+    """
     known, threads, progress = scene.known, scene.threads, scene.progress
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
@@ -222,7 +244,13 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         else _camera(lens, name in scene.focal_known)
         for name, lens in cameras.items()
     }
-    first = first_models(scene, database, models, cameras, max_error)
+    pairs = matched(scene, database, models, max_error)
+    turned = turned_views(
+        scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
+    )
+    if turned is not None:
+        return turned
+    first = first_models(scene, database, models, pairs, cameras, max_error)
     # Motion determines the distance of cameras without a common view too badly to scale the scene.
     metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
     joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)

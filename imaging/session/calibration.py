@@ -229,6 +229,8 @@ POSE_HANGING = "pose_hanging"
 """Name of the rung that names views which one pair holds on the others."""
 POSE_LOOSE = "pose_loose"
 """Name of the rung that names views whose turns few points determine."""
+TURNED = "pose_turned"
+"""The rung of views from one place, which have turns and no depth."""
 RAW_CURVE = "raw_curve"
 """The rung that names cameras which bent their RAW before they sent it."""
 _DOUBTS = frozenset(
@@ -240,6 +242,7 @@ _DOUBTS = frozenset(
         POSE_LOOSE,
         "pose_undecided",
         FOCAL_UNDETERMINED,
+        TURNED,
         RAW_CURVE,
     }
 )
@@ -289,6 +292,11 @@ class CalibrationRecord(Record):
     def doubts(self) -> tuple[str, ...]:
         """Reasons why poses may be wrong that no view contradicts, and why light may be bent."""
         return tuple(rung.reason for rung in self.rungs if rung.taken and rung.name in _DOUBTS)
+
+    @property
+    def turned(self) -> bool:
+        """True if all views were taken from one place, and have turns alone."""
+        return any(rung.taken and rung.name == TURNED for rung in self.rungs)
 
     def camera(self, name: str) -> CameraCalibration:
         """The calibration of a camera of the session; InputError if it was not calibrated."""

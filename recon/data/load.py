@@ -49,11 +49,17 @@ def load(
     A session whose data set says what it tests on (split.json) holds out just that.
     Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
     are demosaicked and averaged, narrower ones are kept as they are. examine: called when a view of each
-    camera is read, before the others are. ReconstructionError when no view is registered; InputError for
+    camera is read, before the others are. ReconstructionError when no view is registered, or all were
+    taken from one place; InputError for
     missing or damaged files; StorageError where shots are to be kept on a disk without room.
     """
     opened = Session.open(session)
     calibration = read_calibration(session)
+    if calibration.turned:
+        raise ReconstructionError(
+            f"{session} was taken from one place, which shows no depth: take views from several places, or "
+            "make a panorama of it with `rig merge --panorama`."
+        )
     split = opened.split()
     # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
     placed = {view.id for view in calibration.views if not view.by_rig}

@@ -170,6 +170,12 @@ def _why_unplaced(record: "calibrations.CalibrationRecord", view: "view_id.ViewI
     return "shows nothing that was recognised"
 
 
+def _next(session: Path, record: "calibrations.CalibrationRecord") -> str:
+    if record.turned:
+        return command_line("rig", "merge", session, "--panorama", session / "panorama.exr")
+    return command_line("rig", "reconstruct", session)
+
+
 def poses_result(session: Path, record: "calibrations.CalibrationRecord") -> CommandResult:
     """Result of a calibration with poses."""
     report = session / "calibration" / "report.html"
@@ -187,7 +193,7 @@ def poses_result(session: Path, record: "calibrations.CalibrationRecord") -> Com
         *_chart_lines(session, record),
         *_luminance_lines(session, record),
         f"Report: {report}",
-        f"Next: {command_line('rig', 'reconstruct', session)}",
+        f"Next: {_next(session, record)}",
     ]
     data = {
         "session": str(session),

@@ -11,11 +11,12 @@ from calib.calibrate import calibrate
 from drivers.sim.rigs import simulate
 from imaging.arrays import Array
 from imaging.cfa import Cfa
-from imaging.errors import CalibrationError
+from imaging.errors import CalibrationError, ReconstructionError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
+from recon.data.load import load
 from tests.calib.conftest import make_session
 
 Shot = tuple[RawMosaic, Exposure]
@@ -133,17 +134,27 @@ def test_the_same_view_twice_stands_at_one_place(scene: tuple[Array, Array], tmp
     assert apart < 0.01 * span
 
 
-def test_a_camera_that_only_turns_is_refused(tmp_path: Path) -> None:
+def test_a_camera_that_only_turns_gets_its_turns_and_no_depth(tmp_path: Path) -> None:
     rig = simulate("demo", 3, cameras=1, positions=VIEWS, width=WIDTH, height=HEIGHT)
-    turned = []
+    turned, poses = [], []
     for frame in range(VIEWS):
         turn = np.eye(4)
         turn[:3, :3] = cv2.Rodrigues(np.array([0.02 * frame, 0.1 * frame - 0.15, 0.0]))[0]
         lens = rig.mounts[0].optics.lens
         turned.append(rig.scene.render(lens, turn @ rig.cam_from_world(0, 0), 2))
+        poses.append(turn[:3, :3])
     session = make_session(tmp_path / "S", brackets(np.array(turned, np.float64), USUAL[1:2]))
-    with pytest.raises(CalibrationError, match=r"turned on the spot: move it sideways between views\.$"):
-        calibrate(session, on_progress=unreported)
+    record = calibrate(session, on_progress=unreported)
+    assert record.turned
+    assert "turns and no depth" in record.doubts[0]
+    turns = {view.frame: view.cam_from_world.matrix() for view in record.views}
+    assert len(turns) == VIEWS
+    for frame in range(1, VIEWS):
+        apart = (poses[frame] @ poses[0].T).T @ turns[frame][:3, :3] @ turns[0][:3, :3].T
+        assert np.degrees(np.linalg.norm(cv2.Rodrigues(apart)[0])) < 0.2
+        assert np.linalg.norm(turns[frame][:3, 3]) < 1e-12
+    with pytest.raises(ReconstructionError, match="was taken from one place"):
+        load(session)
 
 
 @pytest.mark.parametrize(

@@ -158,13 +158,6 @@ def test_a_turn_is_told_from_a_flat_scene():
                 features_of(*arc(1)[0]).points, np.roll(features_of(*arc(1)[0]).descriptors, 64, axis=1))},
             "share enough",
         ),
-        (
-            {
-                ViewId(i, "cam"): features_of(turned(4 * i), turned(4 * i) @ (0, 0, 4.0), seed=i)
-                for i in range(5)
-            },
-            "turned on the spot",
-        ),
     ],
 )  # fmt: skip
 def test_the_cause_is_named_when_nothing_can_be_placed(features, cause):
