@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from imaging.arrays import Array
 from imaging.errors import InputError
+from imaging.pose import upwards
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
@@ -20,8 +21,6 @@ FRAMES = 120
 MOST_FRAMES = 100_000
 _SURROUNDED = np.radians(120.0)
 """A gap between neighbouring views, as seen from what they look at, that an orbit still goes through."""
-_TILTED = np.cos(np.radians(45.0))
-"""Cosine between the mean of up in the pictures and what is square to their rows, if they were held level."""
 _DENSE = 64
 """Samples of a piece of a spline by which its length is measured."""
 
@@ -63,7 +62,7 @@ def orbit(scene: Scene, frames: int) -> list[SplatCamera]:
     """
     motions = [view.cam_from_world.matrix() for view in scene.views]
     centres, target = _centres(motions), _looked_at(motions)
-    up = _upwards(motions)
+    up = upwards(motions)
     away = centres - target
     height = float(np.median(away @ up))
     level = away - np.outer(away @ up, up)
@@ -181,25 +180,11 @@ def _centres(motions: Sequence[Array]) -> Array:
     return np.array([-motion[:3, :3].T @ motion[:3, 3] for motion in motions])
 
 
-def _upwards(motions: Sequence[Array]) -> Array:
-    """A unit vector: what is square to the rows of all pictures, as photographers hold cameras level.
-
-    Where their headings hardly differ, the mean of what is up in the pictures decides.
-    """
-    mean = -np.sum([motion[1, :3] for motion in motions], axis=0)
-    mean = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, -1.0, 0.0])
-    rows = np.array([motion[0, :3] for motion in motions])
-    pull = 1e-3 * len(rows)
-    up = np.linalg.solve(rows.T @ rows + pull * np.eye(3), pull * mean)
-    up /= np.linalg.norm(up)
-    return np.asarray(up if up @ mean > _TILTED else mean)
-
-
 def level_axes(views: Sequence[SceneView]) -> Array:
     """World axes of a level map, float64 [3, 3], rows of unit length: left of where the views look, up, and
     where they look, as far as that is level; right-handed."""
     motions = [view.cam_from_world.matrix() for view in views]
-    up = _upwards(motions)
+    up = upwards(motions)
     ahead = np.sum([motion[2, :3] for motion in motions], axis=0)
     ahead = ahead - (ahead @ up) * up
     if np.linalg.norm(ahead) < 1e-6 * len(motions):  # all round

@@ -7,18 +7,23 @@ from typing import Annotated, Any
 import typer
 
 from calib.exports import merge_session
+from calib.exports.panorama import panorama as panoramas
 from imaging.choices import SPACE_NAMES, ExrStorage
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
-from rig.options.common import JsonOption, SessionArgument, SpaceOption
+from rig.commands.panorama_result import panorama_result
+from rig.options.common import JsonOption, SessionArgument, SpaceOption, WrongUsage
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
 
 def merge(
+    context: typer.Context,
     session: SessionArgument,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the EXR files.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="The folder for the EXR files; the file of a panorama.")
+    ],
     frame: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Only the frame of this number.")
     ] = None,
@@ -41,6 +46,30 @@ def merge(
             "exposure of the session counts, which shows its median as middle grey; renders have it too.",
         ),
     ] = None,
+    panorama: Annotated[
+        bool,
+        typer.Option(
+            "--panorama",
+            help="Merge views from one place (a nodal head, fisheyes of a rig) into OUT, one "
+            "latitude-longitude EXR of all directions, in cd/m2 where the scale of light is known.",
+        ),
+    ] = False,
+    width: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PX",
+            help="With --panorama: its columns, twice its rows. [default: as fine as views, 4096 at most]",
+        ),
+    ] = None,
+    sun: Annotated[
+        float | None,
+        typer.Option(
+            metavar="LUX",
+            min=0,
+            help="With --panorama: the illuminance of a card that faces the sun, which gives the light of "
+            "what every exposure saturates.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Merge brackets to linear EXR files.
@@ -55,6 +84,15 @@ def merge(
 
     Example: rig merge S merged/ --frame 0
     """
+    if panorama:
+        with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
+            merged_map = panoramas.merge_panorama(
+                session, out, frame=frame, camera=camera, space=space, exposure=exposure, width=width,
+                sun=sun, on_progress=status,
+            )  # fmt: skip
+        return panorama_result(session, merged_map)
+    if width is not None or sun is not None:
+        raise WrongUsage("--width and --sun are for --panorama: add it, or leave them out", context)
     with (
         running("merge") as status,
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),

@@ -1,0 +1,194 @@
+"""Light of several views gathered on a map, each weighted by the inverse of its variance.
+
+A view is looked up between its pixels at several places in each texel. Its variance is averaged around each
+pixel first: where it is that of one noisy value, values that are low by chance would count more. Towards its
+border a view counts less, so that no step is left where one begins.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calib.exports.panorama.layout import directions
+from imaging.arrays import Array, Array32, Integers, Mask
+from imaging.lens import Lens, project, rays
+from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
+
+BAND = 16
+"""Rows of the map that are worked on at a time."""
+BORDER = 0.12
+"""Width of the border over which a view counts less, in heights of the picture."""
+AROUND = 5
+"""px, over which the variance is averaged."""
+COARSE = 256
+"""Rows of the map on which views are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """One view on some rows of the map: float32 [B, 2 * rows, 3] and [B, 2 * rows].
+
+    light: NaN where the view shows nothing. variance: infinite where the light is a bound, 0 where it is not
+    known. weight: of its light, without regard to its noise. clipped: where it is a lower bound.
+    """
+
+    light: Array32
+    variance: Array32
+    weight: Array32
+    clipped: Mask
+
+
+class SeenView:
+    """A view with its lens and its turn, ready to be looked up in."""
+
+    def __init__(self, picture: Picture, lens: Lens, cam_from_map: Array) -> None:
+        self.lens, self.turn = lens, cam_from_map
+        height, width = picture.light.shape[:2]
+        shown = (picture.mask & (NOTHING | HIDDEN)) == 0
+        self._light = np.where(shown[..., None], picture.light, np.float32(np.nan))
+        bound = (picture.mask & (CLIPPED | DARK)) != 0
+        variance = np.zeros_like(picture.light) if picture.sigma is None else _averaged(picture.sigma**2)
+        self._variance = np.where(bound[..., None], np.float32(np.inf), variance).astype(np.float32)
+        finite = variance[np.isfinite(variance) & (variance > 0)]
+        self.usual_variance = float(np.median(finite)) if len(finite) else 1.0
+        inwards = np.minimum(
+            *(np.minimum(at + 0.5, size - 0.5 - at) for at, size in (
+                (np.arange(height)[:, None] + np.zeros((1, width)), height),
+                (np.arange(width)[None] + np.zeros((height, 1)), width),
+            ))
+        )  # fmt: skip
+        share = np.clip(inwards / (BORDER * height), 0.02, 1.0)
+        self._extra = np.stack([share * share * (3 - 2 * share), (picture.mask & CLIPPED) != 0], axis=-1)
+        self._extra = self._extra.astype(np.float32)
+        self._narrow = _narrowest(lens)
+
+    def look(self, rows: int, first: int, last: int, samples: int) -> Sight | None:
+        """Return what the view shows of rows `first` to `last` of a map of `rows` rows; None if nothing.
+
+        samples: looked up along either side of a texel.
+        """
+        ahead = directions(rows * samples, first * samples, last * samples) @ self.turn.T
+        front = ahead[..., 2] > self._narrow
+        if not front.any():
+            return None
+        place = np.full((*front.shape, 2), -2.0, np.float32)
+        place[front] = project(self.lens, ahead[front]) - 0.5
+        x, y = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
+        light = _mean(_looked_up(self._light, x, y, np.nan), samples)
+        with np.errstate(invalid="ignore"):
+            variance = _mean(_looked_up(self._variance, x, y, np.inf), samples)
+        # Infinity times a weight of nothing between two pixels is no number.
+        variance = np.where(np.isnan(variance), np.float32(np.inf), variance)
+        extra = _mean(_looked_up(self._extra, x, y, 0.0), samples)
+        light[~np.isfinite(light).all(axis=-1)] = np.nan
+        return Sight(light, variance, extra[..., 0], np.asarray(extra[..., 1] > 0))
+
+
+def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array32:
+    border = (beyond,) * 4
+    return np.asarray(
+        cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=border)
+    )
+
+
+def _mean(fine: Array32, samples: int) -> Array32:
+    """Means over samples x samples places, [B, W, C]."""
+    height, width, channels = fine.shape
+    parts = fine.reshape(height // samples, samples, width // samples, samples, channels)
+    return np.asarray(parts.mean(axis=(1, 3)), np.float32)
+
+
+def _averaged(variance: Array32) -> Array32:
+    """Variance averaged around each pixel over the finite ones; what is not finite stays."""
+    finite = np.isfinite(variance)
+    known = np.where(finite, variance, 0).astype(np.float32)
+    size = (AROUND, AROUND)
+    total, share = cv2.blur(known, size), cv2.blur(finite.astype(np.float32), size)
+    return np.where(finite, total / np.maximum(share, 1e-6), np.float32(np.inf))
+
+
+def _narrowest(lens: Lens) -> float:
+    """Cosine of the largest angle from the axis at which the picture has a pixel."""
+    x, y = np.linspace(0, lens.width, 65), np.linspace(0, lens.height, 65)
+    border = [
+        np.stack(np.broadcast_arrays(*side), axis=-1) for side in ((x, 0.0), (x, lens.height), (0.0, y),
+                                                                   (lens.width, y))
+    ]  # fmt: skip
+    return float(rays(lens, np.concatenate(border))[:, 2].min())
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """All views on one map.
+
+    light, sigma: float32 [rows, 2 * rows, 3]; sigma is infinite where the light is a bound, and None if the
+    noise of no view is known. mask: int [rows, 2 * rows], bits of `imaging.merge.picture`.
+    """
+
+    light: Array32
+    sigma: Array32 | None
+    mask: Integers
+
+
+class Gathering:
+    """Views added up on a map of `rows` rows, and kept on a coarser one to be compared."""
+
+    def __init__(self, rows: int) -> None:
+        self.rows, shape = rows, (rows, 2 * rows)
+        self.every = -(-rows // COARSE)
+        self.compared: list[tuple[Array32, Array32]] = []
+        self._noisy, self._unit = True, 0.0
+        self._weight = np.zeros(shape, np.float32)
+        self._light, self._variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        self._bound = np.full((*shape, 3), -np.inf, np.float32)
+        self._clipped = np.zeros(shape, bool)
+
+    def add(self, view: SeenView, samples: int, *, noise: bool) -> None:
+        """Add a view; noise: whether its variance is known."""
+        self._noisy &= noise
+        self._unit = self._unit or view.usual_variance
+        places = len(range(0, self.rows, self.every))
+        light = np.full((places, len(range(0, 2 * self.rows, self.every)), 3), np.nan, np.float32)
+        variance = np.full(light.shape, np.inf, np.float32)
+        for first in range(0, self.rows, BAND):
+            last = min(first + BAND, self.rows)
+            sight = view.look(self.rows, first, last, samples)
+            if sight is None:
+                continue
+            self._add(slice(first, last), sight)
+            for row in range(first + -first % self.every, last, self.every):
+                light[row // self.every] = sight.light[row - first, :: self.every]
+                variance[row // self.every] = sight.variance[row - first, :: self.every]
+        self.compared.append((light, variance))
+
+    def _add(self, band: slice, sight: Sight) -> None:
+        shown: Mask = np.asarray(np.isfinite(sight.light).all(axis=-1))
+        noise = sight.variance.sum(axis=-1)
+        measured: Mask = shown & np.isfinite(noise) & ~sight.clipped
+        weight = np.where(measured, sight.weight / np.maximum(noise / self._unit, 1e-12), 0)
+        weight = weight.astype(np.float32)
+        light = np.where(shown[..., None], sight.light, 0)
+        self._weight[band] += weight
+        self._light[band] += weight[..., None] * light
+        self._variance[band] += (weight**2)[..., None] * np.where(measured[..., None], sight.variance, 0)
+        bound = shown & ~measured
+        self._bound[band] = np.maximum(
+            self._bound[band], np.where(bound[..., None], sight.light, np.float32(-np.inf))
+        )
+        self._clipped[band] |= bound & sight.clipped
+
+    def result(self) -> Map:
+        """The map of all views that were added."""
+        measured: Mask = np.asarray(self._weight > 0)
+        bound: Mask = np.asarray(np.isfinite(self._bound).all(axis=-1))
+        divided = np.where(measured, self._weight, 1)[..., None]
+        light = np.where(
+            measured[..., None], self._light / divided, np.where(bound[..., None], self._bound, 0)
+        )
+        sigma = np.where(measured[..., None], np.sqrt(self._variance) / divided, np.inf)
+        mask = np.select([measured, bound & self._clipped, bound], [0, CLIPPED, DARK], default=NOTHING)
+        sigma[mask == NOTHING] = np.nan
+        return Map(
+            light.astype(np.float32), sigma.astype(np.float32) if self._noisy else None, mask.astype(np.int64)
+        )

@@ -1,0 +1,276 @@
+"""`rig merge --panorama`: brackets of views from one place as one EXR of all directions.
+
+The views' turns and lenses are those of the calibration, and so is the light: in cd/m2 where its scale is
+known. Parts of the file: light (R, G, B, and A where a part of all directions is in no view), sigma, mask.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from calib.exports.merge_session import current_calibration, of_one_band
+from calib.exports.panorama.gathering import Gathering, Map, SeenView
+from calib.exports.panorama.layout import header, solid_angles
+from calib.exports.panorama.seams import Seam, seams
+from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
+from imaging.arguments import checked
+from imaging.arrays import Array
+from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, Space
+from imaging.colour import XYZ_FROM_REC709, space_from_rec709
+from imaging.compute import memory
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.colmap import read_points
+from imaging.files.exr import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
+from imaging.merge.picture import BITS, NOTHING
+from imaging.plates.merged_view import UNIT, view_light
+from imaging.pose import upwards
+from imaging.progress import Progress, unreported
+from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from imaging.session.records import ShotRecord
+from imaging.session.session import Session, brackets
+
+MOST_PARALLAX = 2.0
+"""Degrees by which what lies at a usual distance may stand elsewhere in another view."""
+WIDEST = 4096
+"""Columns of a map whose width is not given, at most."""
+_BYTES = 80
+"""Memory for each of its texels."""
+
+
+@dataclass(frozen=True)
+class Panorama:
+    """Result of `merge_panorama`.
+
+    Attributes:
+        file: EXR file.
+        width: Columns; half as many rows.
+        views: Number of views.
+        exposure_factor: Factor of the values on the light of the calibration.
+        absolute: Whether the values are cd/m2.
+        known: Share of all directions that a view shows, 0..1.
+        seams: Views that overlap, and their differences.
+        clipped: Regions that every exposure clips, the brightest first.
+        parallax: Degrees by which near things stand elsewhere in another view; None: unknown.
+        unseen: Share of the light on a card facing the sun that no view shows, were it alike; 0 without.
+        warnings: Of the merged brackets.
+    """
+
+    file: Path
+    width: int
+    views: int
+    exposure_factor: float
+    absolute: bool
+    known: float
+    seams: tuple[Seam, ...]
+    clipped: tuple[ClippedRegion, ...]
+    parallax: float | None
+    unseen: float
+    warnings: tuple[str, ...]
+
+    @property
+    def seam_stops(self) -> float | None:
+        """Median over pairs of views of how far they differ, stops; None if none overlap."""
+        return float(np.median([abs(seam.stops) for seam in self.seams])) if self.seams else None
+
+    @property
+    def worst_seam(self) -> Seam | None:
+        """The two views that differ most."""
+        return max(self.seams, key=lambda seam: abs(seam.stops), default=None)
+
+
+@checked
+def merge_panorama(
+    session: str | PathLike[str],
+    out: str | PathLike[str],
+    *,
+    frame: int | None = None,
+    camera: str | None = None,
+    space: Space = "rec709",
+    exposure: float | None = None,
+    width: int | None = None,
+    sun: float | None = None,
+    on_progress: Progress = unreported,
+) -> Panorama:
+    """Merge brackets of views from one place into one map of all directions.
+
+    Args:
+        session: Calibrated session, or its folder.
+        out: EXR file.
+        frame: Frame to merge; None: all.
+        camera: Camera to merge; None: all.
+        space: Primaries.
+        exposure: Stops of the values above the light; None: cd/m2 where the scale is known, else the light.
+        width: Columns, an even number; None: as fine as the views are, at most WIDEST.
+        sun: Illuminance of a card that faces the brightest clipped region, lx.
+        on_progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        What was written, and how well views agree.
+
+    Raises:
+        InputError: There are no poses, the views stand apart, an option cannot be used, a file is damaged.
+        StorageError: The disk refuses.
+    """
+    session, out = Path(session), Path(out)
+    if out.suffix.lower() != ".exr":
+        raise InputError(f"{out} is no EXR file: name the panorama such as sky.exr.")
+    opened, calibration = Session.open(session), current_calibration(session)
+    if calibration is None or not calibration.views:
+        raise InputError(
+            f"{session} has no view with a pose: run `rig calibrate` first, then merge it again."
+        )
+    if any(band for shots in brackets(opened.shots("scene")).values() for band in of_one_band(shots)):
+        raise InputError(f"{session} was shot through filters: merge its bands without --panorama.")
+    chosen = _chosen(opened, calibration, frame, camera)
+    scale = calibration.luminance
+    absolute = scale is not None and all(view.camera in scale.cameras for view, _ in chosen)
+    if sun is not None and (not absolute or exposure is not None):
+        raise InputError(
+            "--sun is an illuminance, and needs the light in cd/m2: leave --exposure out, and run "
+            "`rig calibrate --luminance` with a reading of a spot meter first."
+        )
+    parallax = _parallax(session, calibration, [view for view, _ in chosen])
+    if parallax is not None and parallax > MOST_PARALLAX:
+        raise InputError(
+            f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
+            "one than in another: turn the camera about its entrance pupil, name one --frame of a rig, or "
+            "draw a probe of a reconstructed scene with `rig render --probe`."
+        )
+    store.require_writable(out.parent)
+    factor = 2.0**exposure if exposure is not None else scale.value if scale is not None and absolute else 1.0
+    rows = _rows(calibration, [view for view, _ in chosen], width)
+    axes = _axes([view.cam_from_world.matrix() for view, _ in chosen])
+    luminance = XYZ_FROM_REC709[1] @ np.linalg.inv(space_from_rec709(space))
+    gathering, warnings, coloured = Gathering(rows), list[str](), True
+    for done, (view, shots) in enumerate(chosen):
+        on_progress("merging", done, len(chosen))
+        merged = view_light(opened, view.id, shots, calibration, space)
+        warnings += [f"{view.id}: {warning}" for warning in merged.warnings]
+        coloured &= merged.picture.known_colour
+        lens = calibration.camera(view.camera).lens
+        assert lens is not None  # of every camera with a view
+        turn = view.cam_from_world.matrix()[:3, :3] @ axes.T
+        samples = int(np.clip(np.ceil(1.5 * lens.fx * np.pi / rows), 2, 16))
+        gathering.add(SeenView(merged.picture, lens, turn), samples, noise=merged.picture.sigma is not None)
+    on_progress("merging", len(chosen), len(chosen))
+    gathered = gathering.result()
+    gathered = Map(
+        gathered.light * np.float32(factor),
+        None if gathered.sigma is None else gathered.sigma * np.float32(factor),
+        gathered.mask,
+    )
+    if gathered.mask.all():
+        raise InputError(
+            f"{session}: no exposure of any view measures light, all is saturated or black: take shorter or "
+            "longer exposures."
+        )
+    regions = clipped_regions(gathered, luminance)
+    clipped, unseen = [region for region, _ in regions], 0.0
+    if sun is not None:
+        if not regions:
+            raise InputError(
+                f"--sun {sun:g}: nothing is clipped in the shortest exposures of {session}, so that all "
+                "light is measured: leave --sun out."
+            )
+        unseen = share_unseen(gathered, clipped[0])
+        gathered, clipped[0] = with_sun(gathered, regions, sun, luminance)
+    names = [view.id for view, _ in chosen]
+    differences = seams(names, gathering.compared, luminance)
+    shown = gathered.mask != NOTHING
+    known = float((shown * solid_angles(rows)).sum() / (4 * np.pi))
+    panorama = Panorama(
+        out, 2 * rows, len(chosen), factor, absolute and exposure is None, known, differences, tuple(clipped),
+        parallax, unseen, tuple(warnings),
+    )  # fmt: skip
+    attributes: dict[str, ExrValue] = {
+        "rig:units": "cd/m2" if panorama.absolute else UNIT,
+        EXPOSURE_FACTOR: factor,
+        "rig:mask": f"{BITS}; {RECOVERED} recovered: by a meter, spread evenly",
+        "rig:known": known,
+        "rig:seams": json.dumps([str(seam) for seam in differences]),
+        "rig:colour": SPACE_NAMES[space] if coloured else "camera RGB",
+        "software": f"rig {version('hdr-rig')}",
+        **LATLONG,
+        **header(axes),
+    }
+    if panorama.seam_stops is not None:
+        attributes["rig:seamStops"] = panorama.seam_stops
+    if scale is not None and absolute and coloured:
+        attributes |= white_luminance(scale.value / factor, scale.error / factor)
+    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None)
+    return panorama
+
+
+def _write(out: Path, gathered: Map, attributes: dict[str, ExrValue], primaries: str | None) -> None:
+    channels = {letter: gathered.light[..., index] for index, letter in enumerate("RGB")}
+    shown = gathered.mask != NOTHING
+    if not shown.all():
+        channels["A"] = shown.astype(np.float32)
+    data = {"mask": {"mask": gathered.mask.astype(np.float32)}}
+    if gathered.sigma is not None:
+        sigma = {f"sigma.{letter}": gathered.sigma[..., index] for index, letter in enumerate("RGB")}
+        data = {"sigma": sigma, **data}
+    write_exr(out, channels, primaries=primaries, attributes=attributes, data=data)
+
+
+def _chosen(
+    session: Session, calibration: CalibrationRecord, frame: int | None, camera: str | None
+) -> list[tuple[ViewCalibration, list[ShotRecord]]]:
+    """The views with poses that are wanted, and their shots."""
+    shots = brackets(session.shots("scene"))
+    chosen = [
+        (view, list(shots[view.id]))
+        for view in calibration.views
+        if view.id in shots and frame in (None, view.frame) and camera in (None, view.camera)
+    ]
+    if not chosen:
+        raise InputError(
+            f"{session.folder} has no view with a pose of that frame or camera: name one that `rig check` "
+            "lists."
+        )
+    return chosen
+
+
+def _axes(motions: Sequence[Array]) -> Array:
+    """Axes of the map in the world, as rows: level, with its middle where the first view looks."""
+    up = upwards(motions)
+    side = np.cross(up, motions[0][2, :3])
+    if np.linalg.norm(side) < 1e-3:  # it looks straight up or down
+        side = -motions[0][0, :3] - (-motions[0][0, :3] @ up) * up
+    side /= np.linalg.norm(side)
+    return np.stack([side, up, np.cross(side, up)])
+
+
+def _rows(calibration: CalibrationRecord, views: Sequence[ViewCalibration], width: int | None) -> int:
+    """Rows of the map. InputError for a width that is no map's, or that the memory does not hold."""
+    if width is not None and (width < 4 or width % 2 or width > 1 << 15):
+        raise InputError(f"--width {width}: a panorama is an even number of columns, 4 to 32768.")
+    if width is None:
+        lenses = [calibration.camera(view.camera).lens for view in views]
+        focal = max(lens.fx for lens in lenses if lens is not None)
+        width = min(2 * round(np.pi * focal), WIDEST)
+    memory.check(f"a panorama of {width} columns", _BYTES * width * width // 2)
+    return width // 2
+
+
+def _parallax(
+    session: Path, calibration: CalibrationRecord, views: Sequence[ViewCalibration]
+) -> float | None:
+    """Degrees by which a point at the median distance moves between views; None if unknown."""
+    motions = [view.cam_from_world.matrix() for view in views]
+    centres: Array = np.array([-motion[:3, :3].T @ motion[:3, 3] for motion in motions])
+    middle = centres.mean(axis=0)
+    apart = 2 * float(np.linalg.norm(centres - middle, axis=1).max())
+    if apart == 0:
+        return 0.0
+    colmap = session / "calibration" / "colmap"
+    points = read_points(colmap).xyz if colmap.is_dir() else np.empty((0, 3))
+    if not len(points):
+        return None
+    return float(np.degrees(apart / np.median(np.linalg.norm(points - middle, axis=1))))

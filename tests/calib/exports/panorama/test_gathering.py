@@ -1,0 +1,158 @@
+"""Views gathered on a map, against light in closed form: right light, right error, and what is not shown."""
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.exports.panorama.gathering import Gathering, SeenView
+from calib.exports.panorama.layout import directions, solid_angles
+from calib.exports.panorama.seams import seams
+from calib.exports.panorama.sun import RECOVERED, clipped_regions, share_unseen, with_sun
+from imaging.errors import InputError
+from imaging.lens import Lens, rays
+from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
+from imaging.session.view_id import ViewId
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+LENS = Lens(model="OPENCV_FISHEYE", width=160, height=160, fx=60, fy=60, cx=80, cy=80, k1=0.02)
+TURNS = [cv2.Rodrigues(np.array([0.0, np.pi / 2 * step, 0.0]))[0] for step in range(4)]
+TURNS += [cv2.Rodrigues(np.array([sign * np.pi / 2, 0.0, 0.0]))[0] for sign in (-1, 1)]
+TURNS = [np.diag([-1.0, -1.0, 1.0]) @ turn for turn in TURNS]  # x of a camera is right, of the map left
+ROWS = 90
+
+
+def light_of(ahead: np.ndarray) -> np.ndarray:
+    """Light from directions [..., 3], smooth, of three colours."""
+    x, y, z = np.moveaxis(ahead, -1, 0)
+    return np.stack([3 + x, 2 + 0.5 * y * z, 4 + z * x], axis=-1)
+
+
+def picture_of(turn: np.ndarray, sigma: float | None = 0.02, seed: int = 0) -> Picture:
+    y, x = np.mgrid[:160, :160] + 0.5
+    light = light_of(rays(LENS, np.stack([x, y], axis=-1)) @ turn)
+    light = light + np.random.default_rng(seed).normal(0, sigma or 0, light.shape)
+    each = None if sigma is None else np.full(light.shape, sigma, np.float32)
+    return Picture(light.astype(np.float32), each, np.zeros((160, 160), np.intp), True)
+
+
+def gathered(pictures: list[Picture], turns: list[np.ndarray]) -> Gathering:
+    gathering = Gathering(ROWS)
+    for picture, turn in zip(pictures, turns, strict=True):
+        gathering.add(SeenView(picture, LENS, turn), 2, noise=picture.sigma is not None)
+    return gathering
+
+
+def test_directions_are_those_of_openexr() -> None:
+    every = directions(ROWS, 0, ROWS)
+    np.testing.assert_allclose(every[0, 0, 1], 1, atol=1e-3)  # the uppermost row looks up
+    np.testing.assert_allclose(every[ROWS // 2, ROWS], (0, 0, 1), atol=0.02)  # the middle looks along z
+    np.testing.assert_allclose(every[ROWS // 2, ROWS // 2], (1, 0, 0), atol=0.02)  # left of it is x
+    assert 2 * ROWS * solid_angles(ROWS).sum() == pytest.approx(4 * np.pi)
+
+
+def test_the_map_has_the_light_of_all_sides_and_says_how_sure_it_is() -> None:
+    result = gathered([picture_of(turn, seed=seed) for seed, turn in enumerate(TURNS)], TURNS).result()
+    assert (result.mask == 0).all()
+    error = result.light - light_of(directions(ROWS, 0, ROWS))
+    assert np.abs(error).max() < 0.1
+    assert abs(error.mean()) < 2e-4
+    assert result.sigma is not None
+    # Averages over pixels are surer than one pixel, and no surer than all that were looked at.
+    z = error / result.sigma
+    assert 0.3 < z.std() < 1.0
+
+
+def test_surer_views_count_by_the_inverse_of_their_variance() -> None:
+    dark, bright = picture_of(TURNS[0], None), picture_of(TURNS[0], None)
+    pictures = [
+        Picture(dark.light, np.full_like(dark.light, 0.1), dark.mask, True),
+        Picture(1.1 * bright.light, np.full_like(dark.light, 0.2), dark.mask, True),
+    ]
+    result = gathered(pictures, [TURNS[0]] * 2).result()
+    shown = result.mask == 0
+    ratio = (result.light / light_of(directions(ROWS, 0, ROWS)))[shown]
+    np.testing.assert_allclose(ratio, (100 * 1.0 + 25 * 1.1) / 125, rtol=4e-3)
+    np.testing.assert_allclose(result.sigma[shown], (1 / 0.1**2 + 1 / 0.2**2) ** -0.5, rtol=1e-3)
+    assert (result.mask[~shown] == NOTHING).all()
+    assert 0.2 < shown.mean() < 0.6
+
+
+def test_bounds_count_only_where_nothing_was_measured() -> None:
+    clipped = picture_of(TURNS[0])
+    clipped.mask[70:90, 70:90] = CLIPPED
+    clipped.light[70:90, 70:90] = 1.0
+    alone = gathered([clipped], [TURNS[0]]).result()
+    inside = alone.mask == CLIPPED
+    assert inside.any()
+    assert np.median(alone.light[inside]) == pytest.approx(1.0)
+    assert alone.sigma is not None
+    assert np.isinf(alone.sigma[inside]).all()
+    both = gathered([clipped, picture_of(TURNS[0], seed=3)], [TURNS[0]] * 2).result()
+    assert (both.mask[inside] == 0).all()
+    assert np.abs(both.light - light_of(directions(ROWS, 0, ROWS)))[inside].max() < 0.1
+    black = Picture(clipped.light, clipped.sigma, np.full_like(clipped.mask, DARK), True)
+    assert set(np.unique(gathered([black], [TURNS[0]]).result().mask)) == {DARK, NOTHING}
+    hidden = Picture(clipped.light, clipped.sigma, np.full_like(clipped.mask, HIDDEN), True)
+    assert (gathered([hidden], [TURNS[0]]).result().mask == NOTHING).all()
+
+
+def test_photographs_without_a_known_noise_are_averaged() -> None:
+    result = gathered([picture_of(turn, None) for turn in TURNS], TURNS).result()
+    assert result.sigma is None
+    np.testing.assert_allclose(result.light, light_of(directions(ROWS, 0, ROWS)), atol=5e-3)
+
+
+def test_seams_are_differences_in_stops() -> None:
+    brighter = picture_of(TURNS[1])
+    brighter.light[:] *= np.float32(2**0.05)
+    gathering = gathered([picture_of(TURNS[0]), brighter, picture_of(TURNS[2])], TURNS[:3])
+    views = [ViewId(frame, "cam") for frame in range(3)]
+    differences = seams(views, gathering.compared, LUMINANCE)
+    assert [(seam.one.frame, seam.other.frame) for seam in differences] == [(0, 1), (1, 2)]
+    assert differences[0].stops == pytest.approx(-0.05, abs=2e-3)
+    assert differences[1].stops == pytest.approx(0.05, abs=2e-3)
+
+
+def sunny(at: float) -> tuple[np.ndarray, np.ndarray]:
+    """Directions, and where a sun of 4 degrees stands at a longitude (degrees) and latitude 30."""
+    every = directions(ROWS, 0, ROWS)
+    turn = np.radians(at)
+    ahead = np.array([np.cos(np.pi / 6) * np.sin(turn), 0.5, np.cos(np.pi / 6) * np.cos(turn)])
+    return every, every @ ahead > np.cos(np.radians(4))
+
+
+@pytest.mark.parametrize("at", [60.0, 180.0], ids=["inside", "at both ends"])
+def test_the_sun_has_what_a_card_gets_beside_the_rest(at: float) -> None:
+    every, inside = sunny(at)
+    result = gathered([picture_of(turn) for turn in TURNS], TURNS).result()
+    result.light[inside], result.mask[inside] = 50.0, CLIPPED
+    regions = clipped_regions(result, LUMINANCE)
+    assert len(regions) == 1
+    region = regions[0][0]
+    assert np.cos(np.radians(region.longitude - at)) > 0.9999
+    assert region.latitude == pytest.approx(30, abs=0.5)
+    assert region.width == pytest.approx(8, abs=0.5)
+    lit, recovered = with_sun(result, regions, 200.0, LUMINANCE)
+    card = np.array(
+        [
+            np.cos(np.radians(region.latitude)) * np.sin(np.radians(region.longitude)),
+            np.sin(np.radians(region.latitude)),
+            np.cos(np.radians(region.latitude)) * np.cos(np.radians(region.longitude)),
+        ]
+    )
+    facing = np.clip(every @ card, 0, None) * solid_angles(ROWS)
+    assert float(((lit.light @ LUMINANCE) * facing).sum()) == pytest.approx(200.0, rel=1e-5)
+    assert recovered.luminance == pytest.approx(float(lit.light[inside][0, 1]))
+    assert (lit.mask[inside] == CLIPPED | RECOVERED).all()
+    with pytest.raises(InputError, match=r"gets .* lx already"):
+        with_sun(result, regions, 5.0, LUMINANCE)
+
+
+def test_what_no_view_shows_of_the_light_on_a_card_is_said() -> None:
+    _, inside = sunny(0.0)
+    result = gathered([picture_of(turn) for turn in TURNS], TURNS).result()
+    result.mask[inside] = CLIPPED
+    region = clipped_regions(result, LUMINANCE)[0][0]
+    assert share_unseen(result, region) == 0
+    result.mask[ROWS // 2 :] = NOTHING  # below the horizon: of a card that is tilted by 30 degrees a quarter
+    assert share_unseen(result, region) == pytest.approx(0.25, abs=0.01)

@@ -1,0 +1,93 @@
+"""`rig merge --panorama` of what is no panorama, or a part of one: a sentence, or right light."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.exports.panorama import panorama
+from capture.simulated import capture_simulated
+from imaging.files.exr import read_exr
+from imaging.merge.picture import CLIPPED, DARK, NOTHING
+from imaging.plates.merged_view import ViewLight
+from imaging.session.calibration import TURNED
+from imaging.session.records import Rung
+from tests.rig.conftest import calibrated_from_truth
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        ((), "the views stand apart"),
+        (("--frame", "0", "--camera", "cam0", "--sun", "1000"), "--sun is an illuminance"),
+        (("--frame", "0", "--camera", "cam0", "--width", "101"), "an even number of columns"),
+        (("--frame", "7"), "has no view with a pose of that frame or camera"),
+    ],
+)
+def test_what_cannot_be_a_panorama_is_refused_in_a_sentence(
+    rig: Run, toy: Path, tmp_path: Path, options: tuple[str, ...], cause: str
+) -> None:
+    code, out, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *options)
+    assert (code, out) == (2, "")
+    assert cause in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.glob("sky*"))
+
+
+def test_the_file_and_the_options_of_a_panorama_belong_to_it(rig: Run, toy: Path, tmp_path: Path) -> None:
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.jpg"))
+    assert (code, "is no EXR file" in err) == (2, True)
+    code, _, err = rig("merge", str(toy), str(tmp_path / "M"), "--sun", "4")
+    assert (code, "are for --panorama" in err) == (2, True)
+    (toy / "calibration" / "calibration.json").unlink()
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"))
+    assert (code, "run `rig calibrate` first" in err) == (2, True)
+
+
+def test_one_view_of_one_exposure_shows_its_part_and_no_seam(rig: Run, tmp_path: Path) -> None:
+    session = tmp_path / "S"
+    capture_simulated("toy", session, bracket=(0.0,), seed=3)
+    calibrated_from_truth(session)
+    chosen = ("--frame", "1", "--camera", "cam1", "--json")
+    code, out, _ = rig("merge", str(session), "--panorama", str(tmp_path / "sky.exr"), *chosen)
+    data = json.loads(out)
+    assert code == 0
+    assert (data["views"], data["seams"], data["seam_stops"]) == (1, [], None)
+    sky = read_exr(tmp_path / "sky.exr")
+    mask = sky.channels["mask"]
+    assert 0.01 < data["known"] < 0.2
+    assert ((mask == NOTHING) == (sky.channels["A"] == 0)).all()
+    truth = read_exr(session / "truth" / "0001" / "cam1.exr").rgb()
+    light = sky.rgb()[mask == 0]
+    assert np.log2(np.median(light) / np.median(truth)) == pytest.approx(0, abs=0.5)
+
+
+@pytest.mark.parametrize("bit", [CLIPPED, DARK], ids=["saturated", "black"])
+def test_where_no_exposure_measures_anything_it_says_so(
+    rig: Run, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bit: int
+) -> None:
+    real = panorama.view_light
+
+    def blind(*given: object) -> ViewLight:
+        merged = real(*given)
+        mask = np.full_like(merged.picture.mask, bit)
+        return replace(merged, picture=replace(merged.picture, mask=mask))
+
+    monkeypatch.setattr(panorama, "view_light", blind)
+    one = ("--frame", "0", "--camera", "cam0")
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *one)
+    assert (code, "no exposure of any view measures light" in err) == (2, True)
+
+
+def test_a_session_from_one_place_is_not_reconstructed(rig: Run, toy: Path) -> None:
+    path = toy / "calibration" / "calibration.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    record["rungs"].append(Rung(name=TURNED, taken=True, reason="one place").model_dump(mode="json"))
+    path.write_text(json.dumps(record), encoding="utf-8")
+    code, _, err = rig("reconstruct", str(toy))
+    assert (code, "was taken from one place" in err) == (2, True)
