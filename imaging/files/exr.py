@@ -23,9 +23,9 @@ from imaging.files.tags.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour
 Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
-ExrValue = str | float | Fraction | AnyArray | OpenEXR.Envmap
+ExrValue = str | float | Fraction | AnyArray
 """Value of an attribute that is written, beside types of OpenEXR's own: an array is a matrix [4, 4]."""
-LATLONG: Mapping[str, ExrValue] = {"envmap": OpenEXR.ENVMAP_LATLONG}
+LATLONG: Mapping[str, Any] = {"envmap": OpenEXR.ENVMAP_LATLONG}
 """Attribute of a map of latitude and longitude."""
 
 _ASPECT = "pixelAspectRatio"
