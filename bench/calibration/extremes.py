@@ -117,8 +117,9 @@ def posed(
     placed = errors[np.isfinite(errors[:, 0])]
     words = (
         f"{len(placed_views)} of {len(true)} placed, AUC@1 {auc(errors, 1.0):.3f}, "
-        f"rotation {np.median(placed[:, 0]):.3f}°, direction {np.median(placed[:, 1]):.3f}°"
+        f"rotation {np.median(placed[:, 0]):.3f}°, "
     )
+    words += "named as taken from one place" if record.turned else f"direction {np.median(placed[:, 1]):.3f}°"
     if labels is not None:
         scale = [record.exposure_scale[f"raw/0000/cam0_{step}.dng"] for step in range(len(times))]
         off = np.array(scale) / scale[-1] / (np.array(times) / times[-1]) - 1
@@ -128,13 +129,14 @@ def posed(
 
 def turning() -> str:
     rig, _, _ = studio()
-    views = {}
+    views, true = {}, {}
     for frame in range(FRAMES):
         turn = np.eye(4)
         turn[:3, :3] = cv2.Rodrigues(np.array([0.02 * frame, 0.1 * frame - 0.15, 0.0]))[0]
-        pose = turn @ rig.cam_from_world(0, 0)
-        views[ViewId(frame, "cam0")] = rig.scene.render(rig.mounts[0].optics.lens, pose, 2).astype(np.float64)
-    return posed(views=views)
+        view = ViewId(frame, "cam0")
+        pose = true[view] = turn @ rig.cam_from_world(0, 0)
+        views[view] = rig.scene.render(rig.mounts[0].optics.lens, pose, 2).astype(np.float64)
+    return posed(views=views, true=true)
 
 
 def wide() -> str:
