@@ -130,6 +130,8 @@ def undistort(bent: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
 
     Exact to 1e-9 within the `fold` of the lens; what lies beyond (`covers`) is taken to lie on it.
     """
+    if not fisheye and not any(terms):
+        return bent
     radius = np.linalg.norm(bent, axis=-1)
     tangent = np.tan(fisheye_angle(radius, terms)) if fisheye else _brown_tangent(radius, terms)
     ratio = np.divide(tangent, radius, out=np.ones_like(radius), where=radius > 0)
@@ -218,6 +220,8 @@ def fisheye_radius(angle: Array, terms: Sequence[float]) -> Array:
 
 def fisheye_angle(radius: Array, terms: Sequence[float]) -> Array:
     """The angle from the axis, radians, that a fisheye puts at a radius; at most its fold, and WIDEST."""
+    if not any(terms):
+        return np.minimum(radius, WIDEST)
     low, high = np.zeros_like(radius), np.full_like(radius, min(fisheye_fold(terms), WIDEST))
     for _ in range(53):
         middle = 0.5 * (low + high)

@@ -1,6 +1,6 @@
 """Turns between pairs of views, robustly, and the lens with which most matches are nothing but turns."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,10 +70,22 @@ def turning_lenses(
                 else _ideal(lens, factor * (lens.width if rough else lens.fx), fisheye or lens.fisheye)
                 for name, lens in lenses.items()
             }
-            turns = [turn_of(pair, tried[one.camera], tried[other.camera]) for (one, other), pair in asked]
+            turns = _turns(asked, tried)
             if max(turn.angle for turn in turns) > LEAST_TURN:
                 best = max(best, (float(np.median([turn.share for turn in turns])), tried), key=_score)
     return best[1] if best[0] >= SHARE else None
+
+
+def _turns(
+    asked: Sequence[tuple[tuple[ViewId, ViewId], MatchedPair]], lenses: Mapping[str, Lens]
+) -> list[Turn]:
+    """Turns of pairs, until so many of them fail that the median of all does."""
+    turns: list[Turn] = []
+    for (one, other), pair in asked:
+        turns.append(turn_of(pair, lenses[one.camera], lenses[other.camera]))
+        if 2 * sum(turn.share < SHARE for turn in turns) > len(asked):
+            break
+    return turns
 
 
 def _thinned(pair: MatchedPair) -> MatchedPair:
