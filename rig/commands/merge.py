@@ -87,8 +87,8 @@ def merge(
     if panorama:
         with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
             merged_map = panoramas.merge_panorama(
-                session, out, frame=frame, camera=camera, space=space, exposure=exposure, width=width,
-                sun=sun, on_progress=status,
+                session, out, frame=frame, camera=camera, space=space, exr=exr, exposure=exposure,
+                width=width, sun=sun, on_progress=status,
             )  # fmt: skip
         return panorama_result(session, merged_map)
     if width is not None or sun is not None:

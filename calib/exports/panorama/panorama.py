@@ -20,7 +20,7 @@ from calib.exports.panorama.seams import Seam, seams
 from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
 from imaging.arguments import checked
 from imaging.arrays import Array
-from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, Space
+from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
 from imaging.colour import XYZ_FROM_REC709, space_from_rec709
 from imaging.compute import memory
 from imaging.errors import InputError
@@ -92,6 +92,7 @@ def merge_panorama(
     frame: int | None = None,
     camera: str | None = None,
     space: Space = "rec709",
+    exr: ExrStorage = "float",
     exposure: float | None = None,
     width: int | None = None,
     sun: float | None = None,
@@ -105,6 +106,7 @@ def merge_panorama(
         frame: Frame to merge; None: all.
         camera: Camera to merge; None: all.
         space: Primaries.
+        exr: Storage of the light.
         exposure: Stops of the values above the light; None: cd/m2 where the scale is known, else the light.
         width: Columns, an even number; None: as fine as the views are, at most WIDEST.
         sun: Illuminance of a card that faces the brightest clipped region, lx.
@@ -114,7 +116,8 @@ def merge_panorama(
         What was written, and how well views agree.
 
     Raises:
-        InputError: There are no poses, the views stand apart, an option cannot be used, a file is damaged.
+        InputError: There are no poses, the views stand apart, an option cannot be used, a file is damaged,
+            light is too bright for `exr`.
         StorageError: The disk refuses.
     """
     session, out = Path(session), Path(out)
@@ -203,11 +206,13 @@ def merge_panorama(
         attributes["rig:seamStops"] = panorama.seam_stops
     if scale is not None and absolute and coloured:
         attributes |= white_luminance(scale.value / factor, scale.error / factor)
-    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None)
+    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None, exr)
     return panorama
 
 
-def _write(out: Path, gathered: Map, attributes: dict[str, ExrValue], primaries: str | None) -> None:
+def _write(
+    out: Path, gathered: Map, attributes: dict[str, ExrValue], primaries: str | None, storage: ExrStorage
+) -> None:
     channels = {letter: gathered.light[..., index] for index, letter in enumerate("RGB")}
     shown = gathered.mask != NOTHING
     if not shown.all():
@@ -216,7 +221,7 @@ def _write(out: Path, gathered: Map, attributes: dict[str, ExrValue], primaries:
     if gathered.sigma is not None:
         sigma = {f"sigma.{letter}": gathered.sigma[..., index] for index, letter in enumerate("RGB")}
         data = {"sigma": sigma, **data}
-    write_exr(out, channels, primaries=primaries, attributes=attributes, data=data)
+    write_exr(out, channels, storage=storage, primaries=primaries, attributes=attributes, data=data)
 
 
 def _chosen(

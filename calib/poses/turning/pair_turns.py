@@ -79,7 +79,7 @@ def turning_lenses(
 def _turns(
     asked: Sequence[tuple[tuple[ViewId, ViewId], MatchedPair]], lenses: Mapping[str, Lens]
 ) -> list[Turn]:
-    """Turns of pairs, until so many of them fail that the median of all does."""
+    """Turns of pairs, until the median of all is sure to fail."""
     turns: list[Turn] = []
     for (one, other), pair in asked:
         turns.append(turn_of(pair, lenses[one.camera], lenses[other.camera]))

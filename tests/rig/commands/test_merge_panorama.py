@@ -53,13 +53,14 @@ def test_one_view_of_one_exposure_shows_its_part_and_no_seam(rig: Run, tmp_path:
     session = tmp_path / "S"
     capture_simulated("toy", session, bracket=(0.0,), seed=3)
     calibrated_from_truth(session)
-    chosen = ("--frame", "1", "--camera", "cam1", "--json")
+    chosen = ("--frame", "1", "--camera", "cam1", "--exr", "half", "--json")
     code, out, _ = rig("merge", str(session), "--panorama", str(tmp_path / "sky.exr"), *chosen)
     data = json.loads(out)
     assert code == 0
     assert (data["views"], data["seams"], data["seam_stops"]) == (1, [], None)
     sky = read_exr(tmp_path / "sky.exr")
     mask = sky.channels["mask"]
+    assert (sky.rgb() == sky.rgb().astype(np.float16)).all()
     assert 0.01 < data["known"] < 0.2
     assert ((mask == NOTHING) == (sky.channels["A"] == 0)).all()
     truth = read_exr(session / "truth" / "0001" / "cam1.exr").rgb()
