@@ -3,8 +3,8 @@
 
 The threads walk the list together, four pixels each, and exchange nothing but, once a chunk, the largest
 transmittance: no shared memory, no barrier. Before each chunk the transmittances are stored, so that
-the backward pass can start anywhere without a division. float32, with the tile's origin taken off in
-float64 before (see `tiles.gather`).
+the backward pass can start anywhere without a division. float32, with places counted from the tile's origin
+(see `tiles.gather`).
 """
 
 import triton
@@ -31,8 +31,8 @@ def places():
 
 
 @triton.jit
-def read_ellipse(rows, stride, entry, stop):
-    """An entry's numbers for `cover`; beyond the list's end those of one that touches nothing."""
+def read_place(rows, stride, entry):
+    """An entry's whitened coordinates at the tile's first pixel, and m11, m21, m22."""
     at = rows + entry
     return (
         tl.load(at),
@@ -40,9 +40,15 @@ def read_ellipse(rows, stride, entry, stop):
         tl.load(at + 2 * stride),
         tl.load(at + 3 * stride),
         tl.load(at + 4 * stride),
-        tl.load(at + 5 * stride, mask=entry < stop, other=1.0),
-        tl.load(at + 6 * stride),
     )
+
+
+@triton.jit
+def read_ellipse(rows, stride, entry, stop):
+    """An entry's numbers for `cover`; beyond the list's end those of one that touches nothing."""
+    reach = tl.load(rows + entry + 5 * stride, mask=entry < stop, other=1.0)
+    opacity = tl.load(rows + entry + 6 * stride)
+    return read_place(rows, stride, entry) + (reach, opacity)  # noqa: RUF005  Triton does not know the star
 
 
 @triton.jit

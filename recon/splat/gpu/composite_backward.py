@@ -6,26 +6,28 @@ With g = d loss / d pixel, w = alpha T and B = what lies behind a layer, blended
 T comes from the stored transmittances, multiplied forward through a chunk; with alpha it stays in registers.
 Every entry has its own slot of sums, so that no sum depends on which program ran when. As in the forward
 pass, one warp does a tile: its sums need neither shared memory nor a barrier.
+
+Places count in whitened coordinates (y1, y2) from the mean (see `tiles.gather`): at pixels that an ellipse
+touches they are a few, however long it is, so that float32 has digits enough for their squares.
 """
 
 import triton
 import triton.language as tl
 
-from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_ellipse
+from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_ellipse, read_place
 from recon.splat.gpu.inputs import appended
 from recon.splat.gpu.project import HIGH, WIDE
 
 _REGISTERS = 128
 SLOT = tl.constexpr(11)
-"""Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
-the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3) and of |s|, then the largest w."""
-_MIDDLE_X, _MIDDLE_Y = tl.constexpr((WIDE.value - 1) / 2), tl.constexpr((HIGH.value - 1) / 2)
+"""Floats of a slot: with s = alpha d loss / d alpha at a pixel and (y1, y2) its whitened place, the sums of
+s, s y1, s y2, s y1 y1, s y1 y2, s y2 y2, then of w g (3) and of |s|, then the largest w."""
 
 
 def register_cap(hip: object) -> dict[str, int]:
     """Option of the launch of `composite_backward`: most registers of a thread, where not on ROCm (`hip`).
 
-    Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with 5 % more
+    Left alone ptxas takes 200 for sm_90, and 10 warps would fit where 16 do; it pays with 6 % more
     instructions (ptxas of CUDA 12.9, counted, not timed). ROCm's launch refuses an option that it does not
     know, and its compiler takes fewer by itself.
     """
@@ -45,26 +47,42 @@ def _walk(rows, stride, first, stop, x, y, light, t_min, CHUNK: tl.constexpr):
 
 
 @triton.jit
-def _totals(s, w, g):
-    """A slot's floats, in lanes: s, w [4, 32] at the pixels, g their gradients."""
+def _merged(a, b, bit: tl.constexpr):
+    """Sums over pairs of lanes that differ in a bit: of a where it is not set, of b where it is."""
     lane = tl.arange(0, 32)
-    step = (2 * tl.arange(0, 4)).to(tl.float32)[:, None]
-    x, y = (lane & 15).to(tl.float32) - _MIDDLE_X, (lane >> 4).to(tl.float32) - _MIDDLE_Y
-    # A lane's pixels share x, and lie at y + step.
-    m0, m1, m2 = tl.sum(s, axis=0), tl.sum(s * step, axis=0), tl.sum(s * (step * step), axis=0)
-    sy = tl.fma(m0, y, m1)
-    sx, syy = m0 * x, tl.fma(y, sy, tl.fma(y, m1, m2))
-    totals = tl.where(lane == 0, tl.sum(m0, axis=0), 0.0)
-    totals = tl.where(lane == 1, tl.sum(sx, axis=0), totals)
-    totals = tl.where(lane == 2, tl.sum(sy, axis=0), totals)
-    totals = tl.where(lane == 3, tl.sum(sx * x, axis=0), totals)
-    totals = tl.where(lane == 4, tl.sum(sy * x, axis=0), totals)
-    totals = tl.where(lane == 5, tl.sum(syy, axis=0), totals)
-    totals = tl.where(lane == 6, tl.sum(tl.sum(w * g[0], axis=0), axis=0), totals)
-    totals = tl.where(lane == 7, tl.sum(tl.sum(w * g[1], axis=0), axis=0), totals)
-    totals = tl.where(lane == 8, tl.sum(tl.sum(w * g[2], axis=0), axis=0), totals)
-    totals = tl.where(lane == 9, tl.sum(tl.sum(tl.abs(s), axis=0), axis=0), totals)
-    return tl.where(lane == 10, tl.max(tl.max(w, axis=0), axis=0), totals)
+    upper = (lane & bit) != 0
+    return tl.where(upper, b, a) + tl.gather(tl.where(upper, a, b), lane ^ bit, 0)
+
+
+@triton.jit
+def _doubled(a, bit: tl.constexpr):
+    """Sums over pairs of lanes that differ in a bit, in both."""
+    return a + tl.gather(a, tl.arange(0, 32) ^ bit, 0)
+
+
+@triton.jit
+def _totals(s, w, g, place):
+    """A slot's floats, in lanes: s, w [4, 32] at the pixels, g their gradients; place: from `read_place`.
+
+    The ten sums are added up together: with each exchange of lanes half as many are under way, so that lane k
+    ends with the k-th after 12 exchanges instead of 50.
+    """
+    y1, y2, m11, m21, m22 = place
+    lane = tl.arange(0, 32)
+    x, y, step = (lane & 15).to(tl.float32), (lane >> 4).to(tl.float32), (2 * tl.arange(0, 4)).to(tl.float32)
+    # A lane's pixels share y1, since they share x.
+    y1 = tl.fma(x, m11, y1)
+    y2 = tl.fma(step[:, None], m22, tl.fma(y, m22, tl.fma(x, m21, y2))[None, :])
+    e = _merged(tl.sum(w * g[2], axis=0), tl.sum(tl.abs(s), axis=0), 1)
+    totals = _doubled(_doubled(e, 2), 4)
+    cd = _merged(tl.sum(w * g[0], axis=0), tl.sum(w * g[1], axis=0), 1)
+    peak = tl.max(tl.max(w, axis=0), axis=0)
+    m0, m1 = tl.sum(s, axis=0), tl.sum(s * y2, axis=0)
+    cd = _merged(_merged(m1 * y1, tl.sum(s * y2 * y2, axis=0), 1), cd, 2)
+    sy1 = m0 * y1
+    ab = _merged(_merged(m0, sy1, 1), _merged(m1, sy1 * y1, 1), 2)
+    totals = _doubled(_merged(_merged(ab, cd, 4), totals, 8), 16)
+    return tl.where(lane == 10, peak, totals)
 
 
 @triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
@@ -88,12 +106,15 @@ def composite_backward(
     behind = tl.load(grad_remaining + at, mask=inside, other=0.0)
     behind += red * tl.load(background) + green * tl.load(background + 1) + blue * tl.load(background + 2)
     begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
-    keep = stored + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
+    states = stored + tl.load(chunk_start + tile) * PIXELS
     lane = tl.arange(0, 32)
     chunk = tl.load(chunks + tile) - 1
     while chunk >= 0:
         first = begin + chunk * CHUNK
-        light = tl.load(keep + chunk.to(tl.int64) * PIXELS)
+        # In a scalar, to save the registers of a pointer for each pixel.
+        light = tl.load(
+            states + chunk.to(tl.int64) * PIXELS + (lane[None, :] + 32 * tl.arange(0, 4)[:, None])
+        )
         lights, alphas = _walk(rows, stride, first, stop, x, y, light, t_min, CHUNK)
         for j in tl.static_range(CHUNK - 1, -1, -1):
             w = alphas[j] * lights[j]
@@ -102,6 +123,6 @@ def composite_backward(
             d = tl.fma(red, colour[0], tl.fma(green, colour[1], tl.fma(blue, colour[2], -behind)))
             behind = tl.fma(alphas[j], d, behind)
             to = slots + tl.load(slot + (first + j), mask=present, other=0) * SLOT + lane
-            totals = _totals(w * d, w, (red, green, blue))
+            totals = _totals(w * d, w, (red, green, blue), read_place(rows, stride, first + j))
             tl.store(to, totals, mask=lane < tl.where(present, SLOT, 0))
         chunk -= 1

@@ -80,7 +80,6 @@ rotation = _ELLIPSE.rotation
 screen_axes = _ELLIPSE.screen_axes
 root_covariance = _ELLIPSE.root_covariance
 covariance = _ELLIPSE.covariance
-ellipse_gradient = _ELLIPSE.ellipse_gradient
 shape_gradient = _ELLIPSE.shape_gradient
 axes_gradient = _ELLIPSE.axes_gradient
 jacobian_gradient = _ELLIPSE.jacobian_gradient

@@ -7,9 +7,10 @@ As there, in float64 and one thread a Gaussian.
 import triton
 import triton.language as tl
 
+from recon.splat import parameters
 from recon.splat.gpu.formulas import (
     axes_gradient,
-    ellipse_gradient,
+    covariance,
     jacobian_gradient,
     point_gradient,
     root_covariance,
@@ -22,14 +23,48 @@ from recon.splat.gpu.inputs import LIMITS, appended, read_gaussian, read_paramet
 from recon.splat.gpu.project_view import store_view
 from recon.splat.gpu.slots import MOMENTS
 
+_UNFOLD = tl.constexpr(1.0 / parameters.FOLD)
+
 
 @triton.jit
 def _read_moments(pointer, touched):
     """The moments, zero where nothing was touched."""
     moments = ()
     for a in tl.static_range(MOMENTS):
-        moments = appended(moments, tl.load(pointer + a, mask=touched, other=0.0))
+        moments = appended(moments, tl.load(pointer + a, mask=touched, other=0.0).to(tl.float64))
     return moments
+
+
+@triton.jit
+def _ellipse_gradient(moments, m, blur):
+    """d loss / d mean2d (2) and the rows of d loss / d M (3 each); moments: from `add_slots`.
+
+    With W the root of the inverse covariance, y = W d, and N = W M, they are W^T (sum s y) and
+    W^T (sum s y y^T) N: alpha falls as exp(-y^2 / 2), where y is not folded. N's second row comes from minors
+    of M, since it cancels in a needle.
+    """
+    m0, m1, m2, n0, n1, n2 = m
+    a, b, _, determinant = covariance(m, blur)
+    w22 = tl.sqrt(a / determinant)
+    w11, slope = 1.0 / tl.sqrt(a), w22 / a
+    w21 = -slope * b
+    _, y1, y2, e11, e12, e22 = moments
+    e11, e12, e22 = e11 * (_UNFOLD * _UNFOLD), e12 * (_UNFOLD * _UNFOLD), e22 * (_UNFOLD * _UNFOLD)
+    p, q, s = m0 * n1 - m1 * n0, m0 * n2 - m2 * n0, m1 * n2 - m2 * n1
+    t0 = slope * (blur * n0 - p * m1 - q * m2)
+    t1 = slope * (blur * n1 + p * m0 - s * m2)
+    t2 = slope * (blur * n2 + q * m0 + s * m1)
+    m0, m1, m2 = w11 * m0, w11 * m1, w11 * m2
+    q0, q1, q2 = e12 * m0 + e22 * t0, e12 * m1 + e22 * t1, e12 * m2 + e22 * t2
+    return (
+        (_UNFOLD * (w11 * y1 + w21 * y2), _UNFOLD * w22 * y2),
+        (
+            w11 * (e11 * m0 + e12 * t0) + w21 * q0,
+            w11 * (e11 * m1 + e12 * t1) + w21 * q1,
+            w11 * (e11 * m2 + e12 * t2) + w21 * q2,
+        ),
+        (w22 * q0, w22 * q1, w22 * q2),
+    )
 
 
 @triton.jit
@@ -63,7 +98,7 @@ def project_backward(
     axes, tangents, lens = screen_axes((x, y, z), k, FISHEYE)
     r = rotation(quat)
     m = root_covariance(axes, r, scale)
-    centre, p, q = ellipse_gradient(sums, m, k[LIMITS + 1])
+    centre, p, q = _ellipse_gradient(sums, m, k[LIMITS + 1])
     _store(grad_opacities + i, sums[0] / tl.minimum(o, k[LIMITS + 2]), touched, here)
 
     grown, turned = shape_gradient(p, q, axes, r, scale, quat)

@@ -50,18 +50,16 @@ class _Tables(NamedTuple):
     """Inputs of a render's backward pass, as tensors only: autograd frees them as soon as it may."""
 
     parameters: torch.Tensor
-    record: torch.Tensor
     radius: torch.Tensor
     start: torch.Tensor
     number: torch.Tensor
-    tile: torch.Tensor
     list_start: torch.Tensor
     chunk_start: torch.Tensor
     slot: torch.Tensor
     rows: torch.Tensor
     stored: torch.Tensor
     chunks: torch.Tensor
-    """The names are those of the kernels; `start`, `number` and `tile` as in `tiles.Pairs`."""
+    """The names are those of the kernels; `start` and `number` as in `tiles.Pairs`."""
 
 
 class _Rasterize(torch.autograd.Function):
@@ -123,7 +121,7 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
     )  # fmt: skip
     call.counts = torch.stack([(state == int(BAD)).sum(), touched.sum(), evaluated.sum()])
     tables = _Tables(
-        numbers, record, radius, pairs.start, pairs.number, pairs.tile,
+        numbers, radius, pairs.start, pairs.number,
         lists.start, lists.chunk_start, lists.slot, lists.rows, stored, chunks,
     )  # fmt: skip
     return image, remaining, tables
@@ -145,17 +143,17 @@ def _gradients(
     new, n = background.new_empty, len(gaussians[0])
     width, height = call.camera.width, call.camera.height
     across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, T_LEAST)
-    slots = background.new_zeros(len(tables.tile), _SLOT)
+    slots = background.new_zeros(len(tables.slot), _SLOT)
     composite_backward[(len(tables.chunks),)](
         tables.rows, tables.rows.shape[1], tables.list_start, tables.chunk_start, tables.slot, background,
         t_min, across, height, width, tables.stored, tables.chunks, image, remaining, slots,
         CHUNK=tiles.CHUNK, num_warps=1, **register_cap(torch.version.hip), **_OPTIONS,
     )  # fmt: skip
     gradients = [torch.empty_like(tensor) for tensor in gaussians]
-    moments, pull, weight = new((n, _MOMENTS), dtype=torch.float64), new(n), new(n)
+    moments, pull, weight = new((n, _MOMENTS)), new(n), new(n)
     sums.add_slots[(cdiv(n, sums.BLOCK),)](
-        slots, tables.start, tables.number, tables.tile, tables.record, n, across,
-        moments, gradients[4], pull, weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
+        slots, tables.start, tables.number, n, moments, gradients[4], pull, weight,
+        BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
     )  # fmt: skip
     programs = cdiv(n, projection.BLOCK)
     view = new((programs if moving else 1, _VIEW), dtype=torch.float64)

@@ -44,10 +44,10 @@ def test_a_pair_takes_what_is_forecast() -> None:
     tensors = [tensor.to(device).requires_grad_() for tensor in tensors]
     render = rasterizer.rasterize_gpu(RasterInputs(*tensors, camera, None, Limits(), None))
     saved = rasterizer._Tables(*render.image.grad_fn.saved_tensors[7:])
-    pairs = len(saved.tile)
+    pairs = len(saved.slot)
     assert pairs == 160
     slots = 4 * rasterizer._SLOT * pairs
-    taken = slots + sum(table.nbytes for table in (saved.tile, saved.slot, saved.rows, saved.stored))
+    taken = slots + sum(table.nbytes for table in (saved.slot, saved.rows, saved.stored))
     last_chunks = 4 * 2 * tiles.CHUNK * 128 // 8 + 4 * tiles.FIELDS * tiles.CHUNK
     assert 0.9 * PAIR * pairs < taken - last_chunks <= PAIR * pairs
 
