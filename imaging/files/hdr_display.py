@@ -2,7 +2,7 @@
 
 White (1) is the picture's own white on an SDR screen. On an HDR screen it has 203 cd/m2, the reference white
 of ITU-R BT.2408-7, and light goes on for `HEADROOM` stops above it. The curve of PQ: SMPTE ST 2084, as in
-ITU-R BT.2100-2, table 4.
+ITU-R BT.2100-2, table 4; that of HLG, and the gamma of its reference display: table 5.
 """
 
 import imagecodecs
@@ -23,12 +23,33 @@ _REC2020_FROM_REC709 = np.linalg.inv(rec709_from_rgb(PRIMARIES["rec2020"]))
 _M1, _M2 = 2610 / 16384, 2523 / 32
 _C1, _C2, _C3 = 3424 / 4096, 2413 / 128, 2392 / 128
 _PQ_WHITE = 10_000.0
+HLG_BRIGHTEST = 1000.0
+"""Luminance of the brightest light of HLG's reference display, cd/m2, which shows white at WHITE, too."""
+_GAMMA = 1.2
+"""Exponent of that display: its luminance over that of the signal's light."""
+_LUMINANCE = np.array([0.2627, 0.6780, 0.0593])
+"""Shares of Rec.2020's primaries in luminance."""
+_A = 0.17883277
+_B, _C = 1 - 4 * _A, 0.5 - _A * np.log(4 * _A)
 
 
 def pq_encode(luminance: AnyArray) -> AnyArray:
     """Code values 0..1 of light in cd/m2, which is clipped to 0..10,000, in the floats that it has."""
     power = (np.clip(luminance, 0, _PQ_WHITE) / _PQ_WHITE) ** _M1
     return np.asarray(((_C1 + _C2 * power) / (1 + _C3 * power)) ** _M2)
+
+
+def hlg_encode(luminance: AnyArray) -> AnyArray:
+    """Code values 0..1 with which HLG's reference display shows cd/m2 of Rec.2020's primaries [..., 3].
+
+    Light is clipped to what it shows: 0..1000 cd/m2 of each primary, and less of saturated colours, at worst
+    568 cd/m2 of blue alone.
+    """
+    share = np.clip(luminance, 0, HLG_BRIGHTEST) / HLG_BRIGHTEST
+    bright = np.maximum(share @ _LUMINANCE, 1e-12)[..., None]
+    signal = np.minimum(share * bright ** (1 / _GAMMA - 1), 1)
+    above = _A * np.log(np.maximum(12 * signal - _B, 1e-12)) + _C
+    return np.asarray(np.where(signal <= 1 / 12, np.sqrt(3 * signal), above))
 
 
 def within(light: Array32) -> Array32:

@@ -25,7 +25,7 @@ from recon.rendering.light_files import header_of, seen_by, stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.request import RenderRequest
 from recon.rendering.simulated_raw import RawCamera
-from recon.rendering.video import HdrVideo, Video
+from recon.rendering.video import HdrVideo, HlgVideo, Video
 from recon.result.data_layers import DataLayers
 from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
@@ -67,7 +67,7 @@ def render(
 
     Each picture is an EXR of linear radiance times the exposure of the session (of a scene of bands a
     spectral EXR, a channel each, and PNG in false colours), and one sRGB PNG for each of `stops`; with `hdr`
-    the first of these also for HDR screens (`imaging/files/hdr_display.py`), and of a film another one. Where
+    the first of these also for HDR screens (`imaging/files/hdr_display.py`), and of a film two more. Where
     the photographs had alpha, the EXR has it as A with the light premultiplied, the PNG as straight alpha,
     and pictures for HDR screens are over black.
 
@@ -105,11 +105,14 @@ def render(
     title = path.name if path else "views"
     with ExitStack() as stack:
         film: Video | None = None
-        hdr_film: HdrVideo | None = None
+        hdr_films: list[HdrVideo | HlgVideo] = []
         if request.video:
             film = stack.enter_context(Video(out / f"{title}.mp4", request.rate))
             if request.hdr:
-                hdr_film = stack.enter_context(HdrVideo(out / f"{title}.hdr.mp4", request.rate))
+                hdr_films = [
+                    stack.enter_context(HdrVideo(out / f"{title}.hdr.mp4", request.rate)),
+                    stack.enter_context(HlgVideo(out / f"{title}.hlg.mp4", request.rate)),
+                ]
         for done, frame in enumerate(frames):
             on_progress("rendering", done, len(frames))
             image, covered = scene.covered_layer(frame.camera)
@@ -140,11 +143,11 @@ def render(
             if request.hdr:
                 bright = in_colour(image, bands) * np.float32(factor * 2.0 ** (*request.stops, 0.0)[0])
                 pictures += _write_hdr(out / frame.stem, bright, (request.shown or displayed)(bright, 1.0))
-                if hdr_film is not None:
+                for hdr_film in hdr_films:
                     hdr_film.add(bright)
     on_progress("rendering", len(frames), len(frames))
     _tell_empty(scene, empty, len(frames), path is not None, on_message)
-    films = [one.path for one in (hdr_film, film) if one is not None]
+    films = [one.path for one in (*hdr_films, film) if one is not None]
     return files + pictures + mosaics + films
 
 

@@ -76,7 +76,7 @@ class RenderRequest(Request):
     hdr: Annotated[
         bool,
         "Also write each picture for HDR screens, to 4 stops above white: Ultra HDR JPEG and AVIF (PQ), and "
-        "of a film a second one in HDR10. Tone maps apply to what SDR screens show of the JPEG alone.",
+        "of a film two more, in HDR10 and HLG. Tone maps apply to what SDR screens show of the JPEG alone.",
     ] = False
     video: Annotated[bool, "Also write an MP4 of the PNG files, at the first of their stops."] = False
     rate: Annotated[float, "Frames per second of the MP4."] = 24.0

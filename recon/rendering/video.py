@@ -1,4 +1,4 @@
-"""Pictures as films to look at, in MP4, written by ffmpeg: H.264 of sRGB, and HDR10."""
+"""Pictures as films to look at, in MP4, written by ffmpeg: H.264 of sRGB, HDR10 and HLG."""
 
 import errno
 import tempfile
@@ -13,7 +13,7 @@ import numpy as np
 from imaging.arrays import AnyArray, Array32, Bytes
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.hdr_display import BRIGHTEST, on_screen, pq_encode
+from imaging.files.hdr_display import BRIGHTEST, hlg_encode, on_screen, pq_encode
 
 _QUALITY = "18"
 """x264's constant rate factor, at which hardly anybody sees a difference."""
@@ -24,13 +24,14 @@ _AS_REC709 = (
     "-vf", "scale=out_color_matrix=bt709:out_range=tv", "-colorspace", "bt709", "-color_primaries", "bt709",
     "-color_trc", "iec61966-2-1", "-crf", _QUALITY, *_MP4,
 )  # fmt: skip
-_AS_HDR10 = (
+_AS_REC2020 = (
     "-vf", "zscale=matrixin=gbr:rangein=full:matrix=bt2020nc:range=limited", "-colorspace", "bt2020nc",
-    "-color_primaries", "bt2020", "-color_trc", "smpte2084", "-crf", _HDR_QUALITY, "-tag:v", "hvc1", *_MP4,
+    "-color_primaries", "bt2020", "-crf", _HDR_QUALITY, "-tag:v", "hvc1", *_MP4,
 )  # fmt: skip
+_REC2020 = "log-level=error:repeat-headers=1:colorprim=bt2020:colormatrix=bt2020nc:range=limited:transfer={}"
+_PQ, _HLG = "smpte2084", "arib-std-b67"
 _HDR10 = (
-    "log-level=error:hdr10=1:repeat-headers=1:colorprim=bt2020:transfer=smpte2084:colormatrix=bt2020nc:"
-    "range=limited:master-display=G(15000,30000)B(7500,3000)R(32000,16500)WP(15635,16450)L({},1):max-cll={},{}"
+    ":hdr10=1:master-display=G(15000,30000)B(7500,3000)R(32000,16500)WP(15635,16450)L({},1):max-cll={},{}"
 )
 """Mastering display: primaries and white of Rec.709, in 0.00002 of CIE xy, and the most luminance in 0.0001
 cd/m2; then the brightest light, and the mean of the brightest frame, cd/m2."""
@@ -74,6 +75,11 @@ class _Film:
         )  # fmt: skip
         self._sink.send(None)
 
+    def _begin_hevc(self, width: int, height: int, curve: str, said: str = "") -> None:
+        """Start HEVC of codes of 16 bits of Rec.2020; said: more settings of x265."""
+        settings = ("-color_trc", curve, "-x265-params", _REC2020.format(curve) + said)
+        self._begin(width, height, "libx265", "rgb48le", "yuv420p10le", (*_AS_REC2020, *settings))
+
     def _send(self, picture: AnyArray) -> None:
         assert self._sink is not None
         try:
@@ -104,6 +110,17 @@ class Video(_Film):
         if self._sink is None:
             self._begin(even.shape[1], even.shape[0], "libx264", "rgb24", "yuv420p", _AS_REC709)
         self._send(even)
+
+
+class HlgVideo(_Film):
+    """A film of light as HLG: HEVC of 10 bits, Rec.2020, which needs no word on its brightest light."""
+
+    def add(self, light: Array32) -> None:
+        """Add the next picture, linear Rec.709 [H, W, 3] over black, 1 as white."""
+        codes = self._even(np.round(65535 * hlg_encode(on_screen(light))).astype("<u2"))
+        if self._sink is None:
+            self._begin_hevc(codes.shape[1], codes.shape[0], _HLG)
+        self._send(codes)
 
 
 class HdrVideo(_Film):
@@ -140,7 +157,7 @@ class HdrVideo(_Film):
 
     def _encode(self, width: int, height: int) -> None:
         display = _HDR10.format(round(BRIGHTEST / 1e-4), round(self._brightest), round(self._mean))
-        self._begin(width, height, "libx265", "rgb48le", "yuv420p10le", (*_AS_HDR10, "-x265-params", display))
+        self._begin_hevc(width, height, _PQ, display)
         self._codes.seek(0)
         while frame := self._codes.read(6 * width * height):
             self._send(np.frombuffer(frame, np.uint8))

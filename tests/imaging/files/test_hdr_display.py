@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.colour import PRIMARIES, rec709_from_rgb
-from imaging.files.hdr_display import BRIGHTEST, HEADROOM, WHITE, encode_avif, pq_encode, within
+from imaging.files.hdr_display import BRIGHTEST, HEADROOM, WHITE, encode_avif, hlg_encode, pq_encode, within
 
 STOPS = np.arange(-7.0, HEADROOM + 1)
 COLOURS = np.array([[1, 1, 1], [1, 0.4, 0.2], [0.3, 1, 0.4], [0.2, 0.4, 1]])
@@ -44,6 +44,23 @@ def test_pq_has_the_codes_of_its_standard() -> None:
     np.testing.assert_allclose(codes, [0, 0.508, 0.581, 0.752, 0.903, 1], atol=6e-4)
     light = np.geomspace(0.01, 10_000, 50)
     np.testing.assert_allclose(pq_light(pq_encode(light)), light, rtol=1e-6)
+
+
+def hlg_light(codes: np.ndarray) -> np.ndarray:
+    """cd/m2 of codes 0..1 [..., 3] on a display of 1000 cd/m2, as ITU-R BT.2100-2 writes the EOTF."""
+    dark = codes**2 / 3
+    signal = np.where(codes <= 0.5, dark, (np.exp((codes - 0.55991073) / 0.17883277) + 0.28466892) / 12)
+    return 1000 * (signal @ [0.2627, 0.6780, 0.0593])[..., None] ** 0.2 * signal
+
+
+def test_hlg_has_the_codes_of_its_standard() -> None:
+    """White is 75 % (BT.2408), and the display shows the light: that of a saturated blue up to 568 cd/m2."""
+    codes = hlg_encode(np.array([[0.0] * 3, [WHITE] * 3, [1000.0] * 3, [5000.0] * 3]))
+    np.testing.assert_allclose(codes[:, 0], [0, 0.75, 1, 1], atol=2e-4)
+    light = np.random.default_rng(0).uniform(0.01, 560, (200, 3))
+    np.testing.assert_allclose(hlg_light(hlg_encode(light)), light, rtol=1e-5)
+    blue = hlg_light(hlg_encode(np.array([[0.0, 0.0, 900.0]])))
+    np.testing.assert_allclose(blue, [[0, 0, 568.3]], atol=0.5)
 
 
 def test_another_decoder_reads_the_light_of_an_avif(tmp_path: Path) -> None:

@@ -157,6 +157,7 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
         *(f"{name}.exr" for name in names),
         *(f"{name}.{kind}" for name in names for kind in ("png", "jpg", "avif")),
         "spline.hdr.mp4",
+        "spline.hlg.mp4",
         "spline.mp4",
     ]
     assert {path.name for path in tmp_path.iterdir()} == {file.name for file in files}
@@ -189,7 +190,7 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     assert np.median(np.abs(bright[..., :3] - light * scene.exposure)) < 0.01
     base = cv2.imread(str(tmp_path / f"{names[1]}.jpg"))[..., ::-1].astype(float)
     assert np.abs(base - displayed(light, scene.exposure)).mean() < 1
-    shown = decoded(files[-2])[1][1]
+    shown = decoded(files[-3])[1][1]
     assert shown.shape == light.shape
     assert np.median(np.abs(np.clip(shown, 0, 16) - light.clip(0, 16) * scene.exposure)) < 0.01
     film = cv2.VideoCapture(str(files[-1]))
