@@ -142,7 +142,7 @@ def render(
                     f"{', PNG, Ultra HDR JPEG and AVIF' if asked.hdr else ' and PNG'}"
                     f"{', and ' + ' and '.join(file.name for file in films) if films else ''}",
                     f"EXR values are light times {number(scale)} ({math.log2(scale):+.1f} stops){usual}",
-                    *([_hdr()] if asked.hdr else []),
+                    *([_hdr(film=asked.video)] if asked.hdr else []),
                     *said,
                 ],
             )
@@ -152,11 +152,13 @@ def render(
     return result
 
 
-def _hdr() -> str:
-    """Headroom of pictures for HDR screens, in a sentence."""
+def _hdr(*, film: bool) -> str:
+    """Headroom of pictures for HDR screens, in a sentence; film: there is one, in HLG too."""
     white, stops = hdr_display.WHITE, hdr_display.HEADROOM
+    hlg = f", and in HLG at {hdr_display.HLG_BRIGHTEST:.0f} cd/m2" if film else ""
     return (
         f"on HDR screens an EXR value of 1 is {white:.0f} cd/m2; light is clipped {stops:.0f} stops above it"
+        f"{hlg}"
     )
 
 

@@ -136,6 +136,15 @@ def test_what_cannot_be_drawn_is_told_in_a_sentence(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_film_for_hdr_screens_says_where_light_ends(rig, two: list[str], tmp_path: Path) -> None:
+    arguments = ("--path", "orbit:2", "--width", "32", "--out", str(tmp_path / "out"), "--hdr")
+    assert "light is clipped 4 stops above it\n" in rig("render", two[0], *arguments)[1]
+    code, out, _ = rig("render", two[0], *arguments, "--video")
+    assert code == 0
+    assert "orbit.hdr.mp4 and orbit.hlg.mp4 and orbit.mp4" in out
+    assert "4 stops above it, and in HLG at 1000 cd/m2\n" in out
+
+
 def test_a_light_probe_says_what_of_it_is_known(rig, two: list[str], tmp_path: Path) -> None:
     arguments = ("--probe=-0.1,0,0", "--width", "32", "--out", str(tmp_path / "out"))
     code, out, _ = rig("render", two[0], *arguments)
