@@ -18,7 +18,8 @@ from imaging.lens import Lens
 from imaging.merge.bracket import merge_bracket
 from imaging.pose import Pose
 from imaging.progress import Progress
-from imaging.session.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
+from imaging.session.calibration import LensError, PoseError, Response
+from imaging.session.calibration_evidence import BoardEvidence, BoardPlace
 from imaging.session.records import Board, Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -22,7 +22,8 @@ from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import Matrix, as_matrix
 from imaging.progress import Progress
-from imaging.session.calibration import CalibrationRecord, ChartEvidence, ChartPatch
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.calibration_evidence import ChartEvidence, ChartPatch
 from imaging.session.records import Rung
 from imaging.session.session import Session
 

@@ -7,7 +7,8 @@ from calib.colour.reference import COLUMNS, NEUTRAL
 from calib.luminance.area import LUMINANCE, AreaLight, area_light
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.session.calibration import CalibrationRecord, ChartEvidence
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.calibration_evidence import ChartEvidence
 from imaging.session.luminance import Area
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -5,7 +5,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.session.calibration import BoardPlace, CalibrationRecord
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.calibration_evidence import BoardPlace
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 from rig.report.charts.rig_view import turntable

@@ -5,13 +5,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from imaging.session.calibration import (
-    CalibrationRecord,
-    CameraCalibration,
-    ChartEvidence,
-    ChartPatch,
-    Response,
-)
+from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response
+from imaging.session.calibration_evidence import ChartEvidence, ChartPatch
 from rig.report.charts.colour_chart import colour_topic, swatches
 
 CHART = ChartEvidence(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from imaging.pose import Pose
-from imaging.session.calibration import BoardEvidence, BoardPlace, CalibrationRecord, read_calibration
+from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.calibration_evidence import BoardEvidence, BoardPlace
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures

@@ -15,7 +15,8 @@ from imaging.files import store
 from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.progress import unreported
-from imaging.session.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
+from imaging.session.calibration import CalibrationRecord, LensError, PoseError
+from imaging.session.calibration_evidence import BoardEvidence
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 
