@@ -22,6 +22,7 @@ from calib.poses.resolution import (
 from calib.poses.rigs.apart import cameras_apart, unjoined
 from calib.poses.rigs.known_rig import KnownRig
 from calib.poses.rigs.rig_twins import twins
+from calib.poses.steps import Steps
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
@@ -75,6 +76,17 @@ class Scene:
     steady: Collection[str] = ()
     keep_doubtful: bool = False
 
+    def inputs(self, cameras: Mapping[str, Lens]) -> list[object]:
+        """All that models depend on beside the features, of which their kind says which these are; cameras:
+        first guesses of the lenses.
+        """
+        return [
+            {str(view): features.kind for view, features in self.features.items()},
+            dict(cameras), self.rigs, set(self.focal_known), self.known, sorted(map(str, self.pictures)),
+            set(self.exact), dict(self.focal), {str(view): place for view, place in self.stated.items()},
+            set(self.steady), self.keep_doubtful,
+        ]  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class FirstModels:
@@ -104,6 +116,7 @@ def matched(scene: Scene, database: Any, models: Mapping[str, Any], max_error: f
 
 def first_models(
     scene: Scene,
+    steps: Steps,
     database: Any,
     models: Mapping[str, Any],
     pairs: Pairs,
@@ -112,7 +125,7 @@ def first_models(
 ) -> FirstModels:
     """Views mapped by their matches, without what contradicts itself."""
     require_depth(pairs, cameras, max_error)
-    placing = _Placing(scene, database, models, pairs, max_error)
+    placing = _Placing(scene, steps, database, models, pairs, max_error)
     main, held, rest = placing.placed(frozenset(models))
     apart: list[ResolvedModel] = []
     unplaced: tuple[Rung, ...] = ()
@@ -134,6 +147,7 @@ class _Placing:
     """Inputs of the placing of views after matching."""
 
     scene: Scene
+    steps: Steps
     database: Any
     models: Mapping[str, Any]
     pairs: Mapping[tuple[ViewId, ViewId], MatchedPair]
@@ -148,10 +162,11 @@ class _Placing:
         def mapped() -> Any | None:
             fixed = camera_numbers(models, {*scene.known.lenses, *held})
             images = [view.image_name for view in views] if len(views) < len(scene.features) else []
-            return map_views(
-                database, len(views), max_error, fixed, scene.threads, scene.progress,
-                ahead=bool(held), images=images,
-            )  # fmt: skip
+            return self.steps.model(
+                lambda: map_views(
+                    database, len(views), max_error, fixed, scene.threads, scene.progress, bool(held), images
+                )
+            )
 
         def placed(model: Any | None) -> int:
             return 0 if model is None else int(model.num_reg_images())
@@ -179,7 +194,8 @@ class _Placing:
         if placed(reconstruction) < MOST * len(matched):
             images = [view.image_name for view in views] if len(views) < len(scene.features) else []
             scene.progress("placing views at once", 0, 1)
-            rival = map_at_once(database, camera_numbers(models, {*scene.known.lenses, *held}), images)
+            fixed = camera_numbers(models, {*scene.known.lenses, *held})
+            rival = self.steps.model(lambda: map_at_once(database, fixed, images))
             share = agreement(reconstruction, rival)
             if share is not None and share >= AGREED:
                 rival, hanging = self._joined(rival, reconstruction)

@@ -21,7 +21,6 @@ def map_views(
     fixed: frozenset[int],
     threads: int,
     progress: Progress,
-    *,
     ahead: bool = False,
     images: Sequence[str] = (),
 ) -> Any | None:

@@ -6,25 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
-from calib.adjustment.lens_ladder import climb
+from calib.adjustment.bundle_adjustment import Free, lens_of
 from calib.adjustment.place_priors import StatedPlace
-from calib.adjustment.point_refinement import refine_points
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
-from calib.data.features import FEWEST_MATCHES, Features
+from calib.data.features import Features
 from calib.data.unfinished import Unfinished
+from calib.poses.adjusted import adjusted_model
 from calib.poses.checks.confirmation import hanging, loose
-from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models, matched
-from calib.poses.focal import focal_priors, settle_focal
-from calib.poses.places import align_to_places
+from calib.poses.first_model import Scene
 from calib.poses.refusals import require_features
-from calib.poses.rigs.apart import Joined, join, unjoined
-from calib.poses.rigs.known_rig import NOTHING, KnownRig, camera_of, to_metres
-from calib.poses.rigs.tied_model import polish, tied_model
-from calib.poses.turning.turned_views import TurnedViews, turned_views
+from calib.poses.rigs.known_rig import NOTHING, KnownRig, to_metres
+from calib.poses.turning.turned_views import TurnedViews
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
-from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
@@ -32,12 +26,6 @@ from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
-MAX_ERROR = 4.0
-"""Largest error of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half
-of it.
-"""
-ALIGNED = 0.4
-"""Patches err by less than features, of whose error this is a part."""
 _LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fisheye")
 """Rungs that a fisheye has behind it."""
 
@@ -119,14 +107,14 @@ def solve(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
         unfinished or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
     )  # fmt: skip
-    adjusted = _adjusted(scene, cameras)
+    adjusted = adjusted_model(scene, cameras)
     if isinstance(adjusted, TurnedViews):
         return _turned(adjusted)
     rungs: tuple[Rung, ...] = ()
     if adjusted.is_fisheye and not any(lens.fisheye for lens in cameras.values()):
         # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
         rungs = tuple(rung for rung in adjusted.lens_rungs if rung.name in _LENS_KINDS)
-        again = _adjusted(scene, {**cameras, **adjusted.centred(cameras)})
+        again = adjusted_model(scene, {**cameras, **adjusted.centred(cameras)})
         if isinstance(again, TurnedViews):
             return _turned(again)
         adjusted = again
@@ -194,122 +182,6 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
         },
     )
     return replace(model, **fields_of(model.reconstruction), errors=errors, metric=metric)
-
-
-@dataclass(frozen=True, eq=False)
-class _Adjusted:
-    """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
-    metric: its unit is the metre; held: cameras whose lenses stayed as the files say; left_out: views that
-    others contradict; hanging: those that one pair holds on the others; by_motion: cameras that are tied by
-    it alone."""
-
-    reconstruction: Any
-    free: Free
-    typical: float
-    metric: bool
-    held: frozenset[str]
-    left_out: frozenset[ViewId]
-    hanging: frozenset[ViewId]
-    by_motion: frozenset[str]
-    rungs: tuple[Rung, ...]
-    rig_rung: Rung
-    lens_rungs: tuple[Rung, ...]
-
-    @property
-    def is_fisheye(self) -> bool:
-        """True if the lenses are fisheyes of two terms."""
-        return self.free.model == "RADIAL_FISHEYE"
-
-    def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
-        """Lenses with the principal points of the first guesses."""
-        lenses = fields_of(self.reconstruction)["lenses"]
-        return {
-            name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
-            for name, lens in lenses.items()
-        }
-
-
-def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted | TurnedViews:
-    """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms.
-
-    Views from one place have their turns instead.
-    """
-    known, threads, progress = scene.known, scene.threads, scene.progress
-    width = max(lens.width for lens in cameras.values())
-    max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
-    database = pycolmap.Database.open(":memory:")
-    models = {
-        name: camera_of(known.lenses[name])
-        if name in known.lenses
-        else _camera(lens, name in scene.focal_known)
-        for name, lens in cameras.items()
-    }
-    pairs = matched(scene, database, models, max_error)
-    turned = turned_views(
-        scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
-    )
-    if turned is not None:
-        return turned
-    first = first_models(scene, database, models, pairs, cameras, max_error)
-    # Motion determines the distance of cameras without a common view too badly to scale the scene.
-    metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
-    joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)
-    free = Free(
-        "RADIAL_FISHEYE" if any(lens.fisheye for lens in cameras.values()) else "SIMPLE_RADIAL",
-        fixed=camera_numbers(models, {*known.lenses, *first.held}),
-        placed=camera_numbers(models, known.cam_from_rig),
-        focal=focal_priors(
-            {models[name].camera_id: why_fixed for name, why_fixed in scene.focal.items() if name in models}
-        ),
-    )
-    tied = tied_model(scene, database, joined, free, max_error, metric)
-    if joined.cameras and not tied.rung.taken:
-        rung = unjoined(joined.cameras, tied.rung.reason)
-        joined = Joined(first.main.reconstruction, frozenset(), (rung,))
-        tied = tied_model(scene, database, joined, free, max_error, metric)
-    reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
-    if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
-        refine_points(reconstruction, scene.pictures, progress)
-        typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
-    if reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(NO_START.format(first.main.pairs))
-    free, focal_rungs = settle_focal(
-        reconstruction, free, typical, threads, {models[name].camera_id: name for name in models}, scene.focal
-    )
-    if not metric:
-        places, stated_rung = align_to_places(reconstruction, scene.stated)
-        if places and tied.uncut is not None:
-            align_to_places(tied.uncut, scene.stated)
-        free = replace(free, places=places)
-        focal_rungs = (*(() if stated_rung is None else (stated_rung,)), *focal_rungs)
-        if places:
-            adjust(reconstruction, free, typical, threads)
-    typical = misses(reconstruction).typical
-    why_fixed = "the files gave the lenses" if first.held else "a board gave the lenses"
-    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, why_fixed, tied.uncut)
-    adjust(reconstruction, free, typical, threads)
-    every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]
-    return _Adjusted(
-        reconstruction,
-        free,
-        typical,
-        metric,
-        first.held,
-        frozenset().union(*(one.left_out for one in every)),
-        frozenset().union(*(one.hanging for one in every)),
-        joined.cameras,
-        (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
-        tied.rung,
-        (*focal_rungs, *lens_rungs),
-    )
-
-
-def _camera(lens: Lens, focal_known: bool) -> Any:
-    if lens.fisheye:
-        return camera_of(lens)
-    camera = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", lens.fx, lens.width, lens.height)
-    camera.has_prior_focal_length = focal_known
-    return camera
 
 
 def fields_of(reconstruction: Any) -> dict[str, Any]:

@@ -258,7 +258,7 @@ def small(own_arm: Path, looks: dict[ViewId, ViewSummary], monkeypatch: pytest.M
     record = read_calibration(own_arm)
     monkeypatch.setattr("calib.view_images.summarise", lambda session, view, *rest: looks[view.id])
     monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record, ()))
-    monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
+    monkeypatch.setattr("calib.poses.adjusted.climb", lambda *rest: (Free(), ()))
     return own_arm
 
 
@@ -288,9 +288,9 @@ def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(
     """A camera without a shot is in it, with nothing known."""
     matched: list[int] = []
 
-    def counted(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def counted(one: np.ndarray, other: np.ndarray, *, by_bytes: bool) -> np.ndarray:
         matched.append(len(one))
-        return match(one, other)
+        return match(one, other, by_bytes=by_bytes)
 
     def stop(message: str, done: int, total: int) -> None:
         if (message, done) == ("matching", 9):
@@ -311,6 +311,22 @@ def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(
     assert first.camera("cam3").lens is None
     assert first.camera("cam3").cam_from_rig is None
     assert {view.camera for view in first.views} == {"cam0", "cam1", "cam2"}
+
+
+def test_killed_after_the_poses_it_does_not_place_the_views_again(small: Path) -> None:
+    def stop(message: str, done: int, total: int) -> None:
+        if message == "measuring how sure it is":
+            raise KeyboardInterrupt
+
+    messages: set[str] = set()
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(small, on_progress=stop)
+    first = calibrate(small, on_progress=lambda message, done, total: messages.add(message))
+    assert messages.isdisjoint({"placing views", "adjusting", "aligning patches"})
+    messages.clear()
+    second = calibrate(small, on_progress=lambda message, done, total: messages.add(message))
+    assert messages >= {"placing views", "adjusting", "aligning patches"}
+    assert second.model_copy(update={"created": first.created}) == first
 
 
 def test_pose_of_a_pycolmap_motion() -> None:

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from calib.adjustment.bundle_adjustment import Free
 from calib.calibrate import calibrate
 from calib.light import vignetting
-from calib.poses import sfm
 from drivers.sim.mounting import look_at
 from drivers.sim.scene.scene import Builder, Scene
 from drivers.sim.scene.texture import BRICKS, SPOTS, TILES
@@ -75,7 +74,7 @@ def test_both_cameras_are_placed_and_how_is_told(tmp_path: Path, monkeypatch: py
     none = vignetting.Falloff(
         {"front": (0.0, 0.0, 0.0), "back": (0.0, 0.0, 0.0)}, {"front": 1.0, "back": 1.0}, ()
     )
-    monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
+    monkeypatch.setattr("calib.poses.adjusted.climb", lambda *rest: (Free(), ()))
     monkeypatch.setattr(vignetting, "estimate", lambda *rest, **more: none)
     session = photographed(tmp_path / "S")
     record = calibrate(session, on_progress=unreported)

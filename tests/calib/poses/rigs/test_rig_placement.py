@@ -11,7 +11,6 @@ from calib.calibrate import calibrate
 from calib.data.features import Features
 from calib.light import vignetting
 from calib.light.radiometry import light_of
-from calib.poses import sfm
 from calib.poses.rigs.rig_placement import place_by_rig
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.files import store
@@ -113,7 +112,7 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
             store.append_line(own_arm / "shots.jsonl", shot)
     light = light_of(read_calibration(own_arm), ())
     monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light)
-    monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
+    monkeypatch.setattr("calib.poses.adjusted.climb", lambda *rest: (Free(), ()))
     none = vignetting.Falloff(
         {"cam0": (0.0, 0.0, 0.0), "cam1": (0.0, 0.0, 0.0)}, {"cam0": 1.0, "cam1": 1.0}, ()
     )

@@ -1,0 +1,197 @@
+"""Views placed, rigs tied together, and the terms of the lenses chosen, step by step."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
+from calib.adjustment.lens_ladder import climb
+from calib.adjustment.point_refinement import refine_points
+from calib.data.features import FEWEST_MATCHES
+from calib.poses.first_model import NO_START, FirstModels, Scene, camera_numbers, first_models, matched
+from calib.poses.focal import focal_priors, settle_focal
+from calib.poses.places import align_to_places
+from calib.poses.rigs.apart import Joined, join, unjoined
+from calib.poses.rigs.known_rig import camera_of, to_metres
+from calib.poses.rigs.tied_model import TiedModel, polish, tied_model
+from calib.poses.steps import Done, Steps
+from calib.poses.turning.turned_views import TurnedViews, turned_views
+from imaging.errors import CalibrationError
+from imaging.files.colmap import pycolmap
+from imaging.lens import Lens
+from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
+
+MAX_ERROR = 4.0
+"""Largest error of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half
+of it.
+"""
+ALIGNED = 0.4
+"""Patches err by less than features, of whose error this is a part."""
+
+
+@dataclass(frozen=True, eq=False)
+class AdjustedModel:
+    """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
+    metric: its unit is the metre; held: cameras whose lenses stayed as the files say; left_out: views that
+    others contradict; hanging: those that one pair holds on the others; by_motion: cameras that are tied by
+    it alone."""
+
+    reconstruction: Any
+    free: Free
+    typical: float
+    metric: bool
+    held: frozenset[str]
+    left_out: frozenset[ViewId]
+    hanging: frozenset[ViewId]
+    by_motion: frozenset[str]
+    rungs: tuple[Rung, ...]
+    rig_rung: Rung
+    lens_rungs: tuple[Rung, ...]
+
+    @property
+    def is_fisheye(self) -> bool:
+        """True if the lenses are fisheyes of two terms."""
+        return self.free.model == "RADIAL_FISHEYE"
+
+    def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
+        """Lenses with the principal points of the first guesses."""
+        images = (self.reconstruction.image(index) for index in self.reconstruction.reg_image_ids())
+        placed = {ViewId.of_image(image.name).camera: image.camera_id for image in images}
+        return {
+            name: lens_of(self.reconstruction.cameras[number]).model_copy(
+                update={"cx": cameras[name].cx, "cy": cameras[name].cy}
+            )
+            for name, number in placed.items()
+        }
+
+
+def adjusted_model(scene: Scene, cameras: Mapping[str, Lens]) -> AdjustedModel | TurnedViews:
+    """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms.
+
+    Views from one place have their turns instead.
+    """
+    known, threads, progress = scene.known, scene.threads, scene.progress
+    width = max(lens.width for lens in cameras.values())
+    max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
+    database = pycolmap.Database.open(":memory:")
+    models = {
+        name: camera_of(known.lenses[name])
+        if name in known.lenses
+        else _camera(lens, name in scene.focal_known)
+        for name, lens in cameras.items()
+    }
+    pairs = matched(scene, database, models, max_error)
+    steps = Steps(scene.unfinished, scene.inputs(cameras))
+    turned = turned_views(
+        scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
+    )
+    if turned is not None:
+        return turned
+    first = first_models(scene, steps, database, models, pairs, cameras, max_error)
+    # Motion determines the distance of cameras without a common view too badly to scale the scene.
+    metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
+    free = Free(
+        "RADIAL_FISHEYE" if any(lens.fisheye for lens in cameras.values()) else "SIMPLE_RADIAL",
+        fixed=camera_numbers(models, {*known.lenses, *first.held}),
+        placed=camera_numbers(models, known.cam_from_rig),
+        focal=focal_priors(
+            {models[name].camera_id: why_fixed for name, why_fixed in scene.focal.items() if name in models}
+        ),
+    )
+    joined, tied = _tied(scene, steps, database, first, free, max_error, metric)
+    reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
+    if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
+
+        def aligned() -> Done:
+            refine_points(reconstruction, scene.pictures, progress)
+            typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
+            return Done((reconstruction,), {"typical": typical})
+
+        done = steps.result(aligned)
+        (reconstruction,), typical = done.models, done.rest["typical"]
+    if reconstruction.num_points3D() < FEWEST_MATCHES:
+        raise CalibrationError(NO_START.format(first.main.pairs))
+    free, focal_rungs = settle_focal(
+        reconstruction, free, typical, threads, {models[name].camera_id: name for name in models}, scene.focal
+    )
+    if not metric:
+        places, stated_rung = align_to_places(reconstruction, scene.stated)
+        if places and tied.uncut is not None:
+            align_to_places(tied.uncut, scene.stated)
+        free = replace(free, places=places)
+        focal_rungs = (*(() if stated_rung is None else (stated_rung,)), *focal_rungs)
+        if places:
+            adjust(reconstruction, free, typical, threads)
+    typical = misses(reconstruction).typical
+    why_fixed = "the files gave the lenses" if first.held else "a board gave the lenses"
+
+    def judged() -> Done:
+        taken, rungs = climb(reconstruction, free, typical, threads, progress, why_fixed, tied.uncut)
+        adjust(reconstruction, taken, typical, threads)
+        terms = {name: getattr(taken, name) for name in ("model", "radial", "principal_point")}
+        return Done(
+            (reconstruction,), {"terms": terms, "rungs": [one.model_dump(mode="json") for one in rungs]}
+        )
+
+    done = steps.result(judged)
+    (reconstruction,), free = done.models, replace(free, **done.rest["terms"])
+    lens_rungs = tuple(map(Rung.model_validate, done.rest["rungs"]))
+    every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]
+    return AdjustedModel(
+        reconstruction,
+        free,
+        typical,
+        metric,
+        first.held,
+        frozenset().union(*(one.left_out for one in every)),
+        frozenset().union(*(one.hanging for one in every)),
+        joined.cameras,
+        (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
+        tied.rung,
+        (*focal_rungs, *lens_rungs),
+    )
+
+
+def _tied(
+    scene: Scene,
+    steps: Steps,
+    database: Any,
+    first: FirstModels,
+    free: Free,
+    max_error: float,
+    metric: bool,
+) -> tuple[Joined, TiedModel]:
+    """Tie rigs together, and cameras that are apart by motion as far as that makes a rigid rig."""
+
+    def step() -> Done:
+        joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)
+        tied = tied_model(scene, database, joined, free, max_error, metric)
+        if joined.cameras and not tied.rung.taken:
+            rung = unjoined(joined.cameras, tied.rung.reason)
+            joined = Joined(first.main.reconstruction, frozenset(), (rung,))
+            tied = tied_model(scene, database, joined, free, max_error, metric)
+        rest = {
+            "cameras": sorted(joined.cameras),
+            "rungs": [one.model_dump(mode="json") for one in (tied.rung, *joined.rungs)],
+            "typical": tied.typical,
+            "placed": sorted(tied.free.placed),
+        }
+        return Done((tied.reconstruction, tied.uncut), rest)
+
+    done = steps.result(step)
+    (reconstruction, uncut), rest = done.models, done.rest
+    rung, *rungs = map(Rung.model_validate, rest["rungs"])
+    placed = replace(free, placed=frozenset(rest["placed"]))
+    return (
+        Joined(reconstruction, frozenset(rest["cameras"]), tuple(rungs)),
+        TiedModel(reconstruction, placed, rest["typical"], rung, uncut),
+    )
+
+
+def _camera(lens: Lens, focal_known: bool) -> Any:
+    if lens.fisheye:
+        return camera_of(lens)
+    camera = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", lens.fx, lens.width, lens.height)
+    camera.has_prior_focal_length = focal_known
+    return camera
