@@ -33,19 +33,19 @@ TARGETS = (
 QUICK = ("sm_80", "gfx942")
 F, D, B, S, I, L = "*fp32", "*fp64", "*i8", "*i16", "*i32", "*i64"  # noqa: E741
 INPUTS = {"means": F, "quats": F, "scales": F, "opacities": F, "parameter": D, "n": "i32"}
-RECORDS = {"record": D, "paint": F}
 GRID = {"across": "i32", "height": "i32", "width": "i32", "t_min": "fp32", "background": F}
 LISTS = {"rows": F, "stride": "i32", "start": L, "chunk_start": L, "stored": F, "chunks": I}
 KERNELS: list[tuple[Any, dict[str, Any], dict[str, Any], dict[str, str]]] = [
     *((project.project, {"BLOCK": project.BLOCK, "FISHEYE": fisheye}, {},
-       INPUTS | RECORDS | {"colours": F, "box": I, "depth": F, "radius": F, "state": B, "number": L})
+       INPUTS | {"record": F, "colours": F, "box": I, "depth": F, "radius": F, "state": B})
       for fisheye in (None, True)),
-    (tiles.match, {"BLOCK": tiles.BLOCK}, {},
-     RECORDS | {"owner": I, "start": L, "box": I, "tile": S, "touched": B, "pairs": "i32", "across": "i32",
-                "tiles": "i32"}),
+    *((tiles.match, {"BLOCK": tiles.MATCHED, "WRITE": write}, tiles.EXACT,
+       {"record": F, "box": I, "state": B, "n": "i32", "across": "i32", "number": L, "start": L, "owner": I,
+        "tile": S})
+      for write in (False, True)),
     (tiles.gather, {"BLOCK": tiles.BLOCK}, {},
-     RECORDS | {"slot": L, "owner": I, "sorted_tile": S, "rows": F, "pairs": "i32", "stride": "i32",
-                "across": "i32", "tiles": "i32"}),
+     {"record": F, "slot": L, "owner": I, "sorted_tile": S, "rows": F, "pairs": "i32", "stride": "i32",
+      "across": "i32"}),
     (composite.composite, {"CHUNK": tiles.CHUNK, "KEEP": True}, {"num_warps": 1},
      LISTS | GRID | {"image": F, "remaining": F, "pairs": L}),
     (composite_backward.composite_backward, {"CHUNK": tiles.CHUNK},
@@ -62,7 +62,7 @@ KERNELS: list[tuple[Any, dict[str, Any], dict[str, Any], dict[str, str]]] = [
 NEEDS = ("registers", "stack", "shared")
 LIMITS = {
     "project": (144, 0, 0),
-    "match": (84, 0, 0),
+    "match": (52, 0, 0),
     "gather": (44, 0, 0),
     "composite": (160, 0, 0),
     "composite_backward": (184, 120, 0),
@@ -87,10 +87,10 @@ def compiled(names: list[str]) -> Iterator[dict[str, Any]]:
     """
     for kernel, constants, options, types in KERNELS:
         signature = {name: types.get(name, "constexpr") for name in kernel.arg_names}
-        assert {name for name, kind in signature.items() if kind == "constexpr"} == set(constants)
+        assert {name for name, of in signature.items() if of == "constexpr"} == set(constants)
         assert set(types) <= set(kernel.arg_names), set(types) - set(kernel.arg_names)
         places = {(kernel.arg_names.index(name),): value for name, value in constants.items()}
-        lens = " (fisheye)" if constants.get("FISHEYE") else ""
+        kind = next((f" ({name.lower()})" for name in ("FISHEYE", "WRITE") if constants.get(name)), "")
         for name in names:
             target = target_of(name)
             chosen = {"num_warps": 4, **project.OPTIONS, **options}
@@ -102,7 +102,7 @@ def compiled(names: list[str]) -> Iterator[dict[str, Any]]:
             source = ASTSource(fn=kernel, signature=signature, constexprs=places)
             code = triton.compile(source, target=target, options=chosen)
             yield {
-                "kernel": kernel.__name__ + lens,
+                "kernel": kernel.__name__ + kind,
                 "target": name,
                 "shared": code.metadata.shared,
                 **(_of_cubin(code.asm["cubin"]) if "cubin" in code.asm else _of_gcn(code.asm["amdgcn"])),

@@ -24,10 +24,10 @@ TABLES = 600
 and its colours and shapes on their way there and back."""
 PAIR = 160
 """Bytes of a pair until its gradient is summed: row, slot, transmittances, place in its list."""
-PAIRS_OF_PIXEL, PAIRS_OF_GAUSSIAN = 4, 4
+PAIRS_OF_PIXEL, PAIRS_OF_GAUSSIAN = 2, 4
 """Pairs of a view, at most: trainings on the demo, lego at 400 px and a castle at 1,280 px end with 0.6 to
-1.0 entries of tiles of 16x16 a pixel, of which half as large tiles have at most twice as many, and an ellipse
-touches about 0.55 of its box; then a few of each Gaussian that is smaller than a tile."""
+1.0 entries of tiles of 16x16 a pixel, of which half as large tiles have at most twice as many; then a few of
+each Gaussian that is smaller than a tile."""
 ELSEWHERE = "or put CUDA_VISIBLE_DEVICES= in front of the command to train on the processor"
 
 

@@ -21,14 +21,16 @@ OPTIONS = {"enable_fp_fusion": True}
 WIDE, HIGH = tl.constexpr(16), tl.constexpr(8)
 """Pixels of a tile across and down: four for each thread of a warp. Of the 16x16 tiles of other rasterisers,
 a small Gaussian touches but one half as often as both."""
-SHAPE = tl.constexpr(8)
-"""Float64 numbers of a record: see `recon.splat.tables.Projected.shape`."""
-PAINT = tl.constexpr(tables.PAINT)
+RECORD = tl.constexpr(16)
+"""Float32 numbers of a record, a cache line: pixel mean x, y in two parts each; m11; m21, m22 in two parts
+each; one that is free; from PAINT on -reach, opacity, red, green, blue (see `recon.splat.tables.Projected`).
+The second part of a number is what float32 leaves of it: together they have 48 bits."""
+PAINT = tl.constexpr(10)
 _FOLD = tl.constexpr(parameters.FOLD)
 _ALPHA_FLOOR = tl.constexpr(limits.ALPHA_FLOOR)
 _COLOUR_MOST = tl.constexpr(limits.COLOUR_MOST)
 _QUAT_LEAST = tl.constexpr(limits.QUAT_LEAST)
-_SKIPPED, _DRAWN, _BAD = (tl.constexpr(int(x)) for x in (tables.SKIPPED, tables.DRAWN, tables.BAD))
+_SKIPPED, DRAWN, _BAD = (tl.constexpr(int(x)) for x in (tables.SKIPPED, tables.DRAWN, tables.BAD))
 _INFINITY = tl.constexpr(math.inf)
 _LARGEST = tl.constexpr(3e38)
 
@@ -66,15 +68,22 @@ def _opacity_and_reach(opacity, red, green, blue, k):
 
 
 @triton.jit
+def _store_parts(pointer, value, mask):
+    """A float64 number as two of float32."""
+    first = value.to(tl.float32)
+    tl.store(pointer, first, mask=mask)
+    tl.store(pointer + 1, (value - first.to(tl.float64)).to(tl.float32), mask=mask)
+
+
+@triton.jit
 def project(
-    means, quats, scales, opacities, colours, parameter, n, record, paint, box, depth, radius, state, number,
+    means, quats, scales, opacities, colours, parameter, n, record, box, depth, radius, state,
     BLOCK: tl.constexpr, FISHEYE: tl.constexpr,
 ):  # fmt: skip
     """Project N Gaussians; float32 inputs as in `rasterize`.
 
-    record float64 [N, 8] and paint float32 [N, 16], the same memory, box int32 [N, 4], depth, radius
-    float32 [N]: as in `recon.splat.tables.Projected`; depth is infinite where not drawn. state int8 [N];
-    number int64 [N]: tiles that the box touches, 0 where not drawn.
+    record float32 [N, RECORD]. box int32 [N, 4], depth, radius float32 [N], state int8 [N]: as in
+    `recon.splat.tables.Projected`; depth is infinite where not drawn.
     """
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = i < n
@@ -123,28 +132,25 @@ def project(
     half = 0.5 * (a - c)
     wide = 3.0 * tl.sqrt(0.5 * (a + c) + tl.sqrt(half * half + b * b))
 
-    tl.store(state + i, tl.where(bad, _BAD, tl.where(drawn, _DRAWN, _SKIPPED)).to(tl.int8), mask=here)
+    tl.store(state + i, tl.where(bad, _BAD, tl.where(drawn, DRAWN, _SKIPPED)).to(tl.int8), mask=here)
     tl.store(depth + i, tl.where(drawn, tl.minimum(z, _LARGEST), _INFINITY).to(tl.float32), mask=here)
     tl.store(radius + i, tl.where(drawn, wide, 0.0).to(tl.float32), mask=here)
     keep = here & drawn
-    at = record + i * SHAPE
-    tl.store(at, px, mask=keep)
-    tl.store(at + 1, py, mask=keep)
-    tl.store(at + 2, 1.0 / deviation * _FOLD, mask=keep)
-    tl.store(at + 3, -(tl.sqrt(a / determinant) * _FOLD * b / a), mask=keep)
-    tl.store(at + 4, tl.sqrt(a / determinant) * _FOLD, mask=keep)
-    at = paint + i * (2 * SHAPE) + PAINT
+    at = record + i * RECORD
+    tall = tl.sqrt(a / determinant) * _FOLD
+    _store_parts(at, px, keep)
+    _store_parts(at + 2, py, keep)
+    tl.store(at + 4, (1.0 / deviation * _FOLD).to(tl.float32), mask=keep)
+    _store_parts(at + 5, -(tall * b / a), keep)
+    _store_parts(at + 7, tall, keep)
+    at += PAINT
     tl.store(at, (-reach).to(tl.float32), mask=keep)
     tl.store(at + 1, o.to(tl.float32), mask=keep)
     tl.store(at + 2, red, mask=keep)
     tl.store(at + 3, green, mask=keep)
     tl.store(at + 4, blue, mask=keep)
-    left, right = tl.where(drawn, first_x, 0.0).to(tl.int32), tl.where(drawn, last_x, 0.0).to(tl.int32)
-    top, bottom = tl.where(drawn, first_y, 0.0).to(tl.int32), tl.where(drawn, last_y, 0.0).to(tl.int32)
     at = box + 4 * i
-    tl.store(at, left, mask=keep)
-    tl.store(at + 1, right, mask=keep)
-    tl.store(at + 2, top, mask=keep)
-    tl.store(at + 3, bottom, mask=keep)
-    tiles = (right // WIDE - left // WIDE + 1) * (bottom // HIGH - top // HIGH + 1)
-    tl.store(number + i, tl.where(drawn, tiles, 0).to(tl.int64), mask=here)
+    tl.store(at, first_x.to(tl.int32), mask=keep)
+    tl.store(at + 1, last_x.to(tl.int32), mask=keep)
+    tl.store(at + 2, first_y.to(tl.int32), mask=keep)
+    tl.store(at + 3, last_y.to(tl.int32), mask=keep)

@@ -21,7 +21,7 @@ from recon.splat.parameters import parameters
 from recon.splat.render import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD
 
-_WIDE, _HIGH, _SHAPE = projection.WIDE.value, projection.HIGH.value, projection.SHAPE.value
+_WIDE, _HIGH, _RECORD = projection.WIDE.value, projection.HIGH.value, projection.RECORD.value
 _OPTIONS = projection.OPTIONS
 _PIXELS, _SLOT, _MOMENTS, _VIEW = PIXELS.value, SLOT.value, sums.MOMENTS.value, VIEW.value
 
@@ -32,7 +32,7 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
 
     `inputs.view` is on the CPU.
     ValueError for tensors on the CPU and for colours of other than three channels; InputError for 2^27 or
-    more pairs of a Gaussian and a tile of its box.
+    more pairs of a Gaussian and a tile.
     """
     if inputs.means.device.type != "cuda" and not knobs.runtime.interpret:
         raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {inputs.means.device}")
@@ -100,16 +100,16 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
     across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, T_LEAST)
     count = across * cdiv(height, _HIGH)
     numbers = torch.from_numpy(parameters(call.camera, call.limits)).to(background.device, non_blocking=True)
-    record, box = new((n, _SHAPE), dtype=torch.float64), new((n, 4), dtype=torch.int32)
-    paint, depth, radius = record.view(torch.float32), new(n), new(n)
-    state, number = new(n, dtype=torch.int8), new(n, dtype=torch.int64)
+    record, box, depth, radius = new((n, _RECORD)), new((n, 4), dtype=torch.int32), new(n), new(n)
+    state = new(n, dtype=torch.int8)
     projection.project[(cdiv(n, projection.BLOCK),)](
-        *gaussians, numbers, n, record, paint, box, depth, radius, state, number,
+        *gaussians, numbers, n, record, box, depth, radius, state,
         BLOCK=projection.BLOCK, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
+    number = tiles.count(record, box, state, across)
     size = int(number.sum())
-    pairs, touched = tiles.match_all(number, depth, size, record, paint, box, across, count)
-    lists = tiles.sort(pairs, record, paint, across, count)
+    pairs = tiles.pairs_of(number, depth, size, record, box, state, across, count)
+    lists = tiles.sort(pairs, record, across, count)
     image, remaining = new((height, width, 3)), new((height, width))
     evaluated, chunks = new(count, dtype=torch.int64), new(count, dtype=torch.int32)
     # Each tile's last chunk may be short: this many there are at most, known without asking the device.
@@ -119,7 +119,7 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
         across, height, width, stored, image, remaining, evaluated, chunks,
         CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
     )  # fmt: skip
-    call.counts = torch.stack([(state == int(BAD)).sum(), touched.sum(), evaluated.sum()])
+    call.counts = torch.stack([(state == int(BAD)).sum(), (number > 0).sum(), evaluated.sum()])
     tables = _Tables(
         numbers, radius, pairs.start, pairs.number,
         lists.start, lists.chunk_start, lists.slot, lists.rows, stored, chunks,

@@ -206,12 +206,10 @@ def test_gradient_of_the_camera(
 
 def test_constants_are_those_of_the_cpu_kernels() -> None:
     from recon.splat.cpu import composite as numba
-    from recon.splat.cpu.tiles import _SLACK
-    from recon.splat.gpu import composite, tiles
+    from recon.splat.gpu import composite
 
     for name in ("P0", "P1", "P2", "P3", "P4"):
         assert np.float32(getattr(composite, name).value) == getattr(numba, f"_{name}")
-    assert tiles._SLACK.value == _SLACK
 
 
 def test_tensors_are_told_where_to_go(scene_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,7 +90,9 @@ def test_each_gaussian_is_right(device: str, name: str) -> None:
         a, b = ours.reshape(len(ours), -1), theirs.reshape(len(theirs), -1)
         norm = b.norm(dim=1)
         there = norm > 1e-9 * norm.max()
-        wrong = ((a - b).norm(dim=1)[there] / norm[there]).numpy()
+        # Of one whose pixels cancel, what is left says nothing of its digits.
+        size = norm[there].clamp(min=0.02 * float(norm[there].median()))
+        wrong = ((a - b).norm(dim=1)[there] / size).numpy()
         assert np.median(wrong) < 4e-6, what
         assert wrong.max() < 1e-4, what
 

@@ -64,7 +64,7 @@ def test_both_scenes_agree() -> None:
 
 
 def test_every_kernel_agrees_where_it_runs_several_programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """136 Gaussians are two programs of the projection, some 500 pairs two of `match`; and four tiles.
+    """136 Gaussians are two programs of the projection and five of `match`; and four tiles.
 
     Through the fisheye, whose camera has a gradient that is summed over programs.
     """
