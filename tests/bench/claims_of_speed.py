@@ -13,6 +13,7 @@ Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
 Front = partial(Claimed, page="README.md")
 Viewer = partial(Claimed, page="docs/view.md")
 FEW = "castle", "monstree", "banana", "brighton"
+MEMORY = "demo", "lego", "fox", "castle", "castle", "banana"
 
 
 def below(quality: str) -> list[float]:
@@ -126,6 +127,20 @@ CLAIMS = (
     Claim(
         r"held in (\d+) % of (\d+) predictions",
         lambda: line("learning_curves", r"Of (\d+) forecasts (\d+) % hold")[::-1],
+    ),
+    Claimed(
+        " ".join(rf"\| {name} \| ([\d,]+) \| ([\d,]+) \| ([\d.]+) \| ([\d.]+) \|" for name in MEMORY),
+        lambda: [
+            value
+            for row in zip(
+                *(
+                    cells("memory", column)
+                    for column in ("width, px", "Gaussians", "forecast, GB", "peak, GB")
+                ),
+                strict=True,
+            )
+            for (value,) in row
+        ],
     ),
     Claim(r"\((\d+) trainings were within", lambda: [len(cells("memory", "forecast off, %"))]),
     Claim(

@@ -27,8 +27,10 @@ ADAM = 4
 TABLES = 1220
 """Bytes of a Gaussian in the tables of a render and its gradient, and as a point at the start: between the
 peaks of three sets of photographs (`bench/real/memory.py`)."""
-LOOKS = 72_000_000
-"""Bytes of the points' looks from all views, and of the depth planes of a view."""
+PICTURE = 250
+"""Bytes of a pixel of the largest view beside `step_bytes`: of its evaluation, and what the C library keeps;
+between those of a castle 1,280 px wide and a telephone's video at 640 (`bench/real/memory.py`).
+"""
 MOST_IMAGES = 0.5
 """Share of the free memory that images and all arrays made of them may take and be held there."""
 LOOK = 48
@@ -61,7 +63,7 @@ class Need:
 
     def too_large(self, free: int) -> bool:
         """Return whether images that are held in memory leave too little of the `free` bytes for the rest."""
-        more = self.images - self.held + self.gaussians + KERNELS + LOOKS
+        more = self.images - self.held + self.gaussians + KERNELS
         return self.images > MOST_IMAGES * free or more > free
 
     def worth_saying(self, free: int) -> bool:
@@ -75,9 +77,9 @@ class Need:
 
     def require(self, session: object, free: int) -> None:
         """InputError, with the setting that would fit, unless `free` bytes are enough for what is to come."""
-        if (more := self.images - self.held + self.gaussians + KERNELS + LOOKS) <= free:
+        if (more := self.images - self.held + self.gaussians + KERNELS) <= free:
             return
-        room = free + self.held - KERNELS - LOOKS
+        room = free + self.held - KERNELS
         width = 0
         if room > self.gaussians:
             width = int(0.95 * self.width * math.sqrt((room - self.gaussians) / self.images)) // 8 * 8
@@ -116,12 +118,12 @@ def need(
     shots = sum(_number(counts, view, 0, stored) * decoded_bytes(view) for view in firsts)
     start = sum(_number(counts, view, 1, stored) * _light(view) for view in firsts)
     targets = sum(_number(counts, view, 1, stored) * _targets(view) for view in firsts)
-    targets += max(step_bytes(view) for view in firsts)
+    targets += max(step_bytes(view) + PICTURE * pixels_of(view) for view in firsts)
     if stored:
         targets += max(LOOK * pixels_of(view) for view in firsts)
     numbers = sum(NUMBERS[: degree + 1])
     return Need(
-        process=memory.resident() + KERNELS + LOOKS,
+        process=memory.resident() + KERNELS,
         images=shots + max(start, targets),
         gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
         width=max(view.lens.width for view in firsts),

@@ -10,14 +10,14 @@ from imaging.errors import InputError
 from recon.data.dataset import Dataset
 from recon.decide.cost import memory_need as module
 from recon.decide.cost.budget import Budget
-from recon.decide.cost.memory_need import ARENA, KERNELS, LOOKS, Need, fitting, forecast, need
+from recon.decide.cost.memory_need import ARENA, KERNELS, Need, fitting, forecast, need
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 
 ROOM = 64 << 30
-OF_PROCESS = ARENA * thread_count() + KERNELS + LOOKS
+OF_PROCESS = ARENA * thread_count() + KERNELS
 """Bytes that a process has beside what it has already, images and Gaussians."""
 
 
@@ -63,7 +63,7 @@ def test_images_that_leave_no_room_are_counted_as_on_the_disk(toy_dataset: Datas
     asked = TrainingRequest(quality="draft", overrides=Overrides(gaussians=kind.gaussians))
     held, stored = fitting(firsts, counts, ROOM, asked)
     assert not stored
-    more = held.images - held.held + held.gaussians + KERNELS + LOOKS
+    more = held.images - held.held + held.gaussians + KERNELS
     assert fitting(firsts, counts, more, asked) == (held, False)
     less, stored = fitting(firsts, counts, more - 1, asked)
     assert stored

@@ -14,7 +14,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from recon.data.load import load
 from recon.data.measured_depth import DepthMapFile
-from recon.decide.cost.memory_need import KERNELS, LOOKS, Need, need
+from recon.decide.cost.memory_need import KERNELS, Need, need
 
 LIMITED = """
 import resource, sys
@@ -73,7 +73,7 @@ WHOLE = Need(process=5 * 10**8, images=2 * 10**9, gaussians=10**8, width=640, co
 
 
 def test_what_fits_is_not_refused() -> None:
-    WHOLE.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS)
+    WHOLE.require("S", WHOLE.images + WHOLE.gaussians + KERNELS)
 
 
 @pytest.mark.parametrize("free", [4 * 10**8, 10**9, 2 * 10**9])
@@ -92,9 +92,9 @@ def test_only_what_takes_more_than_a_quarter_of_the_memory_is_worth_a_line() -> 
 
 def test_what_is_in_memory_already_needs_no_room() -> None:
     held = replace(WHOLE, held=15 * 10**8)
-    held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS - 15 * 10**8)
+    held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS - 15 * 10**8)
     with pytest.raises(InputError):
-        held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS - 15 * 10**8 - 1)
+        held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS - 15 * 10**8 - 1)
 
 
 def test_a_rig_that_took_one_frame_is_examined_too(toy_ldr: Path, tmp_path: Path) -> None:
