@@ -61,7 +61,7 @@ KERNELS: list[tuple[Any, dict[str, Any], dict[str, Any], dict[str, str]]] = [
 ]  # fmt: skip
 NEEDS = ("registers", "stack", "shared")
 LIMITS = {
-    "project": (144, 0, 0),
+    "project": (128, 0, 0),
     "match": (52, 0, 0),
     "gather": (44, 0, 0),
     "composite": (160, 0, 0),

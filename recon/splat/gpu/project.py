@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """Projection of Gaussians in the world to ellipses in the image: one thread a Gaussian, in float64.
 
-Positions in pixels and the covariances of needles need more digits than float32 has, and this is a small
-part of the work even where float64 is slow.
+Positions in pixels and the covariances of needles need more digits than float32 has; opacities, reaches and
+sizes do not, and are float32.
 """
 
 import math
@@ -33,6 +33,8 @@ _QUAT_LEAST = tl.constexpr(limits.QUAT_LEAST)
 _SKIPPED, DRAWN, _BAD = (tl.constexpr(int(x)) for x in (tables.SKIPPED, tables.DRAWN, tables.BAD))
 _INFINITY = tl.constexpr(math.inf)
 _LARGEST = tl.constexpr(3e38)
+_SLACK = tl.constexpr(1e-6)
+"""The box is wider by this fraction, some roundings of float32."""
 
 
 @triton.jit
@@ -57,12 +59,13 @@ def _sound(mean, quat, scale, opacity, red, green, blue):
 
 @triton.jit
 def _opacity_and_reach(opacity, red, green, blue, k):
-    """Test for being above its floor, the clamped opacity, and log2 of the ratio to the floor."""
-    brightest = tl.maximum(tl.maximum(red, green), blue).to(tl.float64)
+    """Test for being above its floor, the clamped opacity, and log2 of the ratio to the floor; float32."""
+    most, least, dimmest = k[LIMITS + 2].to(tl.float32), k[LIMITS + 3].to(tl.float32), k[LIMITS + 4]
+    brightest = tl.maximum(tl.maximum(red, green), blue)
     lit = (brightest > 0.0) & _finite(brightest)
-    ceiling = tl.where(lit, k[LIMITS + 4] / tl.where(lit, brightest, 1.0), k[LIMITS + 3])
-    lowest = tl.maximum(tl.minimum(ceiling, k[LIMITS + 3]), _ALPHA_FLOOR)
-    o = tl.minimum(opacity.to(tl.float64), k[LIMITS + 2])
+    ceiling = tl.where(lit, dimmest.to(tl.float32) / tl.where(lit, brightest, 1.0), least)
+    lowest = tl.maximum(tl.minimum(ceiling, least), _ALPHA_FLOOR)
+    o = tl.minimum(opacity, most)
     visible = o >= lowest
     return visible, o, tl.maximum(tl.log2(tl.where(visible, o / lowest, 1.0)), 0.0)
 
@@ -118,10 +121,16 @@ def project(
     visible, o, reach = _opacity_and_reach(opacity, red, green, blue, k)
 
     # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
-    deviation, across = tl.sqrt(a), tl.sqrt(reach)
+    deviation = tl.sqrt(a)
     dx, dy, _, _, _ = distort(u, v, k, FISHEYE)
     px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
-    rx, ry = across * deviation * (1.0 / _FOLD), across * tl.sqrt(c) * (1.0 / _FOLD)
+    # Sizes need no float64, which costs much in roots; the box is wider by more than they are rounded.
+    wide, slant = tl.where(sane, a, 1.0).to(tl.float32), tl.where(sane, b, 0.0).to(tl.float32)
+    tall = tl.where(sane, c, 1.0).to(tl.float32)
+    across = tl.sqrt(reach) * ((1.0 + _SLACK) / _FOLD)
+    rx, ry = (across * tl.sqrt(wide)).to(tl.float64), (across * tl.sqrt(tall)).to(tl.float64)
+    half = 0.5 * (wide - tall)
+    longest = 3.0 * tl.sqrt(0.5 * (wide + tall) + tl.sqrt(half * half + slant * slant))
     width, height = k[LIMITS + 6], k[LIMITS + 7]
     first_x = tl.ceil(tl.maximum(px - rx - 0.5, 0.0))
     last_x = tl.floor(tl.minimum(px + rx - 0.5, width - 1.0))
@@ -129,23 +138,21 @@ def project(
     last_y = tl.floor(tl.minimum(py + ry - 0.5, height - 1.0))
     drawn = ahead & sane & visible & (last_x >= first_x) & (last_y >= first_y)
     bad = (~sound) | (ahead & (~sane))
-    half = 0.5 * (a - c)
-    wide = 3.0 * tl.sqrt(0.5 * (a + c) + tl.sqrt(half * half + b * b))
 
     tl.store(state + i, tl.where(bad, _BAD, tl.where(drawn, DRAWN, _SKIPPED)).to(tl.int8), mask=here)
     tl.store(depth + i, tl.where(drawn, tl.minimum(z, _LARGEST), _INFINITY).to(tl.float32), mask=here)
-    tl.store(radius + i, tl.where(drawn, wide, 0.0).to(tl.float32), mask=here)
+    tl.store(radius + i, tl.where(drawn, longest, 0.0), mask=here)
     keep = here & drawn
     at = record + i * RECORD
-    tall = tl.sqrt(a / determinant) * _FOLD
+    m22 = tl.sqrt(a / determinant) * _FOLD
     _store_parts(at, px, keep)
     _store_parts(at + 2, py, keep)
     tl.store(at + 4, (1.0 / deviation * _FOLD).to(tl.float32), mask=keep)
-    _store_parts(at + 5, -(tall * b / a), keep)
-    _store_parts(at + 7, tall, keep)
+    _store_parts(at + 5, -(m22 * b / a), keep)
+    _store_parts(at + 7, m22, keep)
     at += PAINT
-    tl.store(at, (-reach).to(tl.float32), mask=keep)
-    tl.store(at + 1, o.to(tl.float32), mask=keep)
+    tl.store(at, -reach, mask=keep)
+    tl.store(at + 1, o, mask=keep)
     tl.store(at + 2, red, mask=keep)
     tl.store(at + 3, green, mask=keep)
     tl.store(at + 4, blue, mask=keep)
