@@ -74,7 +74,7 @@ def _fitted(
     natural log of its gains [channels].
     """
     device = training.gaussians.parameters["means"].device
-    pose, logs = torch.zeros(6, device=device), torch.zeros(len(view.shots), device=device)
+    pose, logs = torch.zeros(6), torch.zeros(len(view.shots), device=device)  # the host moves the camera
     gains = torch.zeros(view.channels, device=device)
     rates = {
         "poses": (pose, POSE_RATES), "exposures": (logs, EXPOSURE_RATES), "gains": (gains, EXPOSURE_RATES)

@@ -24,7 +24,7 @@ def scattered(image: Tensor, share: Tensor | float) -> Tensor:
     """
     if isinstance(share, float) and share == 0.0:
         return image
-    return torch.lerp(image, spread(image), torch.as_tensor(share).to(image))
+    return torch.lerp(image, spread(image), torch.as_tensor(share).to(image, non_blocking=True))
 
 
 def spread(image: Tensor) -> Tensor:

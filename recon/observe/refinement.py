@@ -100,12 +100,12 @@ class Refinement:
         return cls(dataset, {name: tensors[name] for name in names if name in tensors}, rungs)
 
     def to(self, device: torch.device) -> None:
-        """Move the parameters."""
-        self.parameters = {name: value.to(device) for name, value in self.parameters.items()}
-        self._gauges = {name: value.to(device) for name, value in self._gauges.items()}
+        """Move the parameters but the poses: the host moves the cameras, and would wait to read how far."""
+        for values in (self.parameters, self._gauges):
+            values |= {name: value.to(device) for name, value in values.items() if name != "poses"}
 
     def motion(self, view: View, progress: float) -> Tensor | None:
-        """Motion of the camera of a training view, [14], as `rasterize` wants it; None without one."""
+        """Motion of a training view's camera, [14], on the CPU, as `rasterize` wants it; None without one."""
         if progress < BEGIN or "poses" not in self.parameters:
             return None
         return camera_delta(self.parameters["poses"][self._views[view.name]], self.dataset.extent)

@@ -120,10 +120,9 @@ class Renderer:
         """Linear Rec.709 radiance in scene units, before the environment; differentiable in every parameter.
 
         camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too, but for how
-        the environment and the depth change with it. depth: whether `ln_depth` is drawn, too.
+        the environment and the depth change with it; on the CPU, so that a GPU is not waited for. depth:
+        whether `ln_depth` is drawn, too.
         """
-        if camera_delta is not None:
-            camera_delta = camera_delta.to("cpu")  # once: it is read here and by `rasterize`
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
         with torch.no_grad():
             away = away_from(gaussians.parameters["means"], place)

@@ -41,10 +41,10 @@ class Ranks:
         return self.number == 0
 
     def add(self, tensors: Sequence[Tensor]) -> None:
-        """Replace each tensor by its sum over the ranks, in place: the same bits on every rank."""
+        """Replace each tensor, wherever it is, by its sum over the ranks: the same bits on every rank."""
         if self.count == 1 or not tensors:
             return
-        flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
+        flat = torch.cat([tensor.reshape(-1).to(_device(), non_blocking=True) for tensor in tensors])
         distributed.all_reduce(flat)
         parts = torch.split(flat, [tensor.numel() for tensor in tensors])
         for tensor, part in zip(tensors, parts, strict=True):

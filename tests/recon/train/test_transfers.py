@@ -28,6 +28,7 @@ from recon.observe.tone_grid import curve_parameters
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatCamera
+from recon.train import ranks
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -45,7 +46,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     quick_interpreter(monkeypatch)
 
 
-def make_view(kind: Any) -> View:
+def make_view(kind: Any, glare: float) -> View:
     """Two exposures of the same noise, seen with alpha where they are photographs."""
     rng = np.random.default_rng(2)
     shape = (SIZE, SIZE) if kind == "raw" else (SIZE, SIZE, 3)
@@ -67,6 +68,7 @@ def make_view(kind: Any) -> View:
             camera_from_rec709=np.eye(3),
             falloff=np.ones((SIZE, SIZE), np.float32),
             response=Response(kind="linear", evidence="test"),
+            glare=glare,
         ),
         shots=shots,
     )
@@ -90,11 +92,11 @@ def observation(kind: str) -> Observation:
     )
 
 
-def an_iteration(kind: str, corrected: tuple[Refined, ...] = ()) -> Counts:
+def an_iteration(kind: str, corrected: tuple[Refined, ...] = (), glare: float = 0.0) -> Counts:
     """The fourth of five iterations: the one before prepares the views, the last would be logged."""
     generator = torch.Generator().manual_seed(0)
     appearance = LuminanceChromaticity()
-    view = make_view(kind)
+    view = make_view(kind, glare)
     dataset = Dataset(Path(), view.sensor.kind, (view,), (), None, "")
     gaussians = Gaussians(
         {
@@ -140,13 +142,15 @@ OF_A_VIEW = {
 }
 OF_CORRECTIONS = {
     ("copy", "refinement.Refinement.factors"): 1,  # which exposures
-    ("wait", "gaussians.Renderer.__call__"): 1,  # how far the camera is moved
     ("wait", "rasterizer._gradients"): 1,  # the gradient of the camera
-    ("wait", "trainer.train"): 1,  # the same on its way back
 }
 
+of_each_kind = pytest.mark.parametrize(
+    ("kind", "expected"), [("raw", OF_ANY), ("ldr", OF_ANY | OF_PHOTOGRAPHS)]
+)
 
-@pytest.mark.parametrize(("kind", "expected"), [("raw", OF_ANY), ("ldr", OF_ANY | OF_PHOTOGRAPHS)])
+
+@of_each_kind
 def test_transfers_of_an_iteration(kind: str, expected: dict[tuple[str, str], int]) -> None:
     assert an_iteration(kind) == expected
 
@@ -158,5 +162,24 @@ def test_targets_that_do_not_fit_on_the_device_are_sent_without_waiting(
     assert an_iteration("ldr") == OF_ANY | OF_PHOTOGRAPHS | OF_A_VIEW
 
 
-def test_transfers_where_the_calibration_is_corrected() -> None:
-    assert an_iteration("raw", ("poses", "exposures", "vignetting", "glare")) == OF_ANY | OF_CORRECTIONS
+@of_each_kind
+def test_transfers_with_a_corrected_calibration(kind: str, expected: dict[tuple[str, str], int]) -> None:
+    counts = an_iteration(kind, ("poses", "exposures", "vignetting", "glare"))
+    assert counts == expected | OF_CORRECTIONS
+    assert sum(number for (what, _), number in counts.items() if what == "wait") == 2
+
+
+def test_transfers_behind_a_lens_whose_glare_is_known() -> None:
+    assert an_iteration("raw", glare=0.05) == OF_ANY | {("copy", "glare.scattered"): 1}
+
+
+def test_ranks_add_what_is_on_the_device_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gradients of poses are on the CPU, all others on the device, where the ranks' sums are taken."""
+    monkeypatch.setattr(ranks, "_device", lambda: DEVICE)
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda flat: flat.mul_(2))
+    with pretended():
+        there, here = torch.arange(6.0).reshape(2, 3).to(DEVICE), torch.full((2,), 10.0)
+        ranks.Ranks(0, 2).add([there, here])
+        assert there.device == DEVICE
+        assert there.cpu().tolist() == [[0.0, 2.0, 4.0], [6.0, 8.0, 10.0]]
+        assert here.tolist() == [20.0, 20.0]
