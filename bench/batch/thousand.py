@@ -28,7 +28,7 @@ from typing import Any
 
 from bench.batch.kinds import KINDS
 from bench.support.record import arguments, deliver, machine, words
-from rig.batch.run import BatchRow
+from rig.batch.result import BatchRow
 
 PLAN = """sessions = ["scans/*"]
 [[scene]]

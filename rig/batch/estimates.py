@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from imaging.compute.cores import available_cores
 from imaging.errors import RigError
@@ -46,23 +47,42 @@ class Estimate(Record):
 
 def estimates(plan: BatchPlan) -> tuple[Estimate, ...]:
     """Estimate each scene of each session, in the order of the plan; no picture is read."""
-    rows = []
+    rows: list[Estimate] = []
     for session in plan.sessions:
-        for number, scene in enumerate(plan.scenes):
+        place = plan.place(session)
+        if place is None:
+            rows += [_estimate(session, session, number, scene) for number, scene in enumerate(plan.scenes)]
+            continue
+        with TemporaryDirectory() as folder:
             try:
-                seconds, more = _scene(session, scene)
-                if number == 0 and not (session / "calibration" / "calibration.json").is_file():
-                    calibration = _calibration(_shots(session))
-                    seconds, more = seconds + calibration[0], more + calibration[1]
+                stored = place.manifest().rows
+                place.fetch_records(Path(folder))
             except RigError as error:
-                rows.append(Estimate(session=session, scene=scene.called, says=str(error)))
+                rows += [
+                    Estimate(session=session, scene=scene.called, says=str(error)) for scene in plan.scenes
+                ]
                 continue
-            rows.append(
-                Estimate(
-                    session=session, scene=scene.called, processor_seconds=round(seconds, 1), more=round(more)
-                )
-            )
+            rows += [
+                Estimate(session=session, scene=scene.called)
+                if scene.made_in(stored)
+                else _estimate(session, Path(folder), number, scene)
+                for number, scene in enumerate(plan.scenes)
+            ]
     return tuple(rows)
+
+
+def _estimate(session: Path, folder: Path, number: int, scene: PlannedScene) -> Estimate:
+    """Return the estimate of a session's scene of that number. folder: with the session's records."""
+    try:
+        seconds, more = _scene(folder, scene)
+        if number == 0 and not (folder / "calibration" / "calibration.json").is_file():
+            calibration = _calibration(_shots(folder))
+            seconds, more = seconds + calibration[0], more + calibration[1]
+    except RigError as error:
+        return Estimate(session=session, scene=scene.called, says=str(error))
+    return Estimate(
+        session=session, scene=scene.called, processor_seconds=round(seconds, 1), more=round(more)
+    )
 
 
 def _shots(session: Path) -> Sequence[ShotRecord]:

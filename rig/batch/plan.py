@@ -2,7 +2,8 @@
 
 import tomllib
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -16,8 +17,11 @@ from recon.decide.cost.budget import Budget
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName, QualityName
 from recon.decide.request import TrainingRequest
+from rig.batch import storage
+from rig.batch.result import BatchRow
 
 EXAMPLE = 'sessions = ["scans/*"]'
+OUTPUT = 'output = "s3://bucket/scenes"'
 
 
 class _Table(BaseModel):
@@ -67,6 +71,19 @@ class PlannedScene(_Table):
             f"{key}={int(value) if isinstance(value, bool) else value}" for key, value in self.set.items()
         ]
 
+    def made_in(self, rows: Sequence[BatchRow]) -> BatchRow | None:
+        """Return the row of this scene among those of a session, unless it is not made or lacks an export."""
+        return next(
+            (
+                row
+                for row in rows
+                if row.scene == self.called
+                and row.failed is None
+                and set(self.export) <= {path.name for path in row.exports}
+            ),
+            None,
+        )
+
     @property
     def called(self) -> str:
         """Name that distinguishes it from the other scenes of a plan."""
@@ -75,6 +92,7 @@ class PlannedScene(_Table):
 
 class _Tables(_Table):
     sessions: Annotated[tuple[str, ...], Field(min_length=1)]
+    output: str | None = None
     scene: tuple[PlannedScene, ...] = (PlannedScene(),)
 
 
@@ -82,19 +100,29 @@ class _Tables(_Table):
 class BatchPlan:
     """Plan of a batch: every scene of every session.
 
-    sessions: folders, each once. shard: "3/8" of the third of eight parts of a plan.
+    sessions: folders, each once. shard: "3/8" of the third of eight parts of a plan. output: URL of the
+    folder in storage of what is made of sessions that are in storage too; their folders here are for the work
+    on them. sources: URLs of such sessions by the names of their folders.
     """
 
     path: Path
     sessions: tuple[Path, ...]
     scenes: tuple[PlannedScene, ...]
     shard: str | None = None
+    output: str | None = None
+    sources: dict[str, str] = field(default_factory=dict)
+
+    def place(self, session: Path) -> storage.Place | None:
+        """Return where a session is in storage; None for one that is a folder here."""
+        if self.output is None:
+            return None
+        return storage.Place(self.sources[session.name], f"{self.output}/{session.name}")
 
 
 def read_plan(path: str | Path) -> BatchPlan:
     """A plan that can be carried out; InputError of one sentence that names the line at fault.
 
-    Sessions are folders beside the plan, or patterns of them such as `scans/*`.
+    Sessions are folders beside the plan, or patterns of them such as `scans/*`; or URLs in object storage.
     """
     path = Path(path)
     try:
@@ -128,7 +156,38 @@ def read_plan(path: str | Path) -> BatchPlan:
     called, count = Counter(scene.called for scene in tables.scene).most_common(1)[0]
     if count > 1:
         raise InputError(f"{path} has {count} scenes named {called!r}: give each a different name.")
-    return BatchPlan(path, _sessions(path, tables.sessions, line_of(lines, ("sessions",))), tables.scene)
+    line = line_of(lines, ("sessions",))
+    if tables.output is None and not any(map(storage.is_url, tables.sessions)):
+        return BatchPlan(path, _sessions(path, tables.sessions, line), tables.scene)
+    if tables.output is None:
+        raise InputError(
+            f"{path}, line {line}: sessions in storage need an output: add one, such as {OUTPUT}."
+        )
+    if not all(map(storage.is_url, [tables.output, *tables.sessions])):
+        line = line_of(lines, ("output",))
+        raise InputError(
+            f"{path}, line {line}: output and all sessions must be in storage: give URLs, such as {OUTPUT}."
+        )
+    sources = _sources(path, tables.sessions, line)
+    folders = tuple(path.with_suffix(".work") / name for name in sources)
+    return BatchPlan(path, folders, tables.scene, output=tables.output.rstrip("/"), sources=sources)
+
+
+def _sources(path: Path, patterns: tuple[str, ...], line: int) -> dict[str, str]:
+    """URLs of the sessions that are meant, by their names, in the order of the plan."""
+    sources: dict[str, str] = {}
+    for pattern in patterns:
+        urls = storage.sessions_at(pattern)
+        if not urls:
+            raise InputError(f"{path}, line {line}: there is no session at {pattern!r}: correct it.")
+        for url in urls:
+            name = url.rsplit("/", 1)[-1]
+            if sources.setdefault(name, url) != url:
+                raise InputError(
+                    f"{path}, line {line}: {sources[name]} and {url} would both be stored as {name}: put one "
+                    "of them in another plan, with an output of its own."
+                )
+    return sources
 
 
 def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, ...]:

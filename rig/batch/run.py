@@ -6,77 +6,17 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from imaging.compute import memory
 from imaging.compute.workers import Task, Workers
 from imaging.errors import RigError
 from imaging.files import store
 from imaging.progress import Progress, unreported
-from imaging.record import Record
 from rig.batch import forecasts
 from rig.batch.plan import BatchPlan, PlannedScene
 from rig.batch.processes import Cost, Ended, run
-
-EXPORTS = "exports"
-"""Folder of a session, with one of each scene for what is exported of it."""
-Step = Literal["calibrate", "reconstruct", "export"]
-
-
-class BatchRow(Record):
-    """Result of a scene of a session, or of the calibration without which it has none.
-
-    failed: the step that failed; says: why, in a sentence. seconds: of all steps, of the clock. attempts: of
-    the step that took most. already_there: it was finished before. forecast: bytes of memory that its
-    training was said to take.
-    """
-
-    session: Path
-    scene: str
-    reconstruction: Path | None = None
-    failed: Step | None = None
-    says: str = ""
-    db: float | None = None
-    width: int | None = None
-    """px that `db` holds at."""
-    iterations: int | None = None
-    report: Path | None = None
-    exports: tuple[Path, ...] = ()
-    seconds: float = 0.0
-    attempts: int = 1
-    already_there: bool = False
-    forecast: int | None = None
-    peak: int | None = None
-    processor_seconds: float | None = None
-    disk: int | None = None
-    """Bytes of the session's folder at the end of the step, with all that is in it."""
-
-    @property
-    def quality(self) -> str:
-        """Held-out dB with the width that they hold at; empty where nothing was measured."""
-        if self.db is None:
-            return ""
-        return f"{self.db:.1f} dB" + (f" at {self.width} px" if self.width else "")
-
-
-class BatchResult(Record):
-    """`PLAN.batch.json`: a row for each scene of each session, in the order of the plan.
-
-    shard: "3/8" of a result that holds the third of eight parts of the sessions.
-    """
-
-    plan: Path
-    rows: tuple[BatchRow, ...]
-    shard: str | None = None
-
-    def path(self, suffix: str) -> Path:
-        """Return PLAN.batch.SUFFIX beside the plan, or PLAN.3-of-8.batch.SUFFIX of a shard."""
-        part = "" if self.shard is None else f".{self.shard.replace('/', '-of-')}"
-        return self.plan.with_suffix(f"{part}.batch{suffix}")
-
-    def write(self) -> None:
-        """Write the record beside the plan."""
-        store.write_json(self.path(".json"), self.model_dump(mode="json"))
+from rig.batch.result import EXPORTS, BatchResult, BatchRow, Step, outcome
+from rig.batch.storage import Place
 
 
 @dataclass
@@ -103,6 +43,50 @@ class _Run:
             future = Future()
             future.set_exception(error)
         self.waiting[future] = partial(_ended, then, task)
+
+    def elsewhere(self, session: Path, place: Place) -> None:
+        """A session in storage, alone, so that the disk here holds one: copied, carried out, and stored."""
+        try:
+            stored = place.manifest().rows
+            rows = [scene.made_in(stored) for scene in self.plan.scenes]
+            if None not in rows:
+                for number, row in enumerate(filter(None, rows)):
+                    self.finish(number, row.model_copy(update={"session": session, "already_there": True}))
+                return
+            place.fetch(session)
+        except RigError as error:
+            for number, scene in enumerate(self.plan.scenes):
+                ended = Ended(error.exit_code, {}, str(error), 0.0)
+                self.finish(number, _failed(session, scene, "fetch", ended))
+            return
+        self.begin(session)
+        self.settle()
+        self.store(session, place)
+
+    def store(self, session: Path, place: Place) -> None:
+        """Store what is made of a session, whose folder here goes when all scenes are."""
+        rows = {key: row for key, row in self.rows.items() if key[0] == session}
+        made = {key: _stored_at(row, place.target) for key, row in rows.items() if row.failed is None}
+        if not made:
+            return
+        try:
+            place.store(session, made.values())
+        except RigError as error:
+            self.say(f"{session}: store failed: {error}")
+            failed = {"failed": "store", "says": str(error)}
+            self.rows |= {key: rows[key].model_copy(update=failed) for key in made}
+            return
+        self.rows |= made
+        if len(made) == len(rows):
+            store.discard(session)
+
+    def settle(self) -> None:
+        """Go on until no command is under way."""
+        while self.waiting:
+            ended, _ = wait(self.waiting, return_when=FIRST_COMPLETED)
+            for future in ended:
+                self.waiting.pop(future)(future)
+            self.result().write()
 
     def begin(self, session: Path) -> None:
         """A session's first step."""
@@ -184,7 +168,8 @@ class _Run:
 
     def finish(self, number: int, row: BatchRow) -> None:
         """A scene is done, or has failed."""
-        row = row.model_copy(update={"disk": _stored(row.session)})
+        if row.stored is None:
+            row = row.model_copy(update={"disk": _bytes(row.session)})
         self.rows[row.session, number] = row
         self.done += 1
         what = f"{row.failed} failed: {row.says}" if row.failed else outcome(row)
@@ -218,28 +203,28 @@ def carry_out(
     going = _Run(plan, workers, on_progress, on_message)
     on_progress("scenes", 0, going.total)
     for session in plan.sessions:
-        going.begin(session)
-    while going.waiting:
-        ended, _ = wait(going.waiting, return_when=FIRST_COMPLETED)
-        for future in ended:
-            going.waiting.pop(future)(future)
-        going.result().write()
+        if place := plan.place(session):
+            going.elsewhere(session, place)
+        else:
+            going.begin(session)
+    going.settle()
     going.result().write()
     return going.result()
 
 
-def outcome(row: BatchRow) -> str:
-    """Return how good a scene became, in a few words."""
-    words = [] if row.db is None else [f"held-out {row.quality}"]
-    words += ["already there"] if row.already_there else [f"{row.seconds:.0f} s"]
-    words += [f"{row.attempts} attempts"] if row.attempts > 1 else []
-    words += [] if row.forecast is None else [f"forecast {memory.text(row.forecast)}"]
-    return ", ".join(words)
-
-
-def _stored(folder: Path) -> int:
+def _bytes(folder: Path) -> int:
     """Bytes of the files in a folder."""
     return sum(os.path.getsize(path) for path in folder.rglob("*") if path.is_file())
+
+
+def _stored_at(row: BatchRow, url: str) -> BatchRow:
+    """Return a row whose paths are those of the stored files, from the URL of their folder."""
+
+    def there(path: Path) -> Path:
+        return Path(os.path.relpath(path, row.session))
+
+    more = {name: there(path) for name in ("reconstruction", "report") if (path := getattr(row, name))}
+    return row.model_copy(update={**more, "exports": tuple(map(there, row.exports)), "stored": url})
 
 
 def _ended(then: Callable[[Ended, Task], None], task: Task, future: "Future[Ended]") -> None:

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from imaging.errors import InputError
 from imaging.files import store
 from rig.batch.plan import BatchPlan
-from rig.batch.run import BatchResult, BatchRow
+from rig.batch.result import BatchResult, BatchRow
 
 
 def shard_of(plan: BatchPlan, text: str) -> BatchPlan:

@@ -9,6 +9,7 @@ import typer
 from rig.batch import estimates as estimating
 from rig.batch import plan as plans
 from rig.batch import processes, run, shards
+from rig.batch import result as results
 from rig.options.common import CoresOption, JsonOption, RayOption
 from rig.report.pages import batch as batch_page
 from rig.terminal.result import CommandResult, running
@@ -57,7 +58,8 @@ def batch(
     with options of rig reconstruct (name, method, quality, budget, seed, set) and `export`, a list of files.
     Existing calibrations and scenes are kept; failed steps are listed, and the others continue. The same
     command resumes where it was stopped. The memory of each step is predicted, and a step begins when that
-    much is free. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
+    much is free. Sessions and scenes can be in object storage: `sessions = ["s3://bucket/scans/*"]` and
+    `output = "s3://bucket/scenes"`. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
 
     Example: rig batch PLAN.toml --workers 2
     """
@@ -94,7 +96,7 @@ def _estimated(rows: "Sequence[estimating.Estimate]") -> CommandResult:
     return CommandResult(data, lines, missing, usable=len(refused) < len(rows))
 
 
-def _batch_result(result: "run.BatchResult", report: Path, unmade: str | None) -> CommandResult:
+def _batch_result(result: "results.BatchResult", report: Path, unmade: str | None) -> CommandResult:
     rows = [_cells(row) for row in result.rows]
     lines = table(
         [("", rows)], ("Session", "Scene", "Held-out", "s", "CPU s", "Memory", "Forecast", "Outcome"), {}
@@ -105,7 +107,7 @@ def _batch_result(result: "run.BatchResult", report: Path, unmade: str | None) -
     if failed:
         first = failed[0]
         missing = (
-            f"{counted(len(failed), 'scene')} of {len(rows)} could not be made; {first.session}, "
+            f"{counted(len(failed), 'scene')} of {len(rows)} could not be made; {first.place}, "
             f"{first.failed}: {first.says}"
         ) + (f" {unmade}" if unmade else "")
     data = result.model_dump(mode="json") | {"report": str(report)}
@@ -114,10 +116,10 @@ def _batch_result(result: "run.BatchResult", report: Path, unmade: str | None) -
     )
 
 
-def _cells(row: "run.BatchRow") -> tuple[str, ...]:
+def _cells(row: "results.BatchRow") -> tuple[str, ...]:
     outcome = f"{row.failed} failed" if row.failed else "already there" if row.already_there else "made"
     return (
-        str(row.session),
+        row.place,
         row.scene,
         row.quality,
         f"{row.seconds:.0f}",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from rig.batch.run import BatchResult, BatchRow
+from rig.batch.result import BatchResult, BatchRow
 from rig.report.charts.topic import Tile
 from rig.report.page import Page, now, write_page
 from rig.terminal.text import counted, plain, size
@@ -72,9 +72,9 @@ def _in_words(row: BatchRow, beside: Path) -> SceneRow:
     if row.says:
         outcome = f"{row.failed} failed: {row.says}" if row.failed else f"{outcome}; {row.says}"
     return SceneRow(
-        session=plain(str(row.session)),
+        session=plain(row.place),
         scene=row.scene,
-        link="" if row.report is None else os.path.relpath(row.report, beside),
+        link="" if row.report is None or row.stored is not None else os.path.relpath(row.report, beside),
         db=row.quality,
         iterations="" if row.iterations is None else f"{row.iterations:,}",
         seconds=f"{row.seconds:.0f}",

@@ -6,7 +6,7 @@ import pytest
 
 from imaging.errors import InputError
 from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.run import BatchResult, BatchRow
+from rig.batch.result import BatchResult, BatchRow
 from rig.batch.shards import merged, shard_of
 
 SCENES = (PlannedScene(name="one"), PlannedScene(name="two"))

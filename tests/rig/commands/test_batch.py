@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -73,3 +74,33 @@ def test_no_cluster_is_said(rig, toy: Path) -> None:
     code, _, err = rig("batch", str(plan), "--ray", "127.0.0.1:1")
     assert code == 2
     assert "No Ray cluster answers at 127.0.0.1:1" in err
+
+
+def test_a_scene_is_trained_from_storage_into_storage(rig, toy: Path) -> None:
+    cloud = toy.parent / "cloud"
+    shutil.copytree(toy, cloud / "scans" / "toy")
+    before = {path: path.stat().st_mtime_ns for path in cloud.rglob("*")}
+    plan = toy.parent / "PLAN.toml"
+    plan.write_text(
+        f'sessions = ["file://{cloud}/scans/*"]\noutput = "file://{cloud}/scenes"\n'
+        '[[scene]]\nname = "small"\nexport = ["scene.ply"]\n'
+        'set = { iterations = 10, gaussians = 300, refine = "none", environment = false }\n'
+    )
+    code, out, err = rig("batch", str(plan), "--shard", "1/1", "--json")
+    assert code == 0, err
+    (row,) = json.loads(out)["rows"]
+    stored = cloud / "scenes" / "toy"
+    assert row["stored"] == f"file://{stored}"
+    assert {path: path.stat().st_mtime_ns for path in before if path != cloud} == {
+        path: time for path, time in before.items() if path != cloud
+    }
+    # It is a session without its photographs: scenes of it are exported and looked at as those of any other.
+    code, out, err = rig("export", str(stored / row["reconstruction"]), "--out", str(toy / "again.ply"))
+    assert code == 0, err
+    assert (toy / "again.ply").read_bytes() == (stored / "exports" / "small" / "scene.ply").read_bytes()
+    code, out, err = rig("batch", str(plan), "--merge", "--json")
+    assert code == 0, err
+    assert row["stored"] in Path(json.loads(out)["report"]).read_text()
+    code, out, err = rig("batch", str(plan), "--json")
+    assert code == 0, err
+    assert json.loads(out)["rows"][0]["already_there"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.batch.run import BatchResult, BatchRow
+from rig.batch.result import BatchResult, BatchRow
 from rig.report.pages.batch import batch_report
 
 
