@@ -161,7 +161,8 @@ def _opened(url: str) -> tuple[Any, str]:
         # Buckets have no folders to make; a mounted disk has.
         system, root = url_to_fs(url, **({"auto_mkdir": True} if url.startswith("file:") else {}))
     except ImportError as error:
-        raise InputError(f"{url}: {_first(error)}; for s3:// pip install -e '.[cloud]'.") from None
+        fix = "pip install -e '.[cloud]'" if url.startswith("s3:") else "install it with pip"
+        raise InputError(f"{url} needs a package that is not installed ({_first(error)}): {fix}.") from None
     except ValueError as error:
         raise InputError(f"{url} is not storage that fsspec knows ({_first(error)}): correct it.") from None
     return system, str(root).rstrip("/")
