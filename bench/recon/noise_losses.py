@@ -32,7 +32,7 @@ class _Signal(LinearLight):
         prepared = self._prepared.of(view, lambda: self._prepare(view), image.device)
         (shot,) = view.shots
         assert isinstance(shot.noise, SensorSignalNoise)
-        light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
+        light = through_filter(image, prepared.filters) * prepared.falloff
         assert view.sensor.cfa is not None
         target = split(torch.from_numpy(shot.pixels), view.sensor.cfa.period)
         predicted = light * prepared.scales[0]

@@ -99,21 +99,27 @@ def join(planes: Tensor, period: tuple[int, int]) -> Tensor:
     return tiles.flatten(2, 3).flatten(0, 1)
 
 
-def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
-    """Linear Rec.709 [H, W, 3] behind the colour filters: planes as `split` has them, or [channels, H, W]
+def through_filter(image: Tensor, filters: Tensor) -> Tensor:
+    """Linear Rec.709 [H, W, 3] behind `colour_filters`: planes as `split` has them, or [channels, H, W]
     without CFA.
+    """
+    return conv2d(image.movedim(2, 0)[None], filters, stride=filters.shape[2:])[0]
 
-    `matrix` is camera_from_rec709 [channels, 3]. Each plane of a mosaic is one site of the tile, so the
-    two greens of Bayer stay apart; only the channel that the site lets through is computed.
+
+def colour_filters(matrix: Tensor, cfa: Cfa | None) -> Tensor:
+    """Kernels of a convolution in steps of one tile: kernel p sees nothing but site p of the tile.
+
+    [P, 3, rows, columns] of the tile, or [channels, 3, 1, 1] without CFA. `matrix` is camera_from_rec709
+    [channels, 3]. Each plane of a mosaic is one site of the tile, so the two greens of Bayer stay apart; only
+    the channel that the site lets through is computed.
     """
     if cfa is None:
-        return conv2d(image.movedim(2, 0)[None], matrix[:, :, None, None])[0]
-    # A convolution in steps of one tile: kernel p sees nothing but site p of the tile.
+        return matrix[:, :, None, None]
     rows, columns = cfa.period
-    kernels = matrix.new_zeros(rows * columns, 3, rows, columns)
+    filters = matrix.new_zeros(rows * columns, 3, rows, columns)
     for site, channel in enumerate(cfa.pattern.reshape(-1)):
-        kernels[site, :, site // columns, site % columns] = matrix[int(channel)]
-    return conv2d(image.movedim(2, 0)[None], kernels, stride=(rows, columns))[0]
+        filters[site, :, site // columns, site % columns] = matrix[int(channel)]
+    return filters
 
 
 def _sites(matrix: Array32, cfa: Cfa | None) -> Sites:
@@ -132,7 +138,7 @@ class _Prepared:
     sample is, valid None if every one is.
     """
 
-    matrix: Tensor
+    filters: Tensor
     sites: Sites
     falloff: Tensor
     scales: Tensor
@@ -180,7 +186,7 @@ class LinearLight(Observation):
                 prepared.saturated, prepared.valid, prepared.mu,
             )  # fmt: skip
             return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
-        light = through_filter(image, prepared.matrix.to(image.dtype), view.sensor.cfa) * prepared.falloff
+        light = through_filter(image, prepared.filters.to(image.dtype)) * prepared.falloff
         prediction = exposed_mu_law(light, scales, prepared.ceiling(), prepared.mu)
         if prepared.valid is not None:
             prediction = torch.where(prepared.valid, prediction, prepared.target)
@@ -189,8 +195,8 @@ class LinearLight(Observation):
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The signal x: [H, W] for a mosaic, [H, W, channels] without CFA."""
         sensor = view.sensor
-        matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)
-        planes = through_filter(scattered(image, sensor.glare), matrix, sensor.cfa)
+        filters = colour_filters(torch.from_numpy(sensor.camera_from_rec709), sensor.cfa).to(image)
+        planes = through_filter(scattered(image, sensor.glare), filters)
         falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype, device=image.device)
         scale = self.normaliser * k
         if sensor.cfa is None:
@@ -224,9 +230,10 @@ class LinearLight(Observation):
         target = torch.stack([mu_law(planes(shot.pixels) / unit, mu) for shot, _, unit in pairs])
         saturated = torch.stack([planes(shot.saturated) for shot in view.shots])
         valid = torch.stack([planes(shot.valid) for shot in view.shots])
+        matrix = sensor.camera_from_rec709.astype(np.float32)
         return _Prepared(
-            matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
-            sites=_sites(sensor.camera_from_rec709.astype(np.float32), sensor.cfa),
+            filters=colour_filters(torch.from_numpy(matrix), sensor.cfa),
+            sites=_sites(matrix, sensor.cfa),
             falloff=falloff[None] if period is None else split(falloff, period),
             scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
             target=target.contiguous(),

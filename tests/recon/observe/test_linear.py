@@ -9,9 +9,10 @@ from imaging.metrics import mu_law
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.shot import Shot
-from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, join, split, through_filter
+from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, colour_filters, join, split, through_filter
 from recon.observe.photographs import Display
 from recon.splat import SplatCamera
+from tests.recon.launches import Launches
 
 HEIGHT, WIDTH = 6, 8
 MATRIX = np.array([[0.7, 0.2, -0.05], [0.1, 0.8, 0.1], [-0.02, 0.3, 0.9]])
@@ -147,9 +148,22 @@ def test_sites_split_and_join(period):
 def test_any_table_shows_each_photosite_what_its_filter_lets_through(cfa):
     rng = np.random.default_rng(5)
     light, matrix = rng.random((24, 36, 3)).astype(np.float32), rng.random((len(cfa.letters), 3))
-    planes = through_filter(torch.from_numpy(light), torch.from_numpy(matrix).float(), cfa)
+    planes = through_filter(torch.from_numpy(light), colour_filters(torch.from_numpy(matrix).float(), cfa))
     expected = (light @ matrix.T)[(*np.indices((24, 36)), cfa.channels(24, 36))]
     np.testing.assert_allclose(join(planes, cfa.period), expected, rtol=1e-5)
+
+
+def test_a_mosaic_takes_as_many_operations_as_a_picture_without_one():
+    """In float64, so with the operations of a GPU; the filters are ready from the first look on."""
+    image, counts = torch.rand(HEIGHT, WIDTH, 3, dtype=torch.float64), []
+    for cfa, channels in ((Cfa.RGGB, ()), (None, (3,))):
+        view = make_view(cfa, (make_shot(0.5, np.full((HEIGHT, WIDTH, *channels), 0.4)),))
+        model = LinearLight(normaliser=1.0)
+        model.compare(image, view, 0.5)
+        with Launches() as launches:
+            model.compare(image, view, 0.5)
+        counts.append(launches.count)
+    assert counts[0] == counts[1] > 0
 
 
 def test_display_values_decode_to_radiance_and_back():

@@ -1,19 +1,18 @@
 """The fused L1 and SSIM against plain torch in float64, finite differences and `imaging.metrics`."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import imaging.compute.threads as threads
 from imaging import metrics
 from imaging.metrics import ssim_taps
 from recon.observe.dense_ssim import dense_photometric_loss
 from recon.observe.ssim import photometric_loss
+from tests.recon.launches import Launches
 
 Loss = Callable[[torch.Tensor, torch.Tensor, float], torch.Tensor]
 on_each_device = pytest.mark.parametrize("loss", [photometric_loss, dense_photometric_loss])
@@ -33,18 +32,6 @@ def ssim_map(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
     vx, vy, both = mean(x * x) - mx**2, mean(y * y) - my**2, mean(x * y) - mx * my
     top = (2 * mx * my + 0.01**2) * (2 * both + 0.03**2)
     return top / ((mx**2 + my**2 + 0.01**2) * (vx + vy + 0.03**2))
-
-
-class Launches(TorchDispatchMode):
-    """Counts torch operations that compute or copy: on a GPU each is a kernel or more."""
-
-    count = 0
-
-    def __torch_dispatch__(self, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        result = function(*arguments, **(options or {}))
-        if not function.is_view and not function._schema.name.startswith(("aten::new_empty", "aten::detach")):
-            self.count += 1
-        return result
 
 
 def pair(shape: tuple[int, int, int], seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
