@@ -45,7 +45,7 @@ def test_help_loads_few_modules() -> None:
 
 
 PLAIN_NUMBER = "N"
-UNITS = {"DB", "TIME", "STOPS", "PX", "PORT", "ISO", "HZ", "GB"}
+UNITS = {"DB", "TIME", "STOPS", "PX", "PORT", "ISO", "HZ", "GB", "LUX"}
 
 
 def numbers() -> list[tuple[str, Any]]:
