@@ -14,6 +14,7 @@ from recon.data.dataset import Dataset, View
 from recon.observe.measured_depth import MeasuredDepth
 from recon.observe.refinement import RATES
 from recon.observe.targets import Targets
+from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.gaussians import Renderer
 from recon.splat import Render
 from recon.splat.torch_threads import torch_on_one_thread
@@ -24,7 +25,7 @@ from recon.train.half_size import HalfSize, halves
 from recon.train.interrupt import deferred
 from recon.train.monitor import Monitor, Shown, no_viewer
 from recon.train.ranks import Ranks
-from recon.train.schedule import Schedule
+from recon.train.schedule import Schedule, far_rate_factor
 from recon.train.training import Plan, Steer, Training
 
 _ALONE = Ranks()
@@ -194,6 +195,8 @@ def _set_rates(optimizer: Adam, plan: Plan, done: float) -> None:
     """Learning rates and momenta of an iteration."""
     for group in optimizer.param_groups:
         factor = 1.0 if group["name"] in RATES else plan.rate_factor
+        if group["name"] == ENVIRONMENT:
+            factor *= far_rate_factor(plan.iterations * plan.batch)
         group["lr"] = group["rate"].at(done) * math.sqrt(plan.batch) * factor
         group["betas"] = (0.9**plan.batch, 0.999**plan.batch)
 

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+import torch
 
 from recon.data.light import light_of, radiance_image
 from recon.decide import trials
 from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import RATES, Refinement
+from recon.scene.environment import NAME as ENVIRONMENT
+from recon.scene.environment import RATE, Environment
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.ranks import Ranks
@@ -76,6 +79,27 @@ def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
     for name, usual in rates[0].items():
         assert rates[1][name] == pytest.approx(usual if name in RATES else 3 * usual)
     assert set(RATES) & set(rates[0]) == {"poses", "exposures"}
+
+
+def test_light_from_far_away_moves_no_further_in_a_longer_training(begun, toy_dataset):
+    """A texel is in few views; more steps of the same size would fit their noise."""
+    far = Environment(torch.zeros(3, 8, 16), np.eye(3))
+    rates = {}
+    for iterations in (100, 300, 3000):
+        training = begun(None)
+        training = Training.begin(
+            training.method, training.light, training.gaussians, 1.0, environment=far.copied()
+        )
+        plan = Plan(iterations, DensityRules(CAP), rate_factor=rate_factor(iterations))
+        run(training, toy_dataset, plan, until=1)
+        lr = {group["name"]: group["lr"] for group in training.optimizer.param_groups}
+        rates[iterations] = lr[ENVIRONMENT] / plan.rate_factor
+        assert lr["opacity_logits"] / plan.rate_factor == pytest.approx(1e-1, rel=0.1)
+    assert rates[100] == pytest.approx(RATE.start, rel=0.05)
+    assert rates[300] == pytest.approx(RATE.start, rel=0.02)
+    assert 3000 * rates[3000] * rate_factor(3000) == pytest.approx(
+        300 * rates[300] * rate_factor(300), rel=0.05
+    )
 
 
 def test_a_short_training_gets_further_at_the_rates_of_its_length(begun, toy_dataset):
