@@ -13,11 +13,16 @@ import pytest
 
 from bench.real import goals
 
-from . import claims_of_measuring, claims_of_scenes, claims_of_speed
+from . import claims_of_measuring, claims_of_scenes, claims_of_speed, claims_of_yards
 from .claim import ROOT, Claim, cells, line, stored, tables
 
 NUMBER = r"(?<![\w@^.-])\d[\d,]*(?:\.\d+)?(?:e-\d+)?(?!\w|\^)"
-CLAIMS = (*claims_of_measuring.CLAIMS, *claims_of_scenes.CLAIMS, *claims_of_speed.CLAIMS)
+CLAIMS = (
+    *claims_of_measuring.CLAIMS,
+    *claims_of_scenes.CLAIMS,
+    *claims_of_speed.CLAIMS,
+    *claims_of_yards.CLAIMS,
+)
 FIGURES, SPEED, FRONT = "docs/figures.md", "docs/speed-or-accuracy.md", "README.md"
 SETTINGS = {
     FIGURES: (
@@ -29,6 +34,7 @@ SETTINGS = {
         r"photographs of 6 megapixels",
         r"both at 1,600 px",
         r"one rig of 28 views of 160 px",
+        r"\(160 px, one seed\)\. Both",
         r"Two path-traced yards of 23 stops",
         r"where the goal is 0\.2,",
         r"where it is 0\.3 and",
