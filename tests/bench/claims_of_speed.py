@@ -22,6 +22,17 @@ def below(quality: str) -> list[float]:
 
 
 CLAIMS = (
+    Claimed(
+        r"damaged one, (\d+) were run before the day was stopped, in (\d+) parts, (\d) of them killed",
+        lambda: line("thousand", r"parts: (\d+) sessions .* in (\d+) parts, (\d) of them killed"),
+    ),
+    Claimed(
+        r"steps took ([\d,]+) s of processor time and `rig batch` itself (\d+) s",
+        lambda: [
+            *line("thousand", r"steps of all sessions \| (\d+)"),
+            *line("thousand", r"all parts \| (\d+)"),
+        ],
+    ),
     Claim(
         r"of lego below it takes (\d+) s on two cores and reaches ([\d.]+) dB over white",
         lambda: [cell("published", name, "lego", "draft") for name in ("s", "over white")],
