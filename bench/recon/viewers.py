@@ -22,12 +22,12 @@ from imaging.colour import srgb_decode
 from imaging.session.paths import find_reconstruction
 from recon.exports.export import export
 from recon.exports.loss import stops_between
-from recon.exports.place import pinhole, place_of
+from recon.exports.place import pinhole
 from recon.result.display import displayed
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera
 from tests.chromium import chromium
-from tests.foreign_viewers.viewers import MODULES, PACKAGES, Viewer
+from tests.foreign_viewers.viewers import MODULES, PACKAGES, Viewer, turn_of
 
 FILES: tuple[tuple[str, str, bool | None], ...] = (
     ("playcanvas", "sog", None),
@@ -66,7 +66,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                     # A stated exposure, so that the fit is that of today and not of the scene's training.
                     exported = export(scene, path, linear=linear, exposure=math.log2(scene.exposure))
                     tones = "codes" if name == "three" and not linear else "none"
-                    codes = viewer.drawn(path, camera, turn=turn_of(scene, file), tones=tones)
+                    codes = viewer.drawn(path, camera, turn=turn_of(file, scene), tones=tones)
                     Image.fromarray(codes).save(folder / f"{name}-{path.name}.png")
                     assert exported.loss is not None
                     rows.append(
@@ -81,16 +81,6 @@ def straight(scene: Scene) -> SplatCamera:
     """The camera of a view in the middle, without distortion, with its axis in the middle of the picture."""
     camera = pinhole(scene.views[len(scene.views) // 2].splat_camera)
     return replace(camera, fy=camera.fx, cx=camera.width / 2, cy=camera.height / 2)
-
-
-def turn_of(scene: Scene, file: str) -> np.ndarray | None:
-    """Turn from the coordinates of a scene to those in which a viewer has a file, [4, 4]."""
-    turn = np.eye(4)
-    if file == "glb":
-        turn[:3, :3] = place_of(scene).turn
-    if file == "spz":
-        turn = np.diag([1.0, -1.0, -1.0, 1.0])
-    return turn
 
 
 def compared(light: np.ndarray, codes: np.ndarray) -> dict[str, float]:

@@ -11,11 +11,10 @@ from imaging.colour import srgb_decode, srgb_encode
 from recon.exports.canvas import PLAYCANVAS, canvas
 from recon.exports.export import export
 from recon.exports.loss import stops_between
-from recon.exports.place import place_of
 from recon.exports.splats import as_splats
 from recon.result.scene import Scene
 from recon.scene.ply_file import read_ply
-from tests.foreign_viewers.viewers import Viewer, needs
+from tests.foreign_viewers.viewers import Viewer, needs, turn_of
 from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
 
 pytestmark = needs("playcanvas")
@@ -31,13 +30,6 @@ def viewer(browser: object) -> Iterator[Viewer]:
 def aces(light: Array) -> Array:
     """The tone map of that name in PlayCanvas (Narkowicz 2015)."""
     return (light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)).clip(0, 1)
-
-
-def turn_of(name: str, scene: Scene) -> Array | None:
-    """From the coordinates of a scene to those of a file: glTF stands level."""
-    turn = np.eye(4)
-    turn[:3, :3] = place_of(scene).turn
-    return turn if name.endswith(".glb") else None
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.arrays import Array
 from imaging.colour import srgb_encode
 from recon.exports.export import export
-from recon.exports.place import place_of
 from recon.result.scene import Scene
-from tests.foreign_viewers.viewers import Viewer, needs
+from tests.foreign_viewers.viewers import Viewer, needs, turn_of
 from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
 
 pytestmark = needs("three")
@@ -22,14 +20,6 @@ LIGHT = np.array(RADIANCES)[:, None] * np.ones(3)
 def viewer(browser: object) -> Iterator[Viewer]:
     with Viewer(browser, "three", WIDTH, HEIGHT) as running:
         yield running
-
-
-def turn_of(kind: str, scene: Scene) -> Array:
-    """From the coordinates of a scene to those of a file: glTF stands level, SPZ has the axes of OpenGL."""
-    turn = np.diag([1.0, -1.0, -1.0, 1.0]) if kind == "spz" else np.eye(4)
-    if kind == "glb":
-        turn[:3, :3] = place_of(scene).turn
-    return turn
 
 
 @pytest.mark.parametrize("kind", ["ply", "spz", "glb"])

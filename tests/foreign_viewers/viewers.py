@@ -18,6 +18,8 @@ from PIL import Image
 
 from imaging.arrays import Array, Bytes
 from imaging.pose import OPENGL_FROM_OPENCV
+from recon.exports.place import place_of
+from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
 MODULES = Path(__file__).parents[2] / ".judges" / "node_modules"
@@ -61,6 +63,17 @@ def needs(viewer: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(
         bool(missing), reason=f"npm install --prefix .judges {' '.join(missing)} is not there"
     )
+
+
+def turn_of(file: str, scene: Scene) -> Array:
+    """Turn [4, 4] from the coordinates of a scene to those in which a viewer has a file.
+
+    glTF stands level, SPZ has the axes of OpenGL. file: its name, or what that ends with.
+    """
+    turn = np.eye(4)
+    if file.endswith("glb"):
+        turn[:3, :3] = place_of(scene).turn
+    return OPENGL_FROM_OPENCV if file.endswith("spz") else turn
 
 
 class Viewer:

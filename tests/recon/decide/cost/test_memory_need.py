@@ -72,8 +72,10 @@ def test_gaussians_take_their_numbers_four_times_and_tables(toy_ldr: Path) -> No
 WHOLE = Need(process=5 * 10**8, images=2 * 10**9, gaussians=10**8, width=640, count=100_000)
 
 
-def test_what_fits_is_not_refused() -> None:
+def test_what_fits_is_not_refused_and_a_byte_more_is() -> None:
     WHOLE.require("S", WHOLE.images + WHOLE.gaussians + KERNELS)
+    with pytest.raises(InputError):
+        WHOLE.require("S", WHOLE.images + WHOLE.gaussians + KERNELS - 1)
 
 
 @pytest.mark.parametrize("free", [4 * 10**8, 10**9, 2 * 10**9])
