@@ -66,6 +66,15 @@ def test_a_prior_counts_by_its_spread_and_that_of_the_points():
     np.testing.assert_allclose(adjusted("ring", free[0]).cameras[1].params[3], -0.05, atol=5e-3)
 
 
+def test_a_prior_of_a_camera_without_a_placed_view_does_nothing():
+    """A photograph of another camera among others, which shares no points with them."""
+    alone, beside = (
+        adjusted("ring", Free(focal={1: FocalPrior(840.0, 20.0)} | other)).cameras[1].params
+        for other in ({}, {2: FocalPrior(500.0, 1.0)})
+    )
+    np.testing.assert_array_equal(alone, beside)
+
+
 def test_a_middle_aside_is_not_taken_for_a_tilt_over_flat_ground():
     free = Free(focal={1: FocalPrior(820.0, 25.0, held=True)})
     chosen, rungs = climb(adjusted("flat flight", free), free, SCALE, 1, unreported)
