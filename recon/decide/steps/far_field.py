@@ -25,7 +25,7 @@ SUGGESTED, SURE = 0.05, 0.16
 """Shares of the swept points through which views see the light of far away: below the first no far field
 is taken; above it a trial decides, and where none can be made, the second. Yards before a sky have 15 to
 29 %, objects before a light probe 23, a room with lamps and mirrors 3 (bench/foreign/far_share.py); but a
-castle of eleven views has 17 and loses 2.4 dB with one (bench/real/far_field.py)."""
+castle of eleven views has 23 and loses 2.2 dB with one (bench/real/far_field.py)."""
 ROWS = 128
 """Rows of the map that is compared with for it."""
 FEWEST_SWEPT, MOST_VIEWS, MOST_POINTS = 200, 8, 2000

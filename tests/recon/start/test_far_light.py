@@ -137,7 +137,7 @@ def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: 
 def test_a_trial_has_the_last_word_where_it_can_be_made(
     toy_long: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A castle of eleven views looks through a sixth of its points, and loses 2.5 dB with a far field."""
+    """A castle of eleven views looks through a fifth of its points, and loses 2.5 dB in the trial."""
     sky = pictures(toy_long, wall=None)
     few = replace(toy_long, train=toy_long.train[: FEWEST_JUDGED * HELD_OUT - 1])
     for gain, taken in ((-2.5, False), (2.5, True)):
