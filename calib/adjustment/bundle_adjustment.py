@@ -1,8 +1,8 @@
 """Bundle adjustment that corner points of a fraction of a pixel deserve: robust, and rid of outliers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -46,6 +46,11 @@ class Free:
     placed: frozenset[int] = frozenset()
     focal: Mapping[int, FocalPrior] = field(default_factory=dict)
     places: Mapping[int, StatedPlace] = field(default_factory=dict)
+
+    def within(self, reconstruction: Any) -> Self:
+        """The same without the priors of cameras that a model lacks, since none of their views is placed."""
+        cameras = reconstruction.cameras
+        return replace(self, focal={number: one for number, one in self.focal.items() if number in cameras})
 
 
 def adjust(

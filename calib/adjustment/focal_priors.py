@@ -31,14 +31,12 @@ def add_focal_priors(
 ) -> list[Any]:
     """Add what is known of focal lengths to a Ceres problem, in the unit of a Cauchy loss of `scale` px.
 
-    Cameras of which no view is placed are not in the model, and their priors do nothing.
-
     Returns:
         What has to live until the problem is solved: the problem does not own it.
     """
     added = []
-    for number in sorted(priors.keys() & reconstruction.cameras.keys()):
-        prior, camera = priors[number], reconstruction.cameras[number]
+    for number, prior in sorted(priors.items()):
+        camera = reconstruction.cameras[number]
         parameters = camera.params
         if not problem.has_parameter_block(parameters):
             continue

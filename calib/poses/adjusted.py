@@ -182,7 +182,7 @@ def _tied(
     done = steps.result(step)
     (reconstruction, uncut), rest = done.models, done.rest
     rung, *rungs = map(Rung.model_validate, rest["rungs"])
-    placed = replace(free, placed=frozenset(rest["placed"]))
+    placed = replace(free.within(reconstruction), placed=frozenset(rest["placed"]))
     return (
         Joined(reconstruction, frozenset(rest["cameras"]), tuple(rungs)),
         TiedModel(reconstruction, placed, rest["typical"], rung, uncut),

@@ -50,12 +50,16 @@ def test_frames_of_a_telephone_stand_where_they_were_published(real: Path, tmp_p
 
 
 def test_a_drone_above_flat_ground_has_the_lens_of_its_files(real: Path, tmp_path: Path) -> None:
-    """20 mm equivalent are 1,111 px in 2,000, of which the ground tells nothing."""
+    """20 mm equivalent are 1,111 px in 2,000, of which the ground tells nothing.
+
+    A photograph of something else, by another camera that states its focal length too, is left out.
+    """
     files = sorted((real / "brighton").glob("*.JPG"))[:12]
-    record, _ = calibrated(files, 640, tmp_path)
-    assert len(record.views) == len(files)
-    (camera,) = record.cameras
+    record, names = calibrated([*files, real / "banana" / "DSC_0431.JPG"], 640, tmp_path)
+    assert {names[view.frame] for view in record.views} == {path.name for path in files}
+    camera, stranger = sorted(record.cameras, key=lambda one: one.lens is None)
     assert camera.lens is not None
+    assert stranger.lens is None
     assert camera.lens.fx == pytest.approx(1111 * 0.32, rel=0.05)
     assert not camera.lens.model.endswith("FISHEYE")
     assert any(rung.name == "lens_focal_undetermined" and rung.taken for rung in record.rungs)

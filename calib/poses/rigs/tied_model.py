@@ -39,7 +39,7 @@ def tied_model(
 ) -> TiedModel:
     """Tie rigs together, as far as that does not show that the cameras moved against each other."""
     threads, progress, reconstruction = scene.threads, scene.progress, joined.reconstruction
-    known = scene.known
+    known, free = scene.known, free.within(reconstruction)
     if joined.cameras and not metric:
         # A board states in metres where cameras are mounted, which is of no use to a model of another unit.
         known, free = replace(known, cam_from_rig={}), replace(free, placed=frozenset())
