@@ -48,7 +48,7 @@ def with_light_of_photographs(run: Run, evidence: Evidence) -> tuple[Run, Eviden
     plan = TrainingPlan(asked, evidence.light, points=points)
     # Trials of what the scene needs are decided on, and spoken of, by what is known then.
     against_trials = _reason_against_trials(replace(run, say=lambda line: None), evidence, plan)
-    parts, rungs = overruled_parts(dataset, asked, against_trials, run.progress)
+    parts, rungs = overruled_parts(dataset, asked, against_trials, run.progress, run.device)
     if not parts:
         return run, evidence, rungs
     for part, rung in zip(parts, (rung for rung in rungs if rung.taken), strict=True):
@@ -93,19 +93,19 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     units = settings.composed(dataset, evidence.light).observation.units
     far = None
     against_far = against_trials if run.countdown else None
-    environment = environment_for(dataset, settings, images, points, units, against_far, progress)
+    environment = environment_for(dataset, settings, images, points, units, against_far, progress, run.device)
     if environment.taken:
         far = far_light(dataset.train, images, units)
         points = without_far(points, dataset.train, images, far, units)
         settings = _with(settings, environment=True)
 
     # Measured depth: its weight, by its fit to the scene points, then by trials.
-    weight, depth = depth_for(dataset, evidence.depths, settings, against_trials, progress)
+    weight, depth = depth_for(dataset, evidence.depths, settings, against_trials, progress, run.device)
     settings = _with(settings, depth=weight, depth_scale=dataset.depth_scale)
 
     # Corrections of the calibration, by its errors, else by trials of what was asked for with these two.
     tried = _with(asked, environment=settings.environment, depth=weight)
-    corrections = corrections_for(dataset, images, tried, against_trials, progress)
+    corrections = corrections_for(dataset, images, tried, against_trials, progress, run.device)
 
     # The number of Gaussians, by trials that halve it or by the samples of the views.
     count, size = gaussians_for(

@@ -21,6 +21,7 @@ from recon.observe.refinement import Refined, Refinement
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.device import CPU
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -31,8 +32,6 @@ HELD_OUT = 4
 """Stride of the training views held out of a trial; those of the session are left for the end."""
 SAMPLES = 2
 """Samples of the training views, over all colours of a pixel, for a Gaussian: with fewer it learns noise."""
-
-_CPU = torch.device("cpu")
 
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
@@ -98,25 +97,38 @@ class Trials:
     points: Start
     settings: Settings
     progress: Progress
+    device: torch.device = CPU
     steps: Steps = field(default_factory=Steps)
 
     @classmethod
-    def of(cls, dataset: Dataset, settings: Settings, points: Start, progress: Progress) -> "Trials":
+    def of(
+        cls,
+        dataset: Dataset,
+        settings: Settings,
+        points: Start,
+        progress: Progress,
+        device: torch.device = CPU,
+    ) -> "Trials":
         """Trials of a data set's training views, from given points."""
         part = _parted(dataset)
         images = radiance_images(part, progress)
-        return cls(part, light_of(part, images), images, points, settings, progress)
+        return cls(part, light_of(part, images), images, points, settings, progress, device)
 
     @classmethod
     def from_new_points(
-        cls, dataset: Dataset, settings: Settings, count: int, progress: Progress
+        cls,
+        dataset: Dataset,
+        settings: Settings,
+        count: int,
+        progress: Progress,
+        device: torch.device = CPU,
     ) -> "Trials":
         """The same from at most `count` points, found in those views that do not judge."""
         part = _parted(dataset)
         images = radiance_images(part, progress)
         rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
         points = start_points(part, images, count, rng, progress)
-        return cls(part, light_of(part, images), images, points, settings, progress)
+        return cls(part, light_of(part, images), images, points, settings, progress, device)
 
     def trained(
         self,
@@ -127,7 +139,6 @@ class Trials:
         refine: Sequence[Refined] = (),
         degree: int | None = None,
         points: Start | None = None,
-        device: torch.device = _CPU,
         environment: bool | None = None,
         depth: float | None = None,
     ) -> Training:
@@ -150,7 +161,7 @@ class Trials:
             started = without_far(started, self.part.train, self.images, far, units)
         start = gaussians_at(started, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
-        training = Training.begin(method, self.light, start, self.part.extent, device, refinement, far)
+        training = Training.begin(method, self.light, start, self.part.extent, self.device, refinement, far)
         rules, factor = DensityRules(gaussians), rate_factor(iterations)
         plan = Plan(iterations, rules, self.settings.seed, rate_factor=factor)
 

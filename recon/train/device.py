@@ -7,12 +7,14 @@ import torch
 
 from imaging.compute.threads import thread_count
 
+CPU = torch.device("cpu")
+
 
 def training_device() -> torch.device:
     """The CUDA device of this process, if torch sees one and Triton is there to program it; else the CPU."""
     if torch.cuda.is_available() and find_spec("triton") is not None:
         return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
-    return torch.device("cpu")
+    return CPU
 
 
 def gpus() -> list[str]:

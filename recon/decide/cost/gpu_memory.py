@@ -22,7 +22,7 @@ from recon.train.device import device_name
 TABLES = 600
 """Bytes of a Gaussian beside its numbers: projected (105), its gradients and moments (116), its statistics,
 and its colours and shapes on their way there and back."""
-PAIR = 160
+PAIR = 224
 """Bytes of a pair until its gradient is summed: row, slot, transmittances, place in its list."""
 PAIRS_OF_PIXEL, PAIRS_OF_GAUSSIAN = 2, 4
 """Pairs of a view, at most: trainings on the demo, lego at 400 px and a castle at 1,280 px end with 0.6 to

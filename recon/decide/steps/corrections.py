@@ -20,6 +20,7 @@ from recon.decide.steps.stray_light import glare_of
 from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
+from recon.train.device import CPU
 from recon.train.training import Training
 
 ALL: tuple[Refined, ...] = get_args(Refined)
@@ -68,6 +69,7 @@ def corrections_for(
     settings: Settings,
     against_trials: str | None,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> Corrections:
     """Return the corrections of a training with these settings: as requested, else by evidence.
 
@@ -82,13 +84,17 @@ def corrections_for(
         ]
     else:
         known = _displayed(dataset, settings.method, "glare") or glare
-        rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress), known]
+        rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress, device), known]
     taken = tuple(name for name, rung in zip(ALL, rungs, strict=True) if rung.taken)
     return Corrections(taken, tuple(rungs), tuple(shares))
 
 
 def rungs_by_evidence(
-    dataset: Dataset, settings: Settings, against_trials: str | None, progress: Progress
+    dataset: Dataset,
+    settings: Settings,
+    against_trials: str | None,
+    progress: Progress,
+    device: torch.device = CPU,
 ) -> list[Rung]:
     """A rung for each of `TRIED`, in order: by the calibration, else by a trial, else not taken."""
     rungs = {name: _without_trial(name, dataset, settings.method) for name in TRIED}
@@ -99,16 +105,20 @@ def rungs_by_evidence(
         small = dataset
         if settings.max_width > TRIAL_WIDTH:
             small = again(dataset, TRIAL_WIDTH, progress)
-        rungs |= tried(small, undecided, settings, progress)
+        rungs |= tried(small, undecided, settings, progress, device)
     return [rung for rung in rungs.values() if rung is not None]
 
 
 def tried(
-    dataset: Dataset, names: Sequence[Refined], settings: Settings, progress: Progress
+    dataset: Dataset,
+    names: Sequence[Refined],
+    settings: Settings,
+    progress: Progress,
+    device: torch.device = CPU,
 ) -> dict[Refined, Rung]:
     """A short training without corrections and one with each of `names`, judged on views that none saw."""
     most = min(TRIAL_GAUSSIANS, room(dataset))
-    trials = Trials.from_new_points(dataset, settings, most // 2, progress)
+    trials = Trials.from_new_points(dataset, settings, most // 2, progress, device)
     part, judged, extent = trials.part, trials.judged, trials.part.extent
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
     iterations = max(TRIAL_LOOKS * len(part.train), looks)

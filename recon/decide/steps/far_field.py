@@ -19,6 +19,7 @@ from recon.decide.trials import HELD_OUT, Trials, room
 from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at
 from recon.start.plane_sweep import plane_sweep, sample
+from recon.train.device import CPU
 
 NAME = "environment"
 SUGGESTED, SURE = 0.05, 0.16
@@ -49,6 +50,7 @@ def environment_for(
     units: Callable[[torch.Tensor], torch.Tensor],
     against_trials: str | None,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> Rung:
     """Return whether there is an environment, and why: as asked, else by geometry, where that is sure.
 
@@ -69,7 +71,7 @@ def environment_for(
         reason = "where the photographs are transparent there is nothing"
         return Rung(name=NAME, taken=False, reason=reason)
     share = far_share(dataset, images, points, units)
-    return _by_share(dataset, settings, share, against_trials, progress)
+    return _by_share(dataset, settings, share, against_trials, progress, device)
 
 
 def _by_share(
@@ -78,6 +80,7 @@ def _by_share(
     share: float,
     against_trials: str | None,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> Rung:
     reason = (
         f"through {100 * share:.0f} % of the points in front of the cameras views see light from far away"
@@ -89,7 +92,7 @@ def _by_share(
             f"{len(dataset.train)} training views are too few to hold {FEWEST_JUDGED} of them out"
         )
     if against_trials is None:
-        return tried(dataset, settings, reason, progress)
+        return tried(dataset, settings, reason, progress, device)
     return Rung(name=NAME, taken=share > SURE, reason=f"{reason}; no trial: {against_trials}")
 
 
@@ -111,13 +114,15 @@ def far_share(
     return float(looked_through(points, dataset.train, images, far, units).sum() / max(swept, 1))
 
 
-def tried(dataset: Dataset, settings: Settings, reason: str, progress: Progress) -> Rung:
+def tried(
+    dataset: Dataset, settings: Settings, reason: str, progress: Progress, device: torch.device = CPU
+) -> Rung:
     """A short training without an environment and one with, judged on views that neither saw."""
     if settings.max_width > TRIAL_WIDTH:
         small = again(dataset, TRIAL_WIDTH, progress)
         dataset = replace(settings.overrides.subset(small), watched=dataset.watched)
     most = min(TRIAL_GAUSSIANS, room(dataset))
-    trials = Trials.from_new_points(dataset, settings, most // 2, progress)
+    trials = Trials.from_new_points(dataset, settings, most // 2, progress, device)
     iterations = min(MOST_ITERATIONS, TRIAL_LOOKS * len(trials.part.train))
     extent = trials.part.extent
     trials.steps.total = 2 * iterations

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
@@ -16,6 +17,7 @@ from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Trials, room
 from recon.start.initialisation import points_of_poses
+from recon.train.device import CPU
 
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)
@@ -53,6 +55,7 @@ def depth_for(
     settings: Settings,
     against_trials: str | None,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> tuple[float, tuple[Rung, ...]]:
     """The weight of measured depth in the loss, and the rungs; none without maps.
 
@@ -77,12 +80,16 @@ def depth_for(
         views = f"{count} training views are {'few' if count < FEW_VIEWS else 'enough without it'}"
         rung = Rung(name=TERM, taken=taken, reason=f"{agreed}, {views}; a trial: {against_trials}")
     else:
-        weight, rung = tried(dataset, settings, WEIGHTS, progress)
+        weight, rung = tried(dataset, settings, WEIGHTS, progress, device)
     return weight, (first, rung)
 
 
 def tried(
-    dataset: Dataset, settings: Settings, weights: Sequence[float], progress: Progress
+    dataset: Dataset,
+    settings: Settings,
+    weights: Sequence[float],
+    progress: Progress,
+    device: torch.device = CPU,
 ) -> tuple[float, Rung]:
     """A short training without measured depth in its loss and one with each weight, judged on views that none
     saw: the best weight, 0 if none is better, and its rung.
@@ -91,7 +98,7 @@ def tried(
         small = again(dataset, TRIAL_WIDTH, progress)
         dataset = replace(settings.overrides.subset(small), watched=dataset.watched)
     most = min(TRIAL_GAUSSIANS, room(dataset))
-    trials = Trials.from_new_points(dataset, settings, most // 2, progress)
+    trials = Trials.from_new_points(dataset, settings, most // 2, progress, device)
     extent = trials.part.extent
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
     iterations = max(TRIAL_LOOKS * len(trials.part.train), looks)

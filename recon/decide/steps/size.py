@@ -127,7 +127,8 @@ def gaussians_for(
     if _asked(settings):
         reason = f"at most {most:,}, as asked for"
     elif against_trials is None:
-        return Ladder(Trials.of(dataset, settings, points, progress), refined, most, degree, device).climbed()
+        trials = Trials.of(dataset, settings, points, progress, device)
+        return Ladder(trials, refined, most, degree).climbed()
     else:
         reason = f"at most {most:,}, {against_trials}"
         if most < settings.max_gaussians:
@@ -162,7 +163,6 @@ class Ladder:
     refined: Sequence[Refined]
     most: int
     degree: int
-    device: torch.device
     measured: dict[int, Array] = field(default_factory=dict)
 
     def climbed(self) -> tuple[int, Rung]:
@@ -209,7 +209,6 @@ class Ladder:
                 refine=tuple(self.refined),
                 degree=self.degree,
                 points=fewer(trials.points, int(START_SHARE * count), trials.settings.seed),
-                device=self.device,
             )
             unsure, extent = tuple(self.refined), trials.part.extent
             views = []

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from imaging.progress import Progress
 from imaging.session.calibration import StatedPart
@@ -20,10 +21,15 @@ from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Steps, Trials, room
 from recon.start.initialisation import colours_at
+from recon.train.device import CPU
 
 
 def overruled_parts(
-    dataset: Dataset, settings: Settings, against_trials: str | None, progress: Progress
+    dataset: Dataset,
+    settings: Settings,
+    against_trials: str | None,
+    progress: Progress,
+    device: torch.device = CPU,
 ) -> tuple[tuple[StatedPart, ...], tuple[Rung, ...]]:
     """The parts in which scene points overrule the files, and a rung for each part that was considered.
 
@@ -40,7 +46,7 @@ def overruled_parts(
     elif against_trials is not None:
         rungs = {part: _rung(part, False, against_trials) for part in asks}
     else:
-        rungs = tried(dataset, asks, settings, progress)
+        rungs = tried(dataset, asks, settings, progress, device)
     taken = tuple(part for part in asks if rungs[part].taken)
     return taken, tuple(rungs[part] for part in PARTS if part in rungs)
 
@@ -62,7 +68,11 @@ def in_words(dataset: Dataset, part: StatedPart, rung: Rung) -> str:
 
 
 def tried(
-    dataset: Dataset, parts: Sequence[StatedPart], settings: Settings, progress: Progress
+    dataset: Dataset,
+    parts: Sequence[StatedPart],
+    settings: Settings,
+    progress: Progress,
+    device: torch.device = CPU,
 ) -> dict[StatedPart, Rung]:
     """A short training as the files state it, and one more with the factors of each part after the other,
     judged on views that none of them saw.
@@ -80,11 +90,11 @@ def tried(
         return replace(overruled(small, chosen), calibration=known)
 
     # One sweep for all: trainings from other places would differ by more than these factors gain.
-    plain = Trials.from_new_points(alike(()), settings, most // 2, progress)
+    plain = Trials.from_new_points(alike(()), settings, most // 2, progress, device)
     plain = replace(plain, steps=steps)
 
     def started(chosen: Sequence[StatedPart]) -> Trials:
-        trials = Trials.of(alike(chosen), settings, plain.points, progress)
+        trials = Trials.of(alike(chosen), settings, plain.points, progress, device)
         rgb, _ = colours_at(trials.part, trials.images, plain.points.xyz)
         return replace(trials, points=replace(plain.points, rgb=rgb), steps=steps)
 

@@ -1,7 +1,6 @@
 """Trials before a training show one length for all of them, so that the time left does not grow."""
 
 import pytest
-import torch
 
 from recon.data.dataset import Dataset
 from recon.decide.steps import corrections, size
@@ -48,7 +47,7 @@ def test_trials_of_corrections_have_one_length(toy_long: Dataset, shown: Reports
 
 def test_trials_of_the_number_of_gaussians_have_one_length(toy_long: Dataset, shown: Reports) -> None:
     trials = Trials.from_new_points(toy_long, settings(), 200, lambda *report: shown.append(report))
-    Ladder(trials, ["poses"], 200, 0, torch.device("cpu")).climbed()
+    Ladder(trials, ["poses"], 200, 0).climbed()
     reports = of_trials(shown)
     require_one_length(reports)
     assert reports[-1][1] <= reports[-1][2]

@@ -87,7 +87,7 @@ def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
 def test_a_scene_is_given_no_more_gaussians_than_its_trials_name(monkeypatch):
     """However much longer the whole training is: the gallery, trials of 400 iterations for one of 4,000."""
     trials = SimpleNamespace(settings=settings(iterations=4000), part=SimpleNamespace(held_out=()))
-    ladder = Ladder(trials, (), 80_000, 0, torch.device("cpu"))
+    ladder = Ladder(trials, (), 80_000, 0)
     db_of = {80_000: 42.54, 40_000: 42.93, 20_000: 42.57}
     monkeypatch.setattr(Ladder, "db", lambda self, count: np.array([db_of[count], db_of[count]]))
     count, rung = ladder.climbed()
