@@ -98,7 +98,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     began = time.perf_counter()
     compared(torch.device("cuda"))
     check_seconds = time.perf_counter() - began
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", *tests]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "auto", *tests]
     passed = subprocess.run(command, cwd=ROOT, check=False).returncode == 0
     rows = []
     for width, height in options.sizes:

@@ -21,7 +21,52 @@ def below(quality: str) -> list[float]:
     return [best - preset for best, preset in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
 
 
+def _frame(size: str, count: str, *drawn: str) -> list[float]:
+    """Milliseconds of a frame on a GPU, forward and backward."""
+    return [cell("gpu", "forward + backward, ms", size, count, what) for what in drawn]
+
+
 CLAIMS = (
+    Claimed(
+        r"image and gradients agree with the processor's to ([\de.-]+) \(",
+        lambda: line("gpu", r"gradients ([\de.-]+)"),
+    ),
+    Claimed(
+        r"takes ([\d.]+) ms and gsplat 1\.5\.3 takes ([\d.]+), with the cut-offs of 3DGS in both; one of "
+        r"three million ([\d.]+) and ([\d.]+), and at 3840x2160 ([\d.]+) for ([\d.]+) and ([\d.]+) for "
+        r"(\d\.\d+)",
+        lambda: [
+            value
+            for size in ("1920x1080", "3840x2160")
+            for count in ("1,000,000", "3,000,000")
+            for value in _frame(size, count, "ours, 3DGS", "gsplat")
+        ],
+    ),
+    Claimed(
+        r"light of 2\^20 to 1 it takes ([\d.]+) and ([\d.]+) ms",
+        lambda: [
+            *_frame("1920x1080", "1,000,000", "luminance-aware"),
+            *_frame("1920x1080", "3,000,000", "luminance-aware"),
+        ],
+    ),
+    Claimed(
+        r"Of 100,000 Gaussians it takes ([\d.]+) ms for ([\d.]+), since .* a render takes ([\d.]+) times the "
+        r"memory of gsplat's, and ([\d.]+) times of a million",
+        lambda: [
+            *_frame("1920x1080", "100,000", "ours, 3DGS", "gsplat"),
+            *(
+                cell("gpu", "memory", "1920x1080", count, "ours, 3DGS")
+                / cell("gpu", "memory", "1920x1080", count, "gsplat")
+                for count in ("100,000", "1,000,000")
+            ),
+        ],
+    ),
+    Claimed(
+        r"trains whole in (\d+) s to ([\d.]+) dB, and on two cores of a processor in (\d+) s to ([\d.]+)",
+        lambda: [
+            cell("gpu_scenes", name, "lego", device) for device in ("H200", "CPU") for name in ("s", "dB")
+        ],
+    ),
     Claimed(
         r"damaged one, (\d+) were run before the day was stopped, in (\d+) parts, (\d) of them killed",
         lambda: line("thousand", r"parts: (\d+) sessions .* in (\d+) parts, (\d) of them killed"),

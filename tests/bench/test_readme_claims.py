@@ -61,6 +61,9 @@ SETTINGS = {
         r"4 to 8 views",
         r"at 8 and 12 views of a phone at night and nothing at 4",
         r"Raw3DGS reports 3 dB",
+        r"gsplat 1\.5\.3",
+        r"light of 2\^20 to 1",
+        r"Of 100,000 Gaussians it takes",
     ),
     SPEED: (
         r"castle at 1,280 px takes",

@@ -18,20 +18,9 @@ from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_e
 from recon.splat.gpu.inputs import appended
 from recon.splat.gpu.project import HIGH, WIDE
 
-_REGISTERS = 128
 SLOT = tl.constexpr(11)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (y1, y2) its whitened place, the sums of
 s, s y1, s y2, s y1 y1, s y1 y2, s y2 y2, then of w g (3) and of |s|, then the largest w."""
-
-
-def register_cap(hip: object) -> dict[str, int]:
-    """Option of the launch of `composite_backward`: most registers of a thread, where not on ROCm (`hip`).
-
-    Left alone ptxas takes 200 for sm_90, and 10 warps would fit where 16 do; it pays with 6 % more
-    instructions (ptxas of CUDA 12.9, counted, not timed). ROCm's launch refuses an option that it does not
-    know, and its compiler takes fewer by itself.
-    """
-    return {} if hip else {"maxnreg": _REGISTERS}
 
 
 @triton.jit
@@ -85,7 +74,12 @@ def _totals(s, w, g, place):
     return tl.where(lane == 10, peak, totals)
 
 
-@triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
+# Were `stored` known to be aligned, its loads would be of four floats each and all pixels laid out for them,
+# and the sums would take seven times the exchanges between lanes: 4,368 instructions a chunk of 8 for 2,616.
+@triton.jit(
+    do_not_specialize=["stride", "across", "height", "width", "t_min"],
+    do_not_specialize_on_alignment=["stored"],
+)
 def composite_backward(
     rows, stride, start, chunk_start, slot, background, t_min, across, height, width,
     stored, chunks, grad_image, grad_remaining, slots, CHUNK: tl.constexpr,

@@ -13,7 +13,7 @@ from recon.splat.gpu import project as projection
 from recon.splat.gpu import slots as sums
 from recon.splat.gpu import tiles
 from recon.splat.gpu.composite import PIXELS, composite
-from recon.splat.gpu.composite_backward import SLOT, composite_backward, register_cap
+from recon.splat.gpu.composite_backward import SLOT, composite_backward
 from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
 from recon.splat.limits import T_LEAST
@@ -147,7 +147,7 @@ def _gradients(
     composite_backward[(len(tables.chunks),)](
         tables.rows, tables.rows.shape[1], tables.list_start, tables.chunk_start, tables.slot, background,
         t_min, across, height, width, tables.stored, tables.chunks, image, remaining, slots,
-        CHUNK=tiles.CHUNK, num_warps=1, **register_cap(torch.version.hip), **_OPTIONS,
+        CHUNK=tiles.CHUNK, num_warps=1, **_OPTIONS,
     )  # fmt: skip
     gradients = [torch.empty_like(tensor) for tensor in gaussians]
     moments, pull, weight = new((n, _MOMENTS)), new(n), new(n)

@@ -21,8 +21,10 @@ BLOCK = 256
 """Entries of a program of `gather`."""
 MATCHED = 32
 """Gaussians of a program of `match`: a warp's, which wait for no other."""
-CHUNK = 8
-"""Entries of a list between two stored transmittances; also what a list's rows are padded with."""
+CHUNK = 4
+"""Entries of a list between two stored transmittances; also what a list's rows are padded with. On an H200 a
+frame of 100,000 Gaussians blends there and back in 0.57 ms with 4, 0.63 with 8 and 0.60 with 2; one of a
+million with cut-offs for high contrast in 4.07, 3.74 and 4.54."""
 FIELDS = 10
 """Rows of a table of entries: see `gather`."""
 EXACT = {"enable_fp_fusion": False, "num_warps": 1}

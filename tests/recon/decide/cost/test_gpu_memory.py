@@ -48,7 +48,7 @@ def test_a_pair_takes_what_is_forecast() -> None:
     assert pairs == 160
     slots = 4 * rasterizer._SLOT * pairs
     taken = slots + sum(table.nbytes for table in (saved.slot, saved.rows, saved.stored))
-    last_chunks = 4 * 2 * tiles.CHUNK * 128 // 8 + 4 * tiles.FIELDS * tiles.CHUNK
+    last_chunks = 4 * 2 * 128 + 4 * tiles.FIELDS * tiles.CHUNK
     assert 0.9 * PAIR * pairs < taken - last_chunks <= PAIR * pairs
 
 
