@@ -36,7 +36,7 @@ def find_cameras(
     """
     from capture.rigfile.network_address import address_of, ptpip_places
     from drivers.discovery import ask_all
-    from rig.commands.usb_bus import open_bus, open_network
+    from rig.cameras.usb_bus import open_bus, open_network
 
     try:
         named = [address_of(text if ":" in text else f"gige:{text}") for text in addresses]

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from bench.floaters.plants import begun, between, copied, in_the_air, on, plant, weights
 from bench.floaters.votes import SIGNIFICANT, Evidence, evidence
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from bench.support.trial import session as simulated

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
+from bench.peers.peer_folder import picture_of
 from bench.real.more_time import KINDS, SETS, WIDTH, confirmed, figures, fold_of
-from bench.real.peer_folder import picture_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.arrays import Array

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.real.compare import session_of
-from bench.real.neutral import measured
-from bench.real.peer_folder import picture_of
+from bench.peers.compare import session_of
+from bench.peers.neutral import measured
+from bench.peers.peer_folder import picture_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.decide.overrides import Overrides

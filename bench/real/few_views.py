@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.real.compare import session_of
-from bench.real.neutral import measured
-from bench.real.peer_folder import picture_of
+from bench.peers.compare import session_of
+from bench.peers.neutral import measured
+from bench.peers.peer_folder import picture_of
 from bench.real.regularisers import Regularised, Regulariser
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache

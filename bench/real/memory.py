@@ -5,7 +5,7 @@
 
 The second says what each view and each Gaussian adds, with images in memory or on the disk, of brackets of
 the simulator whose cells are repeated to the pixels of a camera (`bench/support/enlarged.py`). Sets as in
-`bench/real/compare.py`, and the simulated brackets of `rig demo`, RAW. Peaks are kept in FOLDER, forecasts
+`bench/peers/compare.py`, and the simulated brackets of `rig demo`, RAW. Peaks are kept in FOLDER, forecasts
 are made again. Few iterations: nothing grows with them but the Gaussians, which start at half of their number
 and reach it at 60 % of any length.
 """
@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.enlarged import enlarged
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words

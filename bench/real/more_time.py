@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.real.compare import session_of
-from bench.real.peer_folder import picture_of
+from bench.peers.compare import session_of
+from bench.peers.peer_folder import picture_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging import metrics

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache, session
 from imaging import metrics

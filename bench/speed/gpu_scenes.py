@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import session
 from imaging.compute import memory

@@ -20,7 +20,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache

@@ -17,8 +17,8 @@ from imaging import choices
 from imaging.errors import InputError
 from imaging.session import session as sessions
 from imaging.session.paths import has_shots
-from rig.commands.rehearsal import rehearse
-from rig.commands.usb_bus import source_of
+from rig.cameras.rehearsal import rehearse
+from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.options.request import Asked, Shown
 from rig.terminal.progress import StatusLine

@@ -13,7 +13,7 @@ from imaging.errors import InputError
 from recon.train import device as devices
 from recon.train import gpu_check
 from rig import stability as stresses
-from rig.commands.usb_bus import open_bus, open_network
+from rig.cameras.usb_bus import open_bus, open_network
 from rig.options.cameras import addresses_of
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place

@@ -10,7 +10,7 @@ from drivers import discovery
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.session import records
-from rig.commands.usb_bus import open_bus, open_network
+from rig.cameras.usb_bus import open_bus, open_network
 from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running

@@ -12,8 +12,8 @@ from imaging.choices import SPACE_NAMES, ExrStorage
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
-from rig.commands.panorama_result import panorama_result
 from rig.options.common import JsonOption, SessionArgument, SpaceOption, WrongUsage
+from rig.terminal.panorama_result import panorama_result
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 

@@ -11,7 +11,7 @@ from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import InputError
-from rig.commands.usb_bus import UsbBus
+from rig.cameras.usb_bus import UsbBus
 from rig.terminal.operator import TerminalOperator
 
 
@@ -56,7 +56,7 @@ class Cameras:
 def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
     """Two cameras are connected to this machine."""
     there = Cameras()
-    for place in ("commands.usb_bus", "commands.init"):
+    for place in ("cameras.usb_bus", "commands.init"):
         monkeypatch.setattr(f"rig.{place}.open_bus", there)
     return there
 

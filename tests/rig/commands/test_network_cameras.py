@@ -11,7 +11,7 @@ from drivers.clock import SystemClock
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.files.raw import read_raw
-from rig.commands.usb_bus import UsbBus
+from rig.cameras.usb_bus import UsbBus
 from tests.drivers.gige.fakes import own_address, viva_fake
 from tests.drivers.gphoto2.conftest import Served
 from tests.drivers.gphoto2.conftest import serve as serve
@@ -20,9 +20,9 @@ from tests.drivers.gphoto2.conftest import serve as serve
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The camera; there is nothing on the USB."""
-    for place in ("usb_bus", "init", "cameras"):
+    for place in ("cameras.usb_bus", "commands.init", "commands.cameras"):
         monkeypatch.setattr(
-            f"rig.commands.{place}.open_bus",
+            f"rig.{place}.open_bus",
             lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
         )
     with viva_fake() as there:
@@ -79,9 +79,9 @@ def test_a_camera_that_does_not_answer_is_missing(rig, tmp_path: Path, fake: Any
 def test_libgphoto2_drives_a_camera_that_is_named_so(
     rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serve: Callable[..., Served]
 ) -> None:
-    for place in ("usb_bus", "init", "cameras"):
+    for place in ("cameras.usb_bus", "commands.init", "commands.cameras"):
         monkeypatch.setattr(
-            f"rig.commands.{place}.open_bus",
+            f"rig.{place}.open_bus",
             lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
         )
     at = f"gphoto2:ptpip:127.0.0.1:{serve('generic').port}"

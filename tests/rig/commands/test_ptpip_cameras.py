@@ -18,20 +18,20 @@ from drivers.sim.usb.timeline import LiveTimeline
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
-from rig.commands.usb_bus import UsbBus
+from rig.cameras.usb_bus import UsbBus
 from rig.facade import find_cameras
 
 
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The address of a camera; there is nothing on the USB, and no broadcast."""
-    for place in ("usb_bus", "init", "cameras", "doctor"):
+    for place in ("cameras.usb_bus", "commands.init", "commands.cameras", "commands.doctor"):
         monkeypatch.setattr(
-            f"rig.commands.{place}.open_bus",
+            f"rig.{place}.open_bus",
             lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
         )
         monkeypatch.setattr(
-            f"rig.commands.{place}.open_network", lambda sim, addresses=(): Network([], []), raising=False
+            f"rig.{place}.open_network", lambda sim, addresses=(): Network([], []), raising=False
         )
     rig = simulate("toy")
     view = rig.radiance(0, 0)

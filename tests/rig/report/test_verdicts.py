@@ -23,11 +23,11 @@ from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from rig.__main__ import main
-from rig.commands.calibration_result import poses_result
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.pages.calibration import calibration_report
 from rig.report.sections.next_shots import next_shots
 from rig.report.sections.verdicts import outliers, verdicts
+from rig.terminal.calibration_result import poses_result
 
 from .drawings import NOTHING, SENSOR, changed, with_sensor
 from .pages import Page, assert_self_contained

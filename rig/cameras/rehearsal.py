@@ -10,7 +10,7 @@ from capture.bracket import automatic
 from capture.record import shooting
 from capture.request import RigRequest
 from capture.rigfile import rigfile
-from rig.commands.usb_bus import source_of
+from rig.cameras.usb_bus import source_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult
 from rig.terminal.text import counted, size

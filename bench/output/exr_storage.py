@@ -1,6 +1,6 @@
 """Size and error of the storages of light in EXR, of renders of a scene and of its merged photographs.
 
-    python -m bench.recon.exr_storage demo/ [--json] [--write]
+    python -m bench.output.exr_storage demo/ [--json] [--write]
 
 Of sessions with a scene, such as that of `make demo`: their views as trained, and their brackets.
 """
@@ -60,9 +60,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Storages of light in EXR",
         "",
-        "`python -m bench.recon.exr_storage demo/ --write`, after `make demo`. All views as `rig render` and "
-        "`rig merge` write them: bytes a pixel of the light, and stops by which what is read back is off, "
-        "light below a 1024th of white counted as that.",
+        "`python -m bench.output.exr_storage demo/ --write`, after `make demo`. All views as `rig render` "
+        "and `rig merge` write them: bytes a pixel of the light, and stops by which what is read back is "
+        "off, light below a 1024th of white counted as that.",
         "",
         "| session | pictures | --exr | bytes a pixel | stops, median | in 1 % | at most |",
         "|---|---|---|---|---|---|---|",

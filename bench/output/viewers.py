@@ -1,6 +1,6 @@
 """Pictures of a scene by viewers of others, from files of `rig export`, against the light that they are of.
 
-    python -m bench.recon.viewers demo/ [--json] [--write]
+    python -m bench.output.viewers demo/ [--json] [--write]
 
 Of scenes that are trained, such as that of `make demo`. Needs Chromium and the viewers that `.ci/run`
 installs.
@@ -99,7 +99,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Files of `rig export` in viewers of others",
         "",
-        "`python -m bench.recon.viewers demo/ --write`, after `make demo` and `.ci/run`. PlayCanvas 2.23.3, "
+        "`python -m bench.output.viewers demo/ --write`, after `make demo` and `.ci/run`. PlayCanvas 2.23.3, "
         "Spark 2.2.0, Babylon.js 9.28.0 and three.js 0.187.0 in Chromium, without settings (three.js with "
         "`outputColorSpace = LinearSRGBColorSpace`, but for linear light), no tone map: one view at its own "
         "size, the canvas against what `rig render` draws, PSNR of the codes, and stops of the pixels that "

@@ -1,6 +1,6 @@
 """rig beside OpenSplat on real photographs: the same pixels, poses, split and processor seconds.
 
-    python -m bench.real.compare [--unseen] [--sets castle,monstree,lego] [--budgets 60,240] [--width 400]
+    python -m bench.peers.compare [--unseen] [--sets castle,monstree,lego] [--budgets 60,240] [--width 400]
         [--quick] [--opensplat CHECKOUT] [--json] [--write] [--seeds 1] [--work FOLDER]
 
 The sets are those that defaults were chosen on, or with --unseen those that nothing was chosen on.
@@ -9,9 +9,9 @@ They are folders of RIG_DATA, 'walk' (100 simulated photographs, `bench/support/
 nerfstudio, COLMAP or Blender folder; without --budgets and --width each has its own. What comes without poses
 is calibrated by rig once, and both train on that. One view in eight is held out, or what the set tests on.
 rig: `reconstruct` with nothing but the budget, which counts from the first file it reads. OpenSplat: see
-`bench/real/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. Each
+`bench/peers/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. Each
 is measured by what it draws itself: rig by its renderer, OpenSplat, whose pictures are not kept, by ours with
-the constants of 3DGS (`bench/real/neutral.py`). Finished rows are kept in FOLDER.
+the constants of 3DGS (`bench/peers/neutral.py`). Finished rows are kept in FOLDER.
 """
 
 import argparse
@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.real import opensplat
-from bench.real.neutral import PlySplats, in_world, measured
-from bench.real.peer_folder import picture_of, write_peer_folder
+from bench.peers import opensplat
+from bench.peers.neutral import PlySplats, in_world, measured
+from bench.peers.peer_folder import picture_of, write_peer_folder
 from bench.support import walk
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
@@ -237,8 +237,8 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         f"{heading}: rig beside OpenSplat in the same processor seconds",
         "",
-        f"`python -m bench.real.compare {flag}--write`: held-out views, as the script's head says. OpenSplat "
-        f"{result['peer']}. {words(result['machine'])}.{chosen}",
+        f"`python -m bench.peers.compare {flag}--write`: held-out views, as the script's head says. "
+        f"OpenSplat {result['peer']}. {words(result['machine'])}.{chosen}",
         "",
         "| set | px | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel "
         "| SSIM | over white, dB |",

@@ -1,6 +1,6 @@
 """HDR-NeRF's protocol (Huang et al., CVPR 2022): what is imported, trained and tested, as `rig` does it.
 
-    python -m bench.recon.hdr_nerf_protocol [--quick] [--json] [--write] [--seeds 1] [--pixels 200]
+    python -m bench.peers.hdr_nerf_protocol [--quick] [--json] [--write] [--seeds 1] [--pixels 200]
         [--quality draft|standard|best] [--protocols exp-3,exp-1] [--methods vanilla,hdr-gs,nh-3dgs]
         [--scene FOLDER] [--work FOLDER]
 
@@ -202,7 +202,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# HDR-NeRF's protocol",
         "",
-        f"`python -m bench.recon.hdr_nerf_protocol --write`: scene {result['scene']}, quality "
+        f"`python -m bench.peers.hdr_nerf_protocol --write`: scene {result['scene']}, quality "
         f"{result['quality']}, "
         f"means over {seeds} seed{'s' if seeds > 1 else ''}. {words(result['machine'])}.",
         "",

@@ -1,6 +1,6 @@
 """Losses for noisy mosaics of few views, by RawNeRF's measure: is noise worth knowing?
 
-    python -m bench.recon.rawnerf_protocol [--quick] [--json] [--write] [--seeds 1] [--iterations 300]
+    python -m bench.peers.rawnerf_protocol [--quick] [--json] [--write] [--seeds 1] [--iterations 300]
         [--views 20,12,8,4] [--work FOLDER]
 
 A phone at night (bench/support/phone_views.py), true poses, one exposure a view; six views are measured
@@ -141,7 +141,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# RawNeRF's protocol: few and noisy views",
         "",
-        f"`python -m bench.recon.rawnerf_protocol --write`: scenes {', '.join(scenes)}, "
+        f"`python -m bench.peers.rawnerf_protocol --write`: scenes {', '.join(scenes)}, "
         f"{result['seeds']} seeds each, 160 x 120 px, {result['iterations']} iterations, at most "
         f"{result['cap']:,} Gaussians. {words(result['machine'])}.",
         "",

@@ -1,6 +1,6 @@
 """Loss of a scene's light in each format of `rig export`, and the size of its file.
 
-    python -m bench.recon.exports demo/ [--json] [--write]
+    python -m bench.output.exports demo/ [--json] [--write]
 
 Of scenes that are trained, such as that of `make demo`. The loss is that of the command: the Gaussians as the
 file holds them against those of the scene, and pictures drawn of both.
@@ -55,10 +55,10 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# What formats of other programs lose of the light",
         "",
-        "`python -m bench.recon.exports demo/ --write`, after `make demo`. Stops, without sign: of the light "
-        "of single Gaussians in the median and at worst, of the pixels of four views, clipped ones left out, "
-        "in the median and in 1 %; the share of pixels brighter than the file holds. Display values and "
-        "codes as PlayCanvas and Spark draw them. "
+        "`python -m bench.output.exports demo/ --write`, after `make demo`. Stops, without sign: of the "
+        "light of single Gaussians in the median and at worst, of the pixels of four views, clipped ones "
+        "left out, in the median and in 1 %; the share of pixels brighter than the file holds. Display "
+        "values and codes as PlayCanvas and Spark draw them. "
         f"{words(result['machine'])}.",
         "",
         "| scene | format | light | Gaussians | bytes each | of a Gaussian | of a pixel | clipped |",

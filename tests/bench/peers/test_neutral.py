@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from bench.real import opensplat
-from bench.real.neutral import PlySplats, basis, measured
+from bench.peers import opensplat
+from bench.peers.neutral import PlySplats, basis, measured
 from imaging import metrics
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer

@@ -1,6 +1,6 @@
 """Presets on NeRF-synthetic scenes unaided, beside published figures.
 
-    python -m bench.real.published [--scenes lego] [--quick] [--json] [--write] [--work FOLDER]
+    python -m bench.peers.published [--scenes lego] [--quick] [--json] [--write] [--work FOLDER]
 
 Scenes are folders of RIG_DATA in the layout of NeRF-synthetic (Mildenhall et al., arXiv 2003.08934), or any
 such folder. Each is imported with the poses it comes with and trained with nothing set by hand; views are
@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.real.compare import session_of
+from bench.peers.compare import session_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -73,9 +73,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# NeRF-synthetic by presets, unaided",
         "",
-        "`python -m bench.real.published --write`: `rig reconstruct --quality`, nothing set by hand; seconds "
-        "and processor seconds from the first file to the written scene; dB of the views that the scene is "
-        "tested on, over white and black. 3DGS: as published, 800 px and 30,000 iterations. "
+        "`python -m bench.peers.published --write`: `rig reconstruct --quality`, nothing set by hand; "
+        "seconds and processor seconds from the first file to the written scene; dB of the views that the "
+        "scene is tested on, over white and black. 3DGS: as published, 800 px and 30,000 iterations. "
         f"{words(result['machine'])}. Some defaults were chosen on views of lego, tested ones among them.",
         "",
         "| scene | preset | px | views | tested | iterations | Gaussians | s | processor s | over white "

@@ -1,0 +1,1 @@
+"""Exports, other viewers, and storage of EXR, measured."""

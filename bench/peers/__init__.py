@@ -1,0 +1,1 @@
+"""Comparisons with the programs and published figures of others."""
