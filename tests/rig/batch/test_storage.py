@@ -66,7 +66,7 @@ def scans(toy_template: Path, tmp_path: Path) -> Path:
 def server() -> Iterator[str]:
     """URL of a server on the loopback that speaks S3."""
     pytest.importorskip("s3fs", reason="s3fs is not installed: pip install -e '.[cloud]'")
-    moto = pytest.importorskip("moto.server", reason="moto is not installed: pip install 'moto[server]'")
+    moto = pytest.importorskip("moto.server", reason="moto is not installed: pip install -e '.[test]'")
     running = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
     host, port = running.get_host_and_port()
