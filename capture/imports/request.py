@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from imaging.request import Request
 
-LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "llff"]
+LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "realx3d", "llff"]
 Identity = Literal["serial", "folder", "one"]
 """Key that distinguishes cameras; one: only their kind and size."""
 Together = Literal["time", "order", "never"]

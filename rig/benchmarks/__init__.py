@@ -11,5 +11,11 @@ def protocols() -> "dict[str, Protocol]":
     from rig.benchmarks.hdr_nerf import HDR_NERF
     from rig.benchmarks.hdr_plenoxels import HDR_PLENOXELS
     from rig.benchmarks.rawnerf import RAWNERF
+    from rig.benchmarks.realx3d import REALX3D
 
-    return {"rawnerf": RAWNERF, "hdr-nerf": HDR_NERF, "hdr-plenoxels": HDR_PLENOXELS}
+    return {
+        "rawnerf": RAWNERF,
+        "hdr-nerf": HDR_NERF,
+        "hdr-plenoxels": HDR_PLENOXELS,
+        "realx3d": REALX3D,
+    }
