@@ -25,7 +25,20 @@ from .figures_of_scenes import (
     unseen,
 )
 
+MIXED = "with strangers", "with noise"
+
 CLAIMS = (
+    Claim(
+        r"Of (\d+) photographs of other scenes and (\d+) of noise (\d) and (\d) are placed; (\d+) of the "
+        r"(\d+) views that belong are, as (\d+) of (\d+) are without strangers, and the warnings name (\d) "
+        r"and (\d) views: each",
+        lambda: [
+            *(cell("real_strangers", column, kind) for column in ("strangers", "placed 1") for kind in MIXED),
+            *(cell("real_strangers", column, "with strangers") for column in ("placed", "belonging")),
+            *(cell("real_strangers", column, "as it is") for column in ("placed", "belonging")),
+            *(cell("real_strangers", "named", kind) for kind in ("with strangers", "as it is")),
+        ],
+    ),
     Claim(
         r"gains ([\d.]+) to ([\d.]+) dB on three splits of the drone's flight, and costs the banana ([\d.]+) "
         r"and the tree ([\d.]+)\.",

@@ -62,6 +62,7 @@ SETTINGS = {
         r"at 8 and 12 views of a phone at night and nothing at 4",
         r"Raw3DGS reports 3 dB",
         r"gsplat 1\.5\.3",
+        r"real sets of 10 to 16 views at 640 px",
         r"light of 2\^20 to 1",
         r"Of 100,000 Gaussians it takes",
     ),
