@@ -85,7 +85,7 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     return Render(
         image=torch.cat(images).reshape(*shape, len(back)).to(dtype),
         alpha=torch.cat(alphas).reshape(shape).to(dtype),
-        counts=(culled, int(touched.sum()), rows * len(index)),
+        counts=lambda: (culled, int(touched.sum()), rows * len(index)),
     )
 
 

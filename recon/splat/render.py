@@ -1,5 +1,6 @@
 """Arguments and results of `rasterize`, and its counts for density control."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
@@ -10,7 +11,7 @@ from recon.splat.limits import Limits
 
 _CPU = torch.device("cpu")
 
-Counts = torch.Tensor | tuple[int, int, int]
+Counts = Callable[[], tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class Render:
     alpha: torch.Tensor
     """[H, W], 1 - transmittance, differentiable."""
     counts: Counts
-    """`culled`, `visible` and `pairs`: int64 [3] on the device of the image, or numbers. To read them off a
-    GPU waits for all that is under way."""
+    """Returns `culled`, `visible` and `pairs`. On a GPU they are summed up when asked for, which waits for
+    all that is under way."""
     ln_depth: torch.Tensor | None = None
     """[H, W], the sum of weights times ln depth of the Gaussians' centres, differentiable; over alpha it is
     the expected one. None unless requested.
@@ -32,17 +33,17 @@ class Render:
     @property
     def culled(self) -> int:
         """Gaussians left out because a value was not finite, or the shape degenerate."""
-        return int(self.counts[0])
+        return self.counts()[0]
 
     @property
     def visible(self) -> int:
         """Gaussians that touch a pixel."""
-        return int(self.counts[1])
+        return self.counts()[1]
 
     @property
     def pairs(self) -> int:
         """Evaluated pixel-Gaussian pairs (the unit of cost)."""
-        return int(self.counts[2])
+        return self.counts()[2]
 
 
 @dataclass
@@ -124,7 +125,7 @@ class RenderCall:
     limits: Limits
     stats: SplatStats | None
     keep: bool
-    counts: Counts = (0, 0, 0)
+    counts: Counts = lambda: (0, 0, 0)
 
     @classmethod
     def of(cls, inputs: RasterInputs) -> Self:

@@ -174,7 +174,8 @@ class _Tables:
             self.stored, image.numpy(), remaining.numpy(), pairs, self.chunks,
         )  # fmt: skip
         culled, visible = np.count_nonzero(self.projected.state == BAD), np.count_nonzero(self.entries.number)
-        self.call.counts = int(culled), int(visible), int(pairs.sum())
+        counts = int(culled), int(visible), int(pairs.sum())
+        self.call.counts = lambda: counts
         return image, remaining
 
     def gradients(

@@ -119,7 +119,7 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
         across, height, width, stored, image, remaining, evaluated, chunks,
         CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
     )  # fmt: skip
-    call.counts = torch.stack([(state == int(BAD)).sum(), (number > 0).sum(), evaluated.sum()])
+    call.counts = lambda: (int((state == int(BAD)).sum()), int((number > 0).sum()), int(evaluated.sum()))
     tables = _Tables(
         numbers, radius, pairs.start, pairs.number,
         lists.start, lists.chunk_start, lists.slot, lists.rows, stored, chunks,
