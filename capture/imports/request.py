@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from imaging.request import Request
 
-LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "realx3d", "llff"]
+LayoutName = Literal[
+    "photos", "nerfstudio", "colmap", "hdr-nerf", "hdr-pretrain", "rawnerf", "realx3d", "llff"
+]
 Identity = Literal["serial", "folder", "one"]
 """Key that distinguishes cameras; one: only their kind and size."""
 Together = Literal["time", "order", "never"]

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from calib.request import CalibrationRequest
 from imaging.progress import Progress
-from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained
 
 
 def _is_scene(folder: Path) -> bool:
@@ -14,13 +13,10 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from calib.calibrate import calibrate
-    from imaging.session.calibration import read_calibration
     from recon.measure.evaluate import evaluate
 
     imported(scene, session, "hdr-nerf", progress)
-    if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
-        calibrate(session, CalibrationRequest(only="response"), on_progress=progress)
+    curved(session, progress)
     folder = trained(session, "hdr-gs", choices, progress)
     figures = evaluate(folder, on_progress=progress).known()
     return {key: figures[key] for key in HDR_NERF.columns if key in figures}

@@ -128,6 +128,16 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
         import_photos(scene, session, ImportRequest(layout=layout), on_progress=progress).require_complete()
 
 
+def curved(session: Path, progress: Progress) -> None:
+    """Measure the response of a session's cameras by its brackets, unless that was done."""
+    from calib.calibrate import calibrate
+    from calib.request import CalibrationRequest
+    from imaging.session.calibration import read_calibration
+
+    if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
+        calibrate(session, CalibrationRequest(only="response"), on_progress=progress)
+
+
 def trained(session: Path, method: MethodName, choices: Choices, progress: Progress) -> Path:
     """The folder of a scene, trained as was asked for."""
     from recon.decide.overrides import Overrides

@@ -24,7 +24,7 @@ def importing(
         typer.Argument(
             metavar="PHOTOS",
             help="Folder of RAW, JPEG, HEIC, WebP, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, "
-            "COLMAP, LLFF, HDR-NeRF, RawNeRF or RealX3D; or a video.",
+            "COLMAP, LLFF, HDR-NeRF, HDR-Pretrain, RawNeRF or RealX3D; or a video.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
@@ -35,7 +35,7 @@ def importing(
 
     Copies the photographs and sorts them into cameras, frames and brackets by their metadata;
     every guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP, LLFF, HDR-NeRF,
-    RawNeRF or RealX3D folder are kept, so that it can be reconstructed without rig calibrate.
+    HDR-Pretrain, RawNeRF or RealX3D folder are kept, so that it can be reconstructed without rig calibrate.
 
     Example: rig import photos/ S
     """

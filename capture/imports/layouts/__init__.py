@@ -7,7 +7,7 @@ describes photographs; reading and sorting them is the import's.
 from pathlib import Path
 from typing import get_args
 
-from capture.imports.layouts import colmap, hdr_nerf, llff, nerfstudio, rawnerf, realx3d
+from capture.imports.layouts import colmap, hdr_nerf, hdr_pretrain, llff, nerfstudio, rawnerf, realx3d
 from capture.imports.layouts.given import Given
 from capture.imports.layouts.split_lists import with_lists
 from capture.imports.request import LayoutName
@@ -20,6 +20,8 @@ def detect(folder: Path) -> LayoutName:
         return "hdr-nerf"
     if rawnerf.is_one(folder):
         return "rawnerf"
+    if hdr_pretrain.is_one(folder):
+        return "hdr-pretrain"
     if realx3d.is_one(folder):
         return "realx3d"
     if colmap.usual_model_folder(folder) is not None:
@@ -43,6 +45,7 @@ def read_layout(folder: Path, name: LayoutName) -> Given | None:
         "nerfstudio": nerfstudio.read,
         "colmap": colmap.read,
         "hdr-nerf": hdr_nerf.read,
+        "hdr-pretrain": hdr_pretrain.read,
         "rawnerf": rawnerf.read,
         "realx3d": realx3d.read,
         "llff": llff.read,
