@@ -45,6 +45,7 @@ FORMATS: dict[FormatName, Format] = {
     "sog": Format(sog.write, (".sog",), linear=False, end=MOST_CODE),
     "glb": Format(gltf.write, (".glb",), linear=False),
     "spz": Format(spz.write, (".spz",), linear=False),
+    "spz4": Format(spz.write_newest, (), linear=False),
     "ply": Format(ply.write, (".ply",), linear=False),
     "html": Format(
         html.write, (".html",), linear=True, only="is linear light, which it shows at any exposure"

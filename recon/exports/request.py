@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from imaging.request import Request
 
-FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
+FormatName = Literal["usd", "sog", "glb", "spz", "spz4", "ply", "html", "points", "mesh", "cameras"]
 ProgramName = Literal[
     "nuke", "blender", "houdini", "unreal", "arnold", "realitykit", "supersplat", "spark", "three"
 ]

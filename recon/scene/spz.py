@@ -1,8 +1,9 @@
-"""SPZ, the packed splats of Niantic: fixed-point places, 8 bits for what else there is, in gzip.
+"""SPZ, the packed splats of Niantic: fixed-point places, 8 bits for what else there is, compressed.
 
 Colours reach from -0.44 to 1.44, display values and a bit beyond; linear light does not fit in. Axes are
 those of OpenGL, x right, y up, z back, where PLY files of 3DGS have x right, y down, z ahead; y and z change
-their signs. Files are written in version 3, and read up to 4. https://github.com/nianticlabs/spz
+their signs. Version 3 is in gzip, version 4 has the same numbers in streams of Zstandard; versions 2 to 4 are
+read. https://github.com/nianticlabs/spz
 """
 
 import gzip
@@ -11,6 +12,7 @@ import struct
 import zlib
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import imagecodecs
 import numpy as np
@@ -21,8 +23,9 @@ from recon.scene.ply_file import PlySplats
 
 BRIGHTEST = 0.5 + 0.5 / 0.15 * 0.28209479177387814
 """Largest value of a colour."""
+Version = Literal[3, 4]
+"""Versions that are written."""
 _MAGIC = 0x5053474E
-_VERSION = 3
 _COLOUR = 0.15
 _ODD = ("y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
 _PARITY = np.array([[int(axis in odd) for axis in "xyz"] for odd in _ODD])
@@ -40,11 +43,15 @@ _MOST_BITS = 23
 _LARGEST = 2**9 - 1
 _HEADER = 32
 """Bytes of the header of version 4, behind which the records are."""
+_EFFORT = 12
+"""Level of Zstandard, as Niantic's own program has it."""
 _MOST = 100_000_000
 """Gaussians that a file is believed to have."""
 
 
-def pack(means: Array, log_scales: Array, quats: Array, opacities: Array, harmonics: Array) -> bytes:
+def pack(
+    means: Array, log_scales: Array, quats: Array, opacities: Array, harmonics: Array, version: Version = 3
+) -> bytes:
     """A file of Gaussians as `PlySplats` has them, but opacities [N] within 0..1, and quats of length 1."""
     degree = math.isqrt(harmonics.shape[1]) - 1
     flips, flips_quat, flips_rest = _signs(_OPENGL)
@@ -60,8 +67,14 @@ def pack(means: Array, log_scales: Array, quats: Array, opacities: Array, harmon
         _packed_quats(quats * flips_quat),
         _byte(128 * harmonics[:, 1:] * flips_rest[: harmonics.shape[1] - 1, None] + 128),
     ]
-    header = struct.pack("<IIIBBBB", _MAGIC, _VERSION, len(means), degree, bits, 0, 0)
-    return gzip.compress(header + b"".join(part.tobytes() for part in parts), mtime=0)
+    streams = [part.tobytes() for part in parts if part.size]
+    fields = _MAGIC, version, len(means), degree, bits, 0
+    if version == 3:
+        return gzip.compress(struct.pack("<IIIBBBB", *fields, 0) + b"".join(streams), mtime=0)
+    packed = [imagecodecs.zstd_encode(stream, level=_EFFORT) for stream in streams]
+    header = struct.pack("<IIIBBBBI12x", *fields, len(streams), _HEADER)
+    sizes = [size for pair in zip(map(len, packed), map(len, streams), strict=True) for size in pair]
+    return b"".join([header, struct.pack(f"<{len(sizes)}Q", *sizes), *packed])
 
 
 def read_spz(path: Path) -> PlySplats:

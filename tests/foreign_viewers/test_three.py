@@ -8,6 +8,7 @@ import pytest
 
 from imaging.colour import srgb_encode
 from recon.exports.export import export
+from recon.exports.request import FormatName
 from recon.result.scene import Scene
 from tests.foreign_viewers.viewers import Viewer, needs, turn_of
 from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
@@ -22,11 +23,12 @@ def viewer(browser: object) -> Iterator[Viewer]:
         yield running
 
 
-@pytest.mark.parametrize("kind", ["ply", "spz", "glb"])
+@pytest.mark.parametrize("format", ["ply", "spz", "spz4", "glb"])
 def test_the_radiances_of_the_wall_are_seen_where_codes_are_output_as_they_are(
-    kind: str, wall: Scene, viewer: Viewer, files: Path
+    format: FormatName, wall: Scene, viewer: Viewer, files: Path
 ) -> None:
-    export(wall, files / f"h.{kind}", exposure=0.0)
+    kind = format.removesuffix("4")
+    export(wall, files / f"h.{kind}", format, exposure=0.0)
     codes = viewer.drawn(files / f"h.{kind}", front(), turn=turn_of(kind, wall), tones="codes")
     upper, lower = strips(codes.astype(float))
     assert np.abs(upper - 255 * srgb_encode(LIGHT)).max() < 1.5

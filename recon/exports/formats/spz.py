@@ -10,16 +10,16 @@ from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of, stops_between
 from recon.exports.splats import Splats, as_splats
-from recon.scene.spz import BRIGHTEST, pack, unpack
+from recon.scene.spz import BRIGHTEST, Version, pack, unpack
 
 _TOO_FAR = 1 / 3
 """Stops."""
 
 
-def write(job: Job) -> Written:
+def write(job: Job, version: Version = 3) -> Written:
     """Write the file, as a writer of `rig export`; InputError for linear light."""
     splats = job.splats()
-    data, held = packed_splats(splats.rows(along_curve(splats.means)))
+    data, held = packed_splats(splats.rows(along_curve(splats.means)), version)
     if job.linear:
         light = splats.rows(along_curve(splats.means)).light
         share = np.mean(stops_between(light, held.light, floor_of(job.scene)) > _TOO_FAR)
@@ -32,9 +32,16 @@ def write(job: Job) -> Written:
     return Written([job.out], held)
 
 
-def packed_splats(splats: Splats) -> tuple[bytes, Splats]:
+def write_newest(job: Job) -> Written:
+    """Write version 4, of which `write` says the rest."""
+    return write(job, 4)
+
+
+def packed_splats(splats: Splats, version: Version = 3) -> tuple[bytes, Splats]:
     """The file of some Gaussians, and these as it has them."""
-    data = pack(splats.means, np.log(splats.scales), splats.quats, splats.opacities, splats.harmonics)
+    data = pack(
+        splats.means, np.log(splats.scales), splats.quats, splats.opacities, splats.harmonics, version
+    )
     unpacked = as_splats(
         unpack(data), splats.world, splats.offset, linear=splats.linear, factor=splats.factor
     )

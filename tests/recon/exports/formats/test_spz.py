@@ -1,11 +1,16 @@
-"""SPZ files, written here and read by gsply, and the other way round."""
+"""SPZ files, written here and read by gsply, PlayCanvas and Niantic, and the other way round."""
 
+import json
+import shutil
 import struct
+import subprocess
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from imaging.errors import InputError
 from imaging.progress import unreported
@@ -15,8 +20,9 @@ from recon.exports.splats import Splats, as_splats, display_splats
 from recon.result.scene import Scene, open_scene
 from recon.scene.ply import write_ply
 from recon.scene.ply_file import PlySplats, read_ply
-from recon.scene.spz import read_spz
+from recon.scene.spz import Version, read_spz, unpack
 from tests.foreign_gsply import gsply
+from tests.foreign_viewers.viewers import MODULES
 from tests.splat_transform import needs_splat_transform, splat_transform
 
 
@@ -26,8 +32,9 @@ def shown(made_shiny: Path) -> Splats:
     return display_splats(open_scene(made_shiny), None, unreported)
 
 
-def test_gsply_reads_what_was_written(shown: Splats, tmp_path: Path) -> None:
-    data, held = packed_splats(shown)
+@pytest.mark.parametrize("version", [3, 4])
+def test_gsply_reads_what_was_written(shown: Splats, version: Version, tmp_path: Path) -> None:
+    data, held = packed_splats(shown, version)
     (tmp_path / "a.spz").write_bytes(data)
     read_back = gsply.read_spz(str(tmp_path / "a.spz"))
     flip = [1, -1, -1]  # gsply keeps the axes of the file
@@ -64,8 +71,9 @@ def test_what_gsply_writes_is_read(shown: Splats, tmp_path: Path) -> None:
 
 
 @needs_splat_transform
-def test_playcanvas_reads_what_was_written(shown: Splats, tmp_path: Path) -> None:
-    data, held = packed_splats(shown)
+@pytest.mark.parametrize("version", [3, 4])
+def test_playcanvas_reads_what_was_written(shown: Splats, version: Version, tmp_path: Path) -> None:
+    data, held = packed_splats(shown, version)
     (tmp_path / "a.spz").write_bytes(data)
     splat_transform(tmp_path / "a.spz", tmp_path / "back.ply")
     file = read_ply(tmp_path / "back.ply")
@@ -75,6 +83,49 @@ def test_playcanvas_reads_what_was_written(shown: Splats, tmp_path: Path) -> Non
     assert np.allclose(np.abs((read_back.quats * held.quats).sum(1)), 1, atol=1e-6)
     assert np.allclose(read_back.opacities, held.opacities, atol=1e-5)
     assert np.allclose(read_back.harmonics, held.harmonics, atol=1e-6)
+
+
+NIANTIC = MODULES / "@adobe/spz/dist/spz.js"
+READ = """
+import { readFileSync } from "node:fs";
+const [module, file] = process.argv.slice(1);
+console.log = () => {};
+const spz = await (await import(module)).default();
+const cloud = spz.loadSpzFromBuffer(readFileSync(file), { to: spz.CoordinateSystem.RDF });
+const fields = ["positions", "scales", "rotations", "alphas", "colors", "sh"];
+const bytes = (name) => Buffer.from(new Float32Array(cloud[name]).buffer).toString("base64");
+process.stdout.write(JSON.stringify(Object.fromEntries(fields.map((name) => [name, bytes(name)]))));
+"""
+
+
+@pytest.mark.skipif(
+    not NIANTIC.is_file() or shutil.which("node") is None,
+    reason="npm install --prefix .judges @adobe/spz is not there, or Node",
+)
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("degree", [0, 2])
+def test_niantic_reads_what_was_written(shown: Splats, degree: int, version: Version, tmp_path: Path) -> None:
+    """Without harmonics there is no stream of them."""
+    data, held = packed_splats(replace(shown, harmonics=shown.harmonics[:, : (degree + 1) ** 2]), version)
+    (tmp_path / "a.spz").write_bytes(data)
+    command = ["node", "--input-type=module", "-e", READ, str(NIANTIC), str(tmp_path / "a.spz")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    read = {name: np.frombuffer(b64decode(text), "<f4") for name, text in json.loads(done.stdout).items()}
+    cloud = {name: values.reshape(len(held), -1) for name, values in read.items()}
+    assert np.allclose(cloud["positions"], held.means, atol=1e-6)
+    assert np.allclose(cloud["scales"], np.log(held.scales), atol=1e-5)
+    assert np.allclose(np.abs((cloud["rotations"][:, [3, 0, 1, 2]] * held.quats).sum(1)), 1, atol=1e-6)
+    assert np.allclose(expit(cloud["alphas"][:, 0]), held.opacities, atol=2e-6)
+    assert np.allclose(np.c_[cloud["colors"], cloud["sh"]], held.harmonics.reshape(len(held), -1), atol=1e-6)
+
+
+def test_both_versions_have_the_same_numbers(shown: Splats) -> None:
+    (third, _), (fourth, _) = (packed_splats(shown, version) for version in (3, 4))
+    one, other = unpack(third), unpack(fourth)
+    assert struct.unpack("<II", fourth[:8]) == (0x5053474E, 4)
+    for name in ("means", "log_scales", "quats", "logits", "harmonics"):
+        assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
 @needs_splat_transform
