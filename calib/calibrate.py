@@ -15,6 +15,7 @@ from calib.place_views import Placement, cache_key, place_views, require_sizes
 from calib.request import CalibrationRequest
 from calib.scene_light import SceneLight, measure_scene_light
 from calib.survey import onto, placing
+from calib.turntable.background import without_background
 from calib.view_images import processes
 from imaging.arguments import checked
 from imaging.arrays import Bytes
@@ -72,6 +73,7 @@ def calibrate(
             raise CalibrationError(refused)
         return _complete(_write_without_poses(evidence, on_progress), evidence, refused)
     require_sizes(evidence)
+    evidence, masks = without_background(evidence, on_progress)
 
     # 2. Poses: features and matches stay in the session until they are done.
     unfinished = Unfinished(opened.folder, cache_key(evidence))
@@ -93,6 +95,7 @@ def calibrate(
 
     # 4. Record: all of it, with the scale of the light, and a picture of each view.
     record = _with_scales(assemble(evidence, placement, light), evidence)
+    record = record.model_copy(update={"rungs": (*record.rungs, *masks)})
     shown = _pictures(evidence, record, placement, light)
     write_calibration(opened, record, shown, placement.model, on_progress)
     unfinished.finish()

@@ -237,4 +237,5 @@ def _solved(
         unfinished=unfinished,
         keep_doubtful=keep_doubtful,
         names=evidence.session.photograph_names(),
+        turntable=evidence.session.turntable() is not None,
     )

@@ -90,6 +90,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         beside=partial(_truth, rig, bus),
         bands=in_order(rig.settings.wheel),
         wheel=tuple(band.name for band in rig.settings.wheel),
+        turntable=rig.turntable,
     )
     try:
         yield source

@@ -83,11 +83,12 @@ def adjusted_model(scene: Scene, cameras: Mapping[str, Lens]) -> AdjustedModel |
     }
     pairs = matched(scene, database, models, max_error)
     steps = Steps(scene.unfinished, scene.inputs(cameras))
-    turned = turned_views(
-        scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
-    )
-    if turned is not None:
-        return turned
+    if not scene.turntable:
+        turned = turned_views(
+            scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
+        )
+        if turned is not None:
+            return turned
     first = first_models(scene, steps, database, models, pairs, cameras, max_error)
     # Motion determines the distance of cameras without a common view too badly to scale the scene.
     metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0

@@ -75,6 +75,7 @@ class Scene:
     stated: Mapping[ViewId, StatedPlace]
     steady: Collection[str] = ()
     keep_doubtful: bool = False
+    turntable: bool = False
 
     def inputs(self, cameras: Mapping[str, Lens]) -> list[object]:
         """All that models depend on beside the features, of which their kind says which these are; cameras:
@@ -84,7 +85,7 @@ class Scene:
             {str(view): features.kind for view, features in self.features.items()},
             dict(cameras), self.rigs, set(self.focal_known), self.known, sorted(map(str, self.pictures)),
             set(self.exact), dict(self.focal), {str(view): place for view, place in self.stated.items()},
-            set(self.steady), self.keep_doubtful,
+            set(self.steady), self.keep_doubtful, self.turntable,
         ]  # fmt: skip
 
 

@@ -88,6 +88,7 @@ def solve(
     unfinished: Unfinished | None = None,
     keep_doubtful: bool = False,
     names: Mapping[ViewId, str] | None = None,
+    turntable: bool = False,
 ) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -100,12 +101,14 @@ def solve(
     exact: cameras whose brightness differs only where things do. steady: those whose exposure stays the same,
     beside them. unfinished: matches of an earlier run. keep_doubtful: keep views that others contradict, with
     a warning. names: of the photographs of views, for warnings. stated: where views were taken, as their
-    files say; the model comes to lie there, in metres, where they agree with each other.
+    files say; the model comes to lie there, in metres, where they agree with each other. turntable: things
+    turn before the cameras, so that views are not from one place.
     """
     require_features(features, blank or {})
     scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
         unfinished or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
+        turntable,
     )  # fmt: skip
     adjusted = adjusted_model(scene, cameras)
     if isinstance(adjusted, TurnedViews):

@@ -17,10 +17,11 @@ from capture.record.session_plan import like, metered_at, plan_for
 from capture.record.source import Source
 from capture.request import CaptureRequest
 from imaging.errors import CaptureError, InputError
+from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord, SessionRecord
-from imaging.session.session import Session
+from imaging.session.session import TURNTABLE, Session
 
 Say = Callable[[str], None]
 
@@ -61,6 +62,8 @@ def shoot(
             progress("planning", 0, 0)
             plan = plan_for(source, request, plans)[0]
             session = session or begin(out, identity)
+            if source.turntable is not None and request.kind == "scene":
+                store.write_json(out / TURNTABLE, source.turntable.model_dump(mode="json"))
             session.append_plan(plan)
         assert session is not None
         done = finished(session, plan)

@@ -14,6 +14,7 @@ from imaging.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import Band, Board, CameraRecord, PlanRecord
 from imaging.session.session import Session
+from imaging.session.turntable import TurntableRecord
 
 
 class Operator(Protocol):
@@ -71,6 +72,9 @@ class Source:
     """Filters before its cameras; empty without filters."""
     wheel: tuple[str, ...] = ()
     """Filters that are changed at every frame, in this order; empty: each camera keeps its own."""
+
+    turntable: TurntableRecord | None = None
+    """Angles of the turntable at the frames of a scene; None without one."""
 
     def close(self) -> None:
         """Let go of the cameras."""

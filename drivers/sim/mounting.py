@@ -1,7 +1,8 @@
 """Geometry and motion of a simulated rig: four cameras on one plate, the plate on an arc.
 
 The plate's cameras stand half an arc step apart, so that all views together form two even rows. One camera
-on a nodal head turns about its entrance pupil instead, in a level row and two that look up and down.
+on a nodal head turns about its entrance pupil instead, in a level row and two that look up and down. Before
+a turntable the plate stands still.
 """
 
 import math
@@ -14,6 +15,7 @@ import numpy.typing as npt
 from drivers.sim.camera.optics import Optics
 from drivers.sim.scene.court import EYE
 from drivers.sim.scene.tabletop import TARGET
+from drivers.sim.scene.turntable import MIDDLE
 from drivers.sim.seeds import generator
 from imaging.arrays import Array
 from imaging.cfa import BAYER, Cfa, Tile, as_tile
@@ -26,6 +28,10 @@ ARC_STEP = 11.0
 _RADIUS, _HEIGHT, _MIDDLE = 2.30, 1.35, 225.0  # m, m, degrees: the arc faces the corner of the room
 _PITCH = 56.0
 """Degrees above and below the horizon at which the upper and the lower row of a nodal head look."""
+TURN_SPREAD = 0.2
+"""Standard error of the stops of a turntable, degrees."""
+_STAND = (0.55, -0.28, 0.50)
+"""Place of the first camera before a turntable, m."""
 LensKind = Literal["normal", "fisheye"]
 _BASELINE = (0.22, 0.36)  # m between the cameras of the plate, across and up
 
@@ -107,6 +113,20 @@ def head_from_world(seed: int, frames: int, frame: int) -> Array:
     pitch = math.radians(row + noise.uniform(-0.3, 0.3))
     ahead = (math.cos(pitch) * math.cos(turn), math.cos(pitch) * math.sin(turn), math.sin(pitch))
     return look_at(EYE, np.add(EYE, ahead), math.radians(noise.uniform(-0.2, 0.2)))
+
+
+def table_turn(seed: int, frames: int, frame: int) -> float:
+    """Degrees by which a turntable really stands further than at first: some tenths off its stops."""
+    missed = generator(seed, "table", frame).normal(0.0, TURN_SPREAD) if frame else 0.0
+    return 360.0 * frame / frames + missed
+
+
+def before_turntable(seed: int, frames: int, frame: int) -> Array:
+    """Pose of a rig that stands still, in the axes of what turns before it, float64 [4, 4]."""
+    angle = math.radians(table_turn(seed, frames, frame))
+    room_from_world = np.eye(4)
+    room_from_world[:2, :2] = (math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))
+    return np.asarray(look_at(_STAND, MIDDLE, 0.01) @ room_from_world)
 
 
 def mounts(

@@ -24,7 +24,7 @@ def displaced(rig: SimulatedRig, camera: int, by: Step, frame: int) -> Array32:
     """True radiance of each photosite [H, W, 3] where the sensor of a camera moved; nothing else moves."""
     lens = rig.mounts[camera].optics.lens
     there = lens.model_copy(update={"cx": lens.cx - by[1], "cy": lens.cy - by[0]})
-    return rig.scene.render(there, rig.cam_from_world(camera, frame), rig.settings.samples)
+    return rig.scene_at(frame).render(there, rig.cam_from_world(camera, frame), rig.settings.samples)
 
 
 def photograph(

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -12,19 +13,30 @@ from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.camera.filters import behind
 from drivers.sim.camera.response import Curve
 from drivers.sim.camera.sensor import SensorModel
-from drivers.sim.mounting import LensKind, Mount, head_from_world, mounts, rig_from_world
+from drivers.sim.mounting import (
+    TURN_SPREAD,
+    LensKind,
+    Mount,
+    before_turntable,
+    head_from_world,
+    mounts,
+    rig_from_world,
+    table_turn,
+)
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from drivers.sim.scene.court import court_scene
 from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
+from drivers.sim.scene.turntable import turntable_scene
 from imaging.arrays import Array, Array32
 from imaging.cfa import Cfa, as_tile
 from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import Band, CameraRecord
+from imaging.session.turntable import TurntableRecord
 
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
 RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))
@@ -44,10 +56,11 @@ EVEN = 700.0
 class RigSettings:
     """Settings of a rig that can be overridden.
 
-    scene: the laid table, the gallery, or the court, in which one camera turns on a nodal head instead of
-    going along an arc; positions: frames; bit_depth: of the RAW files; samples: rays along a pixel's side;
-    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise; lens:
-    of all cameras; sensor: fields of SensorModel in which the sensors differ from their files, such as prnu.
+    scene: the laid table, the gallery, the court, in which one camera turns on a nodal head instead of
+    going along an arc, or a turntable before cameras that stand still; positions: frames; bit_depth: of the
+    RAW files; samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
+    effects: jitter, flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which the
+    sensors differ from their files, such as prnu.
     even: soft light alone, which fits into one exposure, instead of lamps; gloss: of all surfaces; None keeps
     theirs. distortion, vignetting, gains: factors on how far lenses and sensitivities are from ideal ones, 0
     for just that. curve: of a camera that develops its photographs. cfa: of all sensors, begun at a place of
@@ -59,7 +72,7 @@ class RigSettings:
     positions: int
     width: int
     height: int
-    scene: Literal["table", "gallery", "court"] = "table"
+    scene: Literal["table", "gallery", "court", "turntable"] = "table"
     bit_depth: int = 12
     samples: int = 4
     light: float = 1.0
@@ -87,6 +100,7 @@ _RIGS = {
     "nodal": RigSettings(
         "raw", cameras=1, positions=12, width=320, height=240, scene="court", lens="fisheye"
     ),
+    "turntable": RigSettings("raw", cameras=1, positions=24, width=400, height=300, scene="turntable"),
     "toy": RigSettings("raw", cameras=2, positions=3, width=64, height=48),
     "toy-ldr": RigSettings("ldr", cameras=2, positions=3, width=64, height=48),
     "toy-fisheye": RigSettings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
@@ -244,8 +258,24 @@ class SimulatedRig:
         return np.asarray(held @ self._rig_from_world(0))
 
     def _rig_from_world(self, frame: int) -> Array:
-        placed = head_from_world if self.settings.scene == "court" else rig_from_world
+        placed = {"court": head_from_world, "turntable": before_turntable}.get(
+            self.settings.scene, rig_from_world
+        )
         return placed(self.seed, self.frames, frame)
+
+    @property
+    def turntable(self) -> TurntableRecord | None:
+        """Angles that the turntable states, which it misses a little; None without one."""
+        if self.settings.scene != "turntable":
+            return None
+        stated = {frame: 360.0 * frame / self.frames for frame in range(self.frames)}
+        return TurntableRecord(reason="the simulated turntable", degrees=stated, spread=TURN_SPREAD)
+
+    def scene_at(self, frame: int) -> Scene:
+        """The scene of a frame, in the axes of the poses: of a turntable the room turns about the things."""
+        if self.settings.scene != "turntable":
+            return self.scene
+        return _scene(self.settings, table_turn(self.seed, self.frames, frame))
 
     def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> Array32:
         """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
@@ -262,7 +292,7 @@ class SimulatedRig:
         lens, samples = self.mounts[camera].optics.lens, self.settings.samples
         pose = self.cam_from_world(camera, frame, subject)
         if subject == "scene":
-            return self.scene.render(lens, pose, samples)
+            return self.scene_at(frame).render(lens, pose, samples)
         image = self.board.render(lens, pose @ np.linalg.inv(self.board_from_world(frame)), samples)
         light = np.float32(LIGHT * self.settings.light)
         return np.repeat((light * image)[..., None], 3, axis=2)
@@ -287,8 +317,14 @@ class SimulatedRig:
         )
 
 
-def _scene(settings: RigSettings) -> Scene:
-    scene = {"table": demo_scene, "gallery": gallery_scene, "court": court_scene}[settings.scene]()
+def _scene(settings: RigSettings, turn: float = 0.0) -> Scene:
+    made: dict[str, Callable[[], Scene]] = {
+        "table": demo_scene,
+        "gallery": gallery_scene,
+        "court": court_scene,
+        "turntable": partial(turntable_scene, turn),
+    }
+    scene = made[settings.scene]()
     if settings.even:
         scene = scene.evenly_lit(EVEN)
     if settings.gloss is not None:

@@ -11,10 +11,12 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
+from imaging.session.turntable import TurntableRecord
 from imaging.session.view_id import ViewId
 
 SESSION = "session.json"
 SPLIT = "split.json"
+TURNTABLE = "turntable.json"
 _SHOTS: dict[Subject, str] = {"scene": "shot", "dark": "dark", "flat": "flat", "board": "board shot"}
 
 
@@ -88,6 +90,11 @@ class Session:
         """Return the data set's split into training and test views; None if it has none."""
         path = self.folder / SPLIT
         return parse(SplitRecord, store.read_json(path), path) if path.exists() else None
+
+    def turntable(self) -> TurntableRecord | None:
+        """Return the stated angles of a turntable; None if cameras or things were not turned by one."""
+        path = self.folder / TURNTABLE
+        return parse(TurntableRecord, store.read_json(path), path) if path.exists() else None
 
     def append_plan(self, plan: PlanRecord) -> None:
         """Record what a run is about to shoot."""

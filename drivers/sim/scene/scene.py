@@ -189,8 +189,10 @@ class Builder:
         materials: tuple[int, int, int, int, int, int],
         low: tuple[float, float, float],
         high: tuple[float, float, float],
+        *,
+        turn: float = 0.0,
     ) -> None:
-        """The room that everything stands in, from corner to corner.
+        """The room that everything stands in, from corner to corner, turned about its middle as a box is.
 
         materials: of the walls at low and high x, at low and high y, of floor and ceiling; consecutive.
         """
@@ -198,7 +200,7 @@ class Builder:
             raise ValueError("the materials of a room are added one after the other")
         centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2)
         half = ((high[0] - low[0]) / 2, (high[1] - low[1]) / 2, (high[2] - low[2]) / 2)
-        self._solid(ROOM, materials[0], centre, half, 0.0, False)
+        self._solid(ROOM, materials[0], centre, half, turn, False)
 
     def light(
         self, place: tuple[float, float, float], intensity: tuple[float, float, float], radius: float = 0.0

@@ -1,4 +1,4 @@
-"""Spheres, boxes turned about the vertical, upright cylinders, and a room around them all.
+"""Spheres, upright cylinders, boxes turned about the vertical, and such a room around them all.
 
 Where a ray meets them, which way the surface faces there and how far away it is, in float64.
 """
@@ -68,8 +68,10 @@ def hit(solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: f
         near, far = _round(x, y, z, dx, dy, dz, solid.hx)
     elif solid.kind == ROOM:
         # From inside only: along each axis the wall that the ray runs towards.
-        tx = (math.copysign(solid.hx, dx) - x) / dx if dx != 0.0 else math.inf
-        ty = (math.copysign(solid.hy, dy) - y) / dy if dy != 0.0 else math.inf
+        lx, ly = solid.cos * x + solid.sin * y, solid.cos * y - solid.sin * x
+        ex, ey = solid.cos * dx + solid.sin * dy, solid.cos * dy - solid.sin * dx
+        tx = (math.copysign(solid.hx, ex) - lx) / ex if ex != 0.0 else math.inf
+        ty = (math.copysign(solid.hy, ey) - ly) / ey if ey != 0.0 else math.inf
         tz = (math.copysign(solid.hz, dz) - z) / dz if dz != 0.0 else math.inf
         return min(tx, ty, tz)
     elif solid.kind == BOX:

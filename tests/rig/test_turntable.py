@@ -1,0 +1,53 @@
+"""docs/turntable.md, run as it stands: masks, poses and scene against the simulator's truth."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.sim.rigs import simulate
+from drivers.sim.scene.turntable import turntable_scene
+from imaging.lens import rays
+from imaging.merge.masks import read_mask
+from imaging.session.calibration import read_calibration
+from imaging.session.session import Session
+from recon.measure.truth import calibration_errors
+
+PAGE = (Path(__file__).parents[2] / "docs" / "turntable.md").read_text(encoding="utf-8")
+
+
+def things(frame: int) -> np.ndarray:
+    """Where the first camera of the simulator sees things and not the room, bool [H, W]."""
+    rig = simulate("turntable")
+    lens, pose = rig.mounts[0].optics.lens, rig.cam_from_world(0, frame)
+    x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    ahead = rays(lens, np.stack([x.ravel(), y.ravel()], -1)) @ pose[:3, :3]
+    eye = -pose[:3, :3].T @ pose[:3, 3]
+    hit = np.isfinite(turntable_scene(room=False).depth(eye, ahead))
+    return hit.reshape(lens.height, lens.width)
+
+
+def test_the_turntable_of_the_page(rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in re.findall(r"^```sh\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0].splitlines():
+        code, _, err = rig(*shlex.split(line, comments=True)[1:])
+        assert code == 0, err
+    session = Session.open(tmp_path / "S")
+    record = read_calibration(session)
+
+    # Masks show the things of their own stop, and hide the room but for a rim.
+    shots = {shot.frame: shot for shot in session.shots("scene")}
+    assert len(shots) == 24
+    for frame, shot in shots.items():
+        assert shot.mask == f"masks/{frame:04d}/cam0.png"
+        shown, true = read_mask(session.folder / shot.mask, shot.height, shot.width), things(frame)
+        assert (shown & true).sum() > 0.99 * true.sum()
+        assert (shown & ~true).sum() < 0.1 * (~true).sum()
+
+    # Poses about the things, as the simulator has them, and no point of the room.
+    errors = calibration_errors(session.folder, record)
+    assert len(record.views) == 24
+    assert errors["pose_rotation_deg_max"] < 0.3
+    assert errors["pose_translation_relative_max"] < 0.005
