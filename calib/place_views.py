@@ -19,6 +19,7 @@ from calib.poses.rigs.known_rig import KnownRig
 from calib.poses.rigs.rig_placement import place_by_rig
 from calib.survey.locate import located
 from calib.survey.stated import stated_places
+from calib.turntable.angles import with_angles
 from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError
 from imaging.progress import Progress
@@ -95,6 +96,9 @@ def place_views(
     # Views that show too little stand where the others of their rig say.
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
     model, by_rig = place_by_rig(model, summaries, rigs)
+    turntable = session.turntable()
+    if turntable is not None:
+        model = with_angles(model, summaries, turntable)
     shots = [shot for view in evidence.views for shot in view.shots]
     model = replace(model, rungs=(*model.rungs, *moving.rungs(shots)))
     return Placement(model, summaries, by_rig, coordinates)

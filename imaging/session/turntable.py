@@ -14,6 +14,6 @@ class TurntableRecord(Record):
     reason: str
     """Origin of the angles."""
     degrees: dict[Annotated[int, Field(ge=0)], Annotated[float, Field(ge=-36_000, le=36_000)]]
-    """Angle of the table at each frame, counterclockwise from above."""
+    """Angle of the table at each frame, all in one direction."""
     spread: float = Field(gt=0, le=90)
     """Standard error of an angle, degrees."""

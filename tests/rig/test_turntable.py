@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.sim.mounting import TURN_SPREAD
 from drivers.sim.rigs import simulate
 from drivers.sim.scene.turntable import turntable_scene
 from imaging.lens import rays
@@ -45,6 +46,12 @@ def test_the_turntable_of_the_page(rig, tmp_path: Path, monkeypatch: pytest.Monk
         shown, true = read_mask(session.folder / shot.mask, shot.height, shot.width), things(frame)
         assert (shown & true).sum() > 0.99 * true.sum()
         assert (shown & ~true).sum() < 0.1 * (~true).sum()
+
+    # Turns differ from the stated ones by what the table misses.
+    rungs = {rung.name: rung for rung in record.rungs}
+    assert rungs["turntable_angles"].taken
+    rms = float(re.search(r"by ([\d.]+) \(rms\)", rungs["turntable_angles"].reason)[1])
+    assert 0.5 * TURN_SPREAD < rms < 1.5 * TURN_SPREAD
 
     # Poses about the things, as the simulator has them, and no point of the room.
     errors = calibration_errors(session.folder, record)
