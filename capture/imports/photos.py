@@ -29,9 +29,11 @@ from capture.record.shot_files import ShotId
 from imaging.arguments import checked
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
+from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord
+from imaging.session.session import TURNTABLE
 
 _DEFAULTS = ImportRequest()
 
@@ -184,6 +186,8 @@ def import_photos(
             if given is not None:
                 notes += write_split(session, given, places)
                 notes += write_truth(session, given, places)
+                if given.turntable is not None:
+                    store.write_json(out / TURNTABLE, given.turntable.model_dump(mode="json"))
             unread, moved = copy_all(session, places, on_progress)
             notes += moved
             given_views = 0

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from imaging.request import Request
 
 LayoutName = Literal[
-    "photos", "nerfstudio", "colmap", "hdr-nerf", "hdr-pretrain", "rawnerf", "realx3d", "llff"
+    "photos", "nerfstudio", "colmap", "hdr-nerf", "hdr-pretrain", "rawnerf", "realx3d", "llff", "openscan3"
 ]
 Identity = Literal["serial", "folder", "one"]
 """Key that distinguishes cameras; one: only their kind and size."""

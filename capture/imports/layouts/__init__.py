@@ -7,7 +7,16 @@ describes photographs; reading and sorting them is the import's.
 from pathlib import Path
 from typing import get_args
 
-from capture.imports.layouts import colmap, hdr_nerf, hdr_pretrain, llff, nerfstudio, rawnerf, realx3d
+from capture.imports.layouts import (
+    colmap,
+    hdr_nerf,
+    hdr_pretrain,
+    llff,
+    nerfstudio,
+    openscan3,
+    rawnerf,
+    realx3d,
+)
 from capture.imports.layouts.given import Given
 from capture.imports.layouts.split_lists import with_lists
 from capture.imports.request import LayoutName
@@ -20,6 +29,8 @@ def detect(folder: Path) -> LayoutName:
         return "hdr-nerf"
     if rawnerf.is_one(folder):
         return "rawnerf"
+    if openscan3.is_one(folder):
+        return "openscan3"
     if hdr_pretrain.is_one(folder):
         return "hdr-pretrain"
     if realx3d.is_one(folder):
@@ -49,6 +60,7 @@ def read_layout(folder: Path, name: LayoutName) -> Given | None:
         "rawnerf": rawnerf.read,
         "realx3d": realx3d.read,
         "llff": llff.read,
+        "openscan3": openscan3.read,
     }
     if name not in readers:
         raise InputError(f"{name!r} is not a layout: choose one of {', '.join(get_args(LayoutName))}.")

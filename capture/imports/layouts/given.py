@@ -16,6 +16,7 @@ from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.lens import Lens, LensModel
 from imaging.pose import Pose
+from imaging.session.turntable import TurntableRecord
 
 FARTHEST = 1e9
 """A camera further than this from the origin, in any unit, is a damaged number."""
@@ -64,7 +65,7 @@ class Given:
     where they are copies; empty: they are the photographs. rigs: of cameras that are mounted to each other,
     the name of their rig and `cam_from_rig`. points: float64 [P, 3], world, of scene points that come
     alone. truth: true light of a frame, linear EXR. missing: a sentence for each photograph that is named
-    and not there. notes: what was assumed, or could not be kept.
+    and not there. notes: what was assumed, or could not be kept. turntable: angles of one, by frame.
     """
 
     layout: LayoutName
@@ -78,6 +79,7 @@ class Given:
     truth: dict[int, Path] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    turntable: TurntableRecord | None = None
 
     @property
     def teller(self) -> str:
