@@ -8,6 +8,7 @@ if TYPE_CHECKING:
 
 def protocols() -> "dict[str, Protocol]":
     """Protocols by their names on the command line."""
+    from rig.benchmarks.eth3d import ETH3D
     from rig.benchmarks.hdr_nerf import HDR_NERF
     from rig.benchmarks.hdr_plenoxels import HDR_PLENOXELS
     from rig.benchmarks.hdr_pretrain import HDR_PRETRAIN
@@ -20,4 +21,5 @@ def protocols() -> "dict[str, Protocol]":
         "hdr-plenoxels": HDR_PLENOXELS,
         "hdr-pretrain": HDR_PRETRAIN,
         "realx3d": REALX3D,
+        "eth3d": ETH3D,
     }

@@ -13,7 +13,7 @@ from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import counted
 
-ProtocolName = Literal["rawnerf", "hdr-nerf", "hdr-plenoxels", "hdr-pretrain", "realx3d"]
+ProtocolName = Literal["rawnerf", "hdr-nerf", "hdr-plenoxels", "hdr-pretrain", "realx3d", "eth3d"]
 
 
 def bench(
