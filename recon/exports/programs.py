@@ -48,4 +48,10 @@ PROGRAMS: dict[ProgramName, Program] = {
         "a SplatMesh of Spark, or a GaussianSplat with outputColorSpace = LinearSRGBColorSpace, y down",
         "pictures of Spark 2.2 agree, those of three.js 0.187 less (docs/export.md)",
     ),
+    "babylon": Program(
+        "ply",
+        False,
+        "ImportMeshAsync in a right-handed scene, y down once the mesh has a scaling of 1 and no rotation",
+        "pictures of Babylon.js 9.28 agree (docs/export.md)",
+    ),
 }

@@ -7,7 +7,7 @@ from imaging.request import Request
 
 FormatName = Literal["usd", "sog", "glb", "spz", "spz4", "ply", "html", "points", "mesh", "cameras"]
 ProgramName = Literal[
-    "nuke", "blender", "houdini", "unreal", "arnold", "realitykit", "supersplat", "spark", "three"
+    "nuke", "blender", "houdini", "unreal", "arnold", "realitykit", "supersplat", "spark", "three", "babylon"
 ]
 
 
