@@ -70,8 +70,7 @@ def light_probe(scene: Scene, place: npt.ArrayLike, rows: int) -> LightProbe:
         motion[:3, :3] = face @ axes
         motion[:3, 3] = -motion[:3, :3] @ np.asarray(place, np.float64)
         camera = SplatCamera(motion, focal, focal, size / 2, size / 2, size, size, fisheye=True)
-        covered = scene.covered(scene.record.world.camera(camera)).numpy()
-        pictures.append(np.dstack([scene.layer(camera)[0], covered]))
+        pictures.append(np.dstack(scene.covered_layer(camera)))
     averaged = _averaged(np.stack(pictures), focal, rows)
     light, alpha = np.ascontiguousarray(averaged[..., :-1]), averaged[..., -1]
     weight = np.sqrt(1 - np.square(texels(rows)[..., 1]))
