@@ -18,7 +18,7 @@ Arrays = dict[str, AnyArray]
 
 FOLDER = ".calibration.unfinished"
 EVERY = 30.0
-"""Seconds of matching that a killed calibration loses at most."""
+"""Seconds of matching, or of placing views, after which what is done is written."""
 
 
 class Unfinished:
@@ -43,6 +43,11 @@ class Unfinished:
             store.write_bytes(question_file, asked.encode())
         for file in sorted(self._folder.glob("few-*.npz")):
             self._known |= _read(file) or {}
+
+    @property
+    def in_files(self) -> bool:
+        """True if what is kept outlives the process."""
+        return self._folder is not None
 
     def large(self, name: str) -> Arrays | None:
         """Return a stored result that takes seconds and much room, or None."""

@@ -163,11 +163,12 @@ class _Placing:
         def mapped() -> Any | None:
             fixed = camera_numbers(models, {*scene.known.lenses, *held})
             images = [view.image_name for view in views] if len(views) < len(scene.features) else []
-            return self.steps.model(
-                lambda: map_views(
-                    database, len(views), max_error, fixed, scene.threads, scene.progress, bool(held), images
+            return self.steps.grown(
+                lambda growth: map_views(
+                    database, len(views), max_error, fixed, scene.threads, scene.progress, growth, bool(held),
+                    images,
                 )
-            )
+            )  # fmt: skip
 
         def placed(model: Any | None) -> int:
             return 0 if model is None else int(model.num_reg_images())

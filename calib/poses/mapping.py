@@ -1,8 +1,10 @@
 """Views placed one after another by COLMAP's incremental mapper, or all at once by its global one."""
 
 from collections.abc import Sequence
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from calib.poses.steps import Growth
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 
@@ -21,15 +23,17 @@ def map_views(
     fixed: frozenset[int],
     threads: int,
     progress: Progress,
+    growth: Growth,
     ahead: bool = False,
     images: Sequence[str] = (),
 ) -> Any | None:
     """The model of a database's matches that places the most views; None if no two can be placed.
 
-    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay. ahead:
-    begin with two views of which one was taken by going ahead from the other, too, and be content with
-    fewer matches of each further one, since what stands beside a road leaves the image after a few steps.
-    images: the names of those to place; (): all.
+    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay. growth: has
+    the model that a stopped run began, and keeps the first that grows, mostly the only one. ahead: begin with
+    two views of which one was taken by going ahead from the other, too, and be content with fewer matches of
+    each further one, since what stands beside a road leaves the image after a few steps. images: the names of
+    those to place; (): all.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.constant_cameras = set(fixed)
@@ -52,22 +56,19 @@ def map_views(
     options.triangulation.complete_max_reproj_error = max_error
     options.triangulation.ignore_two_view_tracks = views >= 4
     models = pycolmap.ReconstructionManager()
+    if (before := growth.before()) is not None:
+        with TemporaryDirectory(prefix="rig-") as folder:
+            before.write_binary(folder)
+            models.read(folder)
     pipeline = pycolmap.IncrementalPipeline(options, database, models)
-    placed = 0
 
-    def begun() -> None:
-        nonlocal placed
-        placed = 2
-        progress("placing views", min(placed, views), views)
-
-    def another() -> None:
-        nonlocal placed
-        placed += 1
-        progress("placing views", min(placed, views), views)
+    def placed() -> None:
+        growth.keep(models.get(0))
+        progress("placing views", min(models.get(models.size() - 1).num_reg_images(), views), views)
 
     progress("placing views", 0, views)
-    pipeline.add_callback(0, begun)  # the first pair of a model is placed
-    pipeline.add_callback(1, another)  # one more image is placed
+    pipeline.add_callback(0, placed)  # the first pair of a model, or what there is of it
+    pipeline.add_callback(1, placed)  # one more image
     pipeline.run()
     every = [models.get(index) for index in range(models.size())]
     return max(every, key=lambda model: model.num_reg_images(), default=None)

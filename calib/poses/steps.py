@@ -1,11 +1,13 @@
 """Steps to the poses of views, each done once though a calibration is stopped and begun again.
 
 Every result passes through bytes, stored or not, so that a run which goes on has the very models of one that
-was not stopped.
+was not stopped. A model that was stopped while it grew goes on from its views of at most `EVERY` seconds ago,
+and differs by what the mapper forgets: the views that it tried in vain, and when it adjusted the whole model.
 """
 
 import hashlib
 import json
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -15,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from calib.data.unfinished import Arrays, Unfinished
+from calib.data.unfinished import EVERY, Arrays, Unfinished
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 
@@ -26,6 +28,28 @@ class Done:
 
     models: tuple[Any | None, ...] = ()
     rest: dict[str, Any] = field(default_factory=dict)
+
+
+class Growth:
+    """Model that grows in a step, kept now and then; name: of the step."""
+
+    def __init__(self, unfinished: Unfinished, name: str) -> None:
+        self._unfinished, self._name, self._since = unfinished, f"growth in {name}", time.monotonic()
+
+    def before(self) -> Any | None:
+        """Return the model as a stopped run kept it, or None."""
+        arrays = self._unfinished.large(self._name)
+        return None if arrays is None else _done(arrays).models[0]
+
+    def keep(self, model: Any) -> None:
+        """Keep the model as it is, unless that was done lately or nothing is kept.
+
+        Raises:
+            StorageError: The disk refuses.
+        """
+        if self._unfinished.in_files and time.monotonic() - self._since > EVERY:
+            self._unfinished.keep_large(self._name, _arrays(Done((model,))))
+            self._since = time.monotonic()
 
 
 class Steps:
@@ -43,7 +67,7 @@ class Steps:
             StorageError: The disk refuses.
         """
         self._count += 1
-        name = f"step {self._count} of {self._attempt}"
+        name = self._name(self._count)
         arrays = self._unfinished.large(name)
         if arrays is None:
             arrays = _arrays(step())
@@ -53,6 +77,14 @@ class Steps:
     def model(self, step: Callable[[], Any | None]) -> Any | None:
         """Return the model of the next step, whose result is nothing but that."""
         return self.result(lambda: Done((step(),))).models[0]
+
+    def grown(self, step: Callable[[Growth], Any | None]) -> Any | None:
+        """Return the model of the next step, which goes on from what a stopped run kept of it."""
+        growth = Growth(self._unfinished, self._name(self._count + 1))
+        return self.model(lambda: step(growth))
+
+    def _name(self, number: int) -> str:
+        return f"step {number} of {self._attempt}"
 
 
 def _plain(value: Any) -> Any:
