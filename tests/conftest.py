@@ -40,6 +40,7 @@ LONGEST = (
     "recon/splat/test_gpu_compile.py",
     "calib/test_calibrate.py",
     "rig/test_readme.py",
+    "rig/test_turntable.py",
     "recon/methods/test_extreme_light.py",
     "foreign/test_objects.py",
     "calib/boards/test_rig.py",
