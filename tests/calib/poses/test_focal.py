@@ -1,11 +1,17 @@
 """Focal lengths that the scene determines, and words for those of several cameras that it does not."""
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib.adjustment.bundle_adjustment import Free
+from calib.calibrate import calibrate
 from calib.poses import focal
 from calib.sensor.focal_length import FocalLength
+from capture.imports.photos import import_photos
 from imaging.files.colmap import pycolmap
+from imaging.files.photo import encode_png
+from tests import painted_room
 from tests.calib.adjustment.test_uncertainty import made
 
 NAMES = {1: "cam1", 2: "cam2"}
@@ -38,3 +44,24 @@ def test_a_camera_that_the_scene_determines_is_not_held():
     free, rungs = focal.settle_focal(model, Free(), 0.3, 1, NAMES, {})
     assert free.focal == {}
     assert [rung.taken for rung in rungs] == [False, False]
+
+
+def test_a_walk_past_a_wall_is_not_sure_of_a_wrong_focal_length(tmp_path):
+    """Turned about the vertical alone, it is the same walk for longer lenses: with two focal lengths and a
+    middle aside it fitted to 0.03 px, each of them wrong by a fifth to a half.
+    """
+    photographs = tmp_path / "photographs"
+    photographs.mkdir()
+    for step in range(5):
+        turn = Rotation.from_euler("xyz", [0, -4 * step, step], degrees=True)
+        motion = np.eye(4)
+        motion[:3, :3] = turn.as_matrix()
+        motion[:3, 3] = -turn.apply([0.35 * step, 0.1 * (step % 2), 0.12 * step])
+        (photographs / f"{step}.png").write_bytes(encode_png(painted_room.picture(motion)))
+    import_photos(photographs, tmp_path / "session")
+    record = calibrate(tmp_path / "session")
+    (camera,) = record.cameras
+    lens, error = camera.lens, camera.lens_error
+    assert any("do not determine the focal length" in doubt for doubt in record.doubts)
+    assert lens.fx == lens.fy
+    assert abs(lens.fx - painted_room.FOCAL) < 3 * error.fx
