@@ -16,22 +16,14 @@ from calib.adjustment.reduced import built_terms, reduced
 
 CHANGE = 0.1
 """Relative change of the focal length whose effect is measured."""
-DETERMINED = 3e-5
+DETERMINED = 4e-5
 """Share of an image's width by which points have to move with that change for the scene to determine the
 focal length. Flights over flat ground move them by 6e-6, flights over houses by 5e-5, walks by 1e-4 and more,
-rings by 7e-4 (bench.calibration.tracks); a real flight over a park by 7e-6.
-"""
-LEAST = 0.02
-"""The same at least, px: in small pictures that share is less than their features err by together. Of a walk
-past a wall that turned about the vertical only, five views 320 px wide move by 0.01 px, and were taken to
-determine 329 px for 260.
+rings by 7e-4 (bench.calibration.tracks); a real flight over a park by 7e-6. Five views of a walk past a wall
+that turned about the vertical only move them by 3.1e-5, and led to 329 x 490 px for 260; eighteen of a
+path-traced room by 6.9e-5, and to one that is right to 0.5 %.
 """
 _RIDGE = 1e-9
-
-
-def determining(width: int) -> float:
-    """Return the movement, px, of points of pictures so wide from which on a focal length is determined."""
-    return max(DETERMINED * width, LEAST)
 
 
 def effect(reconstruction: Any, free: Free, scale: float) -> dict[int, float]:

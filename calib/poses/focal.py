@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from calib.adjustment.bundle_adjustment import Free, adjust
-from calib.adjustment.focal_evidence import CHANGE, determining, effect
+from calib.adjustment.focal_evidence import CHANGE, DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
 from calib.adjustment.reduced import BUILT
 from calib.sensor.focal_length import FocalLength
@@ -87,7 +87,7 @@ def settle_focal(
     priors, rungs, held = dict(free.focal), [], list[_Held]()
     for number, shift in sorted(moved.items()):
         camera = reconstruction.cameras[number]
-        if shift >= determining(camera.width):
+        if shift >= DETERMINED * camera.width:
             of = f"of {names[number]} " if len(moved) > 1 else ""
             reason = f"the photographs {of}determine the focal length: {_moves(shift)}"
             rungs.append(Rung(name=FOCAL_UNDETERMINED, taken=False, reason=reason))
@@ -100,7 +100,7 @@ def settle_focal(
         else:
             # As little as the points determine it where what no model knows moves them by so much.
             spread = min(
-                CHANGE * determining(camera.width) / max(shift, 1e-12), BUILT["fx"] * camera.width / focal
+                CHANGE * DETERMINED * camera.width / max(shift, 1e-12), BUILT["fx"] * camera.width / focal
             )
             priors[number] = FocalPrior(focal, spread * focal, held=True)
         held.append(_Held(names[number], shift, spread, None if exif is None else exif.words))

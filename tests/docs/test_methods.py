@@ -67,10 +67,7 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"o = ([\d.]+) \\min\(1", lambda: (RULES.opacity,)),
     (r"share missing at white is above ([\d.]+) %", lambda: (100 * linearity.DEVIATES,)),
     (r"exceeds one standard error and ([\d.]+) per observation", lambda: (lens_ladder.MATERIAL,)),
-    (
-        r"have to move by \$(\d) \\cdot 10\^\{-5\}\$ of the image's width, and by ([\d.]+) px",
-        lambda: (focal_evidence.DETERMINED * 1e5, focal_evidence.LEAST),
-    ),
+    (r"have to move by \$(\d) \\cdot 10\^\{-5\}", lambda: (focal_evidence.DETERMINED * 1e5,)),
     (r"in common, \$(\d) \\cdot 10\^\{-6\}", lambda: (place_priors.COMMON * 1e6,)),
     (r"are those of (\d+) resamplings", lambda: (response_band.REPLICAS,)),
     (r"one of (\d+) x 20 cells", lambda: (uncertainty.CELLS,)),
