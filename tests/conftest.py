@@ -152,10 +152,10 @@ def browser() -> Iterator[object]:
 @contextmanager
 def fewer_rays() -> Iterator[None]:
     """The demo's rig with 2x2 rays a pixel instead of 4x4, which are most of what simulating it takes."""
-    from drivers.sim import rigs
+    from drivers.sim.rig_settings import RIGS
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(rigs._RIGS, "demo", replace(rigs._RIGS["demo"], samples=2))
+        patch.setitem(RIGS, "demo", replace(RIGS["demo"], samples=2))
         yield
 
 

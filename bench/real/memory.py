@@ -24,7 +24,7 @@ from bench.support.enlarged import enlarged
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 
 SETTINGS = {
     "demo": ((320, 20_000),),
@@ -148,7 +148,7 @@ def last(script: str, *options: object) -> dict[str, Any]:
 def large_session(work: Path, views: int) -> Path:
     """Make a calibrated session of that many large views."""
     name = f"toy-{views}"
-    rigs._RIGS[name] = replace(rigs._RIGS["toy"], positions=views // 2)
+    RIGS[name] = replace(RIGS["toy"], positions=views // 2)
     small = oracle_session(work / name, name, points=600)
     return enlarged(small, work / f"{name}-{FACTOR}", FACTOR)
 

@@ -24,7 +24,7 @@ from bench.peers.compare import session_of
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from imaging.compute import threads
 from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_images
@@ -68,7 +68,7 @@ def _session(name: str, work: Path) -> Path:
     if name != "demo":
         return session_of(name, work)
     large = "demo-640"
-    rigs._RIGS[large] = replace(rigs._RIGS["demo"], width=640, height=480)
+    RIGS[large] = replace(RIGS["demo"], width=640, height=480)
     return oracle_session(work / large, large)
 
 

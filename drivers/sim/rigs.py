@@ -1,21 +1,19 @@
 """The simulated rigs by name, each a list of cameras on one arm before a scene."""
 
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from drivers.camera import Camera
 from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.camera.filters import behind
-from drivers.sim.camera.response import Curve
 from drivers.sim.camera.sensor import SensorModel
 from drivers.sim.mounting import (
     TURN_SPREAD,
-    LensKind,
     Mount,
     before_turntable,
     head_from_world,
@@ -23,6 +21,7 @@ from drivers.sim.mounting import (
     rig_from_world,
     table_turn,
 )
+from drivers.sim.rig_settings import RIGS, RigSettings
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from drivers.sim.scene.court import court_scene
 from drivers.sim.scene.gallery import gallery_scene
@@ -31,11 +30,11 @@ from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
 from drivers.sim.scene.turntable import turntable_scene
 from imaging.arrays import Array, Array32
-from imaging.cfa import Cfa, as_tile
+from imaging.cfa import as_tile
 from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import Band, CameraRecord
+from imaging.session.records import CameraRecord
 from imaging.session.turntable import TurntableRecord
 
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
@@ -52,69 +51,9 @@ EVEN = 700.0
 """Radiance of the soft light: what is white fits into 1/60 s at f/4 and ISO 100."""
 
 
-@dataclass(frozen=True)
-class RigSettings:
-    """Settings of a rig that can be overridden.
-
-    scene: the laid table, the gallery, the court, in which one camera turns on a nodal head instead of
-    going along an arc, or a turntable before cameras that stand still; positions: frames; bit_depth: of the
-    RAW files; samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
-    effects: jitter, flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which the
-    sensors differ from their files, such as prnu.
-    even: soft light alone, which fits into one exposure, instead of lamps; gloss: of all surfaces; None keeps
-    theirs. distortion, vignetting, gains: factors on how far lenses and sensitivities are from ideal ones, 0
-    for just that. curve: of a camera that develops its photographs. cfa: of all sensors, begun at a place of
-    its own by each; None: a Bayer one. glare: share of the light that lenses scatter.
-    """
-
-    kind: Literal["raw", "ldr"]
-    cameras: int
-    positions: int
-    width: int
-    height: int
-    scene: Literal["table", "gallery", "court", "turntable"] = "table"
-    bit_depth: int = 12
-    samples: int = 4
-    light: float = 1.0
-    effects: bool = False
-    lens: LensKind = "normal"
-    even: bool = False
-    gloss: float | None = None
-    distortion: float = 1.0
-    vignetting: float = 1.0
-    gains: float = 1.0
-    curve: Curve = "film"
-    cfa: Cfa | None = None
-    glare: float = 0.0
-    sensor: Mapping[str, Any] = field(default_factory=dict)
-    wheel: tuple[Band, ...] = ()
-
-
-_WHEEL = tuple(Band(name=f"{wave}nm", wavelength_nm=wave, bandwidth_nm=40) for wave in (450, 550, 650))
-_RIGS = {
-    "demo": RigSettings("raw", cameras=4, positions=6, width=320, height=240),
-    "demo-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240),
-    "gallery": RigSettings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
-    "gallery-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
-    "demo-fisheye": RigSettings("raw", cameras=4, positions=6, width=320, height=240, lens="fisheye"),
-    "nodal": RigSettings(
-        "raw", cameras=1, positions=12, width=320, height=240, scene="court", lens="fisheye"
-    ),
-    "turntable": RigSettings("raw", cameras=1, positions=24, width=400, height=300, scene="turntable"),
-    "toy": RigSettings("raw", cameras=2, positions=3, width=64, height=48),
-    "toy-ldr": RigSettings("ldr", cameras=2, positions=3, width=64, height=48),
-    "toy-fisheye": RigSettings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
-    "toy-x-trans": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.X_TRANS),
-    "toy-quad-bayer": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.QUAD_BAYER),
-    "toy-rgbw": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.KODAK_RGBW),
-    "toy-mono": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.MONO),
-    "toy-wheel": RigSettings("raw", cameras=2, positions=3, width=64, height=48, wheel=_WHEEL),
-}
-
-
 def names() -> tuple[str, ...]:
     """The rigs that `simulate` knows."""
-    return tuple(_RIGS)
+    return tuple(RIGS)
 
 
 def simulate(
@@ -126,9 +65,9 @@ def simulate(
     seed: of lenses, colours, sensors, noise and the arm's small errors; the scene is always the same.
     overrides: any field of `RigSettings` but `kind`.
     """
-    if name not in _RIGS:
-        raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(_RIGS)}.")
-    settings = _RIGS[name]
+    if name not in RIGS:
+        raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(RIGS)}.")
+    settings = RIGS[name]
     names = {setting.name for setting in fields(RigSettings)} - {"kind"}
     if unknown := sorted(set(overrides) - names):
         raise InputError(

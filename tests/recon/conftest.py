@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.support import depths, oracle
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from recon.data.dataset import Dataset
 from recon.data.load import load
 from tests.conftest import MadeOnce
@@ -47,7 +47,7 @@ def toy_long(made_once: MadeOnce) -> Dataset:
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
+            patch.setitem(RIGS, "toy-long", replace(RIGS["toy"], positions=8))
             oracle.oracle_session(folder, "toy-long", points=600)
 
     return load(made_once("recon-toy-long", make))

@@ -11,7 +11,7 @@ from calib.calibrate import calibrate
 from calib.exports.merge_session import merge
 from capture.check.check import check
 from capture.simulated import capture_simulated
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from imaging.cfa import Cfa
 from imaging.files.exr import read_exr
 from imaging.files.raw import read_raw
@@ -37,8 +37,8 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """Six views, the wheels turned at every frame by the simulator."""
     session = tmp_path_factory.mktemp("wheel") / "S"
     with pytest.MonkeyPatch.context() as patch:
-        larger = replace(rigs._RIGS["toy-wheel"], width=96, height=72, samples=2)
-        patch.setitem(rigs._RIGS, "toy-wheel", larger)
+        larger = replace(RIGS["toy-wheel"], width=96, height=72, samples=2)
+        patch.setitem(RIGS, "toy-wheel", larger)
         assert capture_simulated("toy-wheel", session, bracket=(-4.0, 0.0)).missing == ()
     calibration = calibrate(session)
     overrides = Overrides(iterations=100, gaussians=2000, degree=0, refine="none", environment=False)

@@ -10,7 +10,7 @@ import pytest
 
 from bench.support.enlarged import enlarged
 from bench.support.oracle import oracle_session
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from imaging.files import store
 from recon.result.model import SPLATS
 from tests.conftest import MadeOnce
@@ -55,7 +55,7 @@ def large(made_once: MadeOnce) -> Path:
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setitem(rigs._RIGS, "many", replace(rigs._RIGS["toy-ldr"], positions=15))
+            patch.setitem(RIGS, "many", replace(RIGS["toy-ldr"], positions=15))
             small = oracle_session(folder.with_name(f"{folder.name}-small"), "many", points=600)
         enlarged(small, folder, 10, exposures=1)
 

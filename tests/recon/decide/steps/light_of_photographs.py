@@ -11,6 +11,7 @@ import pytest
 from bench.support import oracle
 from capture.simulated import capture_simulated
 from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from imaging.arrays import Array, Array32
 from imaging.files import store
 from imaging.session.calibration import CalibrationRecord, read_calibration
@@ -35,10 +36,10 @@ def lit_by(factors: Array) -> Iterator[None]:
         image = render(rig, camera, frame, subject)  # type: ignore[arg-type]
         return (image * factors[frame, camera]).astype(np.float32)
 
-    toy = replace(rigs._RIGS["toy-ldr"], positions=POSITIONS, even=True)
+    toy = replace(RIGS["toy-ldr"], positions=POSITIONS, even=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rigs.SimulatedRig, "_render", lit)
-        patch.setitem(rigs._RIGS, "toy-lit", toy)
+        patch.setitem(RIGS, "toy-lit", toy)
         yield
 
 

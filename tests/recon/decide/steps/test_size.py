@@ -11,7 +11,7 @@ import torch
 
 import recon.decide.steps.size as module
 from bench.support import oracle
-from drivers.sim import rigs
+from drivers.sim.rig_settings import RIGS
 from imaging.files import store
 from imaging.progress import unreported
 from recon.data.light import radiance_image
@@ -46,7 +46,7 @@ QUICK = Quality(80, 800, 64)
 def long(tmp_path_factory):
     """Sixteen views of the toy rig with their true calibration."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
+        patch.setitem(RIGS, "toy-long", replace(RIGS["toy"], positions=8))
         return oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy-long", points=600)
 
 
