@@ -11,10 +11,10 @@ from calib.light.falloff import Tracks
 from calib.light.vignetting import estimate
 from calib.sensor.photon_transfer import Points, fit
 from imaging.arrays import Array
-from imaging.lens import Lens, project, rays
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.merge.ratios import overlap, ratio
+from imaging.optics.lens import Lens, project, rays
 from imaging.stress_case import StressCase
 
 WELL = 15_000.0

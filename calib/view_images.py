@@ -22,8 +22,8 @@ from imaging.files.photo import encode_png
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.masks import mask_of, masked
-from imaging.mosaic import Matrix
 from imaging.progress import Progress
+from imaging.sensor.mosaic import Matrix
 from imaging.session.calibration import Response
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from drivers.clock import Clock
 from drivers.errors import CameraRefused
 from imaging.arrays import Array
 from imaging.errors import CameraError, RigError
-from imaging.exposure import Exposure
 from imaging.files import raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress, unreported
+from imaging.sensor.mosaic import RawMosaic
 
 Verdict = Literal["passed", "failed", "skipped"]
 LONGEST = 1.0

@@ -22,13 +22,13 @@ from imaging.errors import InputError as InputError
 from imaging.errors import PartialError as PartialError
 from imaging.errors import RigError as RigError
 from imaging.errors import StorageError as StorageError
-from imaging.exposure import Exposure as Exposure
 from imaging.files.exr import read_exr as read_exr
 from imaging.files.exr import write_exr as write_exr
 from imaging.files.photo import read_photo as read_photo
 from imaging.files.raw import read_raw as read_raw
 from imaging.files.tiff.dng import write_dng as write_dng
-from imaging.mosaic import RawMosaic as RawMosaic
+from imaging.optics.exposure import Exposure as Exposure
+from imaging.sensor.mosaic import RawMosaic as RawMosaic
 from imaging.session.calibration import CalibrationRecord as CalibrationRecord
 from imaging.session.calibration import read_calibration as read_calibration
 from recon.decide.request import TrainingRequest as TrainingRequest

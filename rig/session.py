@@ -11,9 +11,9 @@ from imaging.arguments import checked
 from imaging.arrays import Array, Array32
 from imaging.choices import Space
 from imaging.errors import InputError, RigError
-from imaging.lens import Lens
 from imaging.notebook import gallery
-from imaging.pose import Pose, world_from_opengl
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose, world_from_opengl
 from imaging.session import session as sessions
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord

@@ -18,7 +18,7 @@ from bench.support.record import arguments, deliver
 from calib.data.features import Features
 from calib.poses.sfm import SceneModel, solve
 from imaging.arrays import Array
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from imaging.session.view_id import ViewId

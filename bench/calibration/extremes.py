@@ -16,13 +16,13 @@ from calib.boards.corners import PRINTS, Print, find_all
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.arrays import Array, Mask
-from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, PartialError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session

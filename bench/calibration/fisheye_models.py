@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.support.record import arguments, deliver
 from imaging.arrays import Array
-from imaging.lens import WIDEST, Lens, LensModel, project
+from imaging.optics.lens import WIDEST, Lens, LensModel, project
 
 ALPHAS = (0.5, 0.55, 0.6, 0.65, 0.7)
 BETAS = (0.9, 1.0, 1.1, 1.2, 1.4)

@@ -9,7 +9,7 @@ import numpy as np
 
 from imaging.arrays import Array
 from imaging.files import store
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 

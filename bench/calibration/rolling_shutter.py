@@ -19,7 +19,7 @@ from calib.data.features import Features
 from calib.poses.sfm import solve
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

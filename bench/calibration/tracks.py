@@ -7,7 +7,7 @@ import numpy as np
 from calib.adjustment.bundle_adjustment import lens_of
 from imaging.arrays import Array, Integers
 from imaging.files.colmap import pycolmap
-from imaging.lens import project
+from imaging.optics.lens import project
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 1000, 750, 800.0

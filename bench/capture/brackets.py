@@ -25,7 +25,7 @@ from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
 

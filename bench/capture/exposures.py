@@ -32,8 +32,8 @@ from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.seeds import generator
 from imaging.arrays import Array
-from imaging.exposure import Exposure
 from imaging.merge.linear_frame import from_raw
+from imaging.optics.exposure import Exposure
 
 OFF = 0.05
 GOAL = 0.1

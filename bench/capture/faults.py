@@ -23,7 +23,7 @@ from drivers.sim.bus_rig import VISION, BusRig
 from drivers.sim.faults import ROUGH, Mix
 from drivers.sim.ptp.profiles import PROFILES
 from drivers.sim.rigs import simulate
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord, ShotRecord
 
 TIMES = (1 / 1000, 1 / 250, 1 / 60, 1 / 15, 1 / 4, 1.0, 4.0)

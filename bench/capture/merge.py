@@ -17,12 +17,12 @@ import numpy as np
 
 from bench.support.record import arguments, deliver, machine, words
 from imaging.arrays import Array, Floats
-from imaging.cfa import Cfa
 from imaging.merge.alignment import shifts
 from imaging.merge.bracket import MARGIN, merge_bracket
 from imaging.merge.ghosts import without_ghosts
 from imaging.merge.linear_frame import LinearFrame, Noise, SensorSignalNoise
 from imaging.merge.ratios import overlap, ratio, solve
+from imaging.sensor.cfa import Cfa
 
 FULL_WELL, READ = 15_000.0, 4.0
 NOISE = SensorSignalNoise(slope=1 / FULL_WELL, floor=(READ / FULL_WELL) ** 2)

@@ -30,9 +30,9 @@ from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.rigs import simulate
 from imaging.arrays import Array
-from imaging.cfa import mosaic
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import mosaic
+from imaging.sensor.mosaic import RawMosaic
 
 SIDE, TAKES = 64, 32
 """Photosites along a side of the flat fields, and how often each is shot."""

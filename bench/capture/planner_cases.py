@@ -17,9 +17,9 @@ from capture.bracket.planner import SLACK, Target
 from capture.bracket.raw_noise import RawNoise
 from drivers.sim.camera.sensor import SensorModel
 from imaging.arrays import Array, Mask
-from imaging.exposure import Exposure
 from imaging.merge.bracket import MARGIN
-from imaging.noise import SensorNoise
+from imaging.optics.exposure import Exposure
+from imaging.sensor.noise import SensorNoise
 
 MOST = 24
 """Exposures of a list, all shutter times at all ISOs together."""

@@ -26,9 +26,9 @@ from bench.support.record import arguments, deliver, machine, words
 from capture.record.new_session import begin
 from capture.record.recorder import record
 from drivers.camera import CameraIdentity, Capabilities
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 
 CAMERAS, SHOTS, QUICK_SHOTS, PART = 8, 25, 5, 5

@@ -21,7 +21,7 @@ from PIL import Image
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import session as simulated
 from imaging.arrays import Array
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.light import Images, radiance_image

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from bench.support.record import arguments, deliver
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.session.paths import find_reconstruction
 from recon.exports.export import export
 from recon.exports.loss import stops_between

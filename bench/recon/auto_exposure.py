@@ -25,7 +25,7 @@ from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
 from capture.imports.request import ImportRequest
 from imaging.arrays import Array
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png

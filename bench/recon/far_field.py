@@ -21,9 +21,9 @@ from scipy.spatial.transform import Rotation
 from bench.support.record import arguments, deliver, machine, words
 from imaging.files import store
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
-from imaging.noise import SensorNoise
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
+from imaging.sensor.noise import SensorNoise
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
 from recon.decide.overrides import Overrides

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import bilinear
-from imaging.colour import rec709_from_camera
+from imaging.colour.spaces import rec709_from_camera
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
+from imaging.sensor.cfa import bilinear
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
 from recon.data.shot import Shot

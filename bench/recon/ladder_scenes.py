@@ -20,7 +20,7 @@ from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import pose_of
 from imaging.files import store
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
 
 POINTS = 1200

@@ -22,7 +22,7 @@ from bench.support.trial import Cache, session
 from drivers.sim.truth import pose_of
 from imaging.files import store
 from imaging.files.colmap import read_points
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from recon.data.dataset import Dataset
 from recon.data.load import load

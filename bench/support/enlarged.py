@@ -15,7 +15,7 @@ from imaging.files import store
 from imaging.files.photo import decode_codes, encode_jpeg
 from imaging.files.raw import is_raw, read_raw
 from imaging.files.tiff.dng import write_dng
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 

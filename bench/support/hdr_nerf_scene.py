@@ -17,7 +17,7 @@ from imaging.arrays import Array, Floats
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)
 """Seconds."""

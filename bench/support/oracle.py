@@ -17,9 +17,9 @@ from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import read_exr
-from imaging.lens import Lens
-from imaging.mosaic import as_matrix
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
+from imaging.sensor.mosaic import as_matrix
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

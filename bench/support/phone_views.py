@@ -18,10 +18,10 @@ from bench.support.hdr_nerf_scene import RADIUS
 from drivers.sim.mounting import look_at
 from drivers.sim.scene.tabletop import TARGET, demo_scene
 from imaging.arrays import Array, Array32
-from imaging.cfa import Cfa, mosaic
 from imaging.files.colmap import SparsePoints
-from imaging.lens import Lens
 from imaging.merge.linear_frame import SensorSignalNoise
+from imaging.optics.lens import Lens
+from imaging.sensor.cfa import Cfa, mosaic
 from imaging.session.calibration import CalibrationRecord, Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image

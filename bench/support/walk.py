@@ -24,8 +24,8 @@ from PIL.TiffImagePlugin import IFDRational
 
 from bench.support.walk_rays import LEVELS, TILE, cast
 from imaging.arrays import AnyArray, Array, Array32, Bytes, Integers
-from imaging.colour import srgb_decode, srgb_encode
-from imaging.lens import Lens, rays
+from imaging.colour.spaces import srgb_decode, srgb_encode
+from imaging.optics.lens import Lens, rays
 
 SIZE = 4000, 3000
 """px."""

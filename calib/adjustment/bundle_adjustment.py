@@ -12,7 +12,7 @@ from calib.adjustment.observations import observations
 from calib.adjustment.place_priors import StatedPlace, add_place_priors
 from imaging.arrays import Array, Integers
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens, LensModel
+from imaging.optics.lens import Lens, LensModel
 
 CUT = 4.0
 """Observations that miss by more than this many times the median are dropped."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 LEAST_RADIUS = 0.9
 """Focal lengths from the principal point to a corner, below which a lens is no fisheye: 42 degrees of an

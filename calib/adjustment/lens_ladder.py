@@ -11,9 +11,9 @@ import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
 from calib.adjustment.fisheye import may_be_fisheye
-from imaging import lens as optics
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
+from imaging.optics import lens as optics
 from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 

@@ -9,7 +9,7 @@ from scipy import sparse
 from calib.adjustment.bundle_adjustment import LOSS, Free, is_fisheye
 from calib.adjustment.jacobian import Linear
 from imaging.arrays import AnyArray, Array, Integers, Mask
-from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
+from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS
 
 BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
 """Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.

@@ -28,7 +28,7 @@ from calib.adjustment.jacobian import Linear, is_reference, linearise
 from calib.adjustment.place_priors import variance as variance_of_place
 from calib.adjustment.reduced import built_terms, reduced
 from imaging.arrays import Array, Integers
-from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
+from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 

@@ -14,9 +14,9 @@ from calib.poses.sfm import pose_of
 from imaging.arrays import Bytes
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
 from imaging.merge.bracket import merge_bracket
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.progress import Progress
 from imaging.session.calibration import LensError, PoseError, Response
 from imaging.session.calibration_evidence import BoardEvidence, BoardPlace

@@ -13,7 +13,7 @@ from calib.poses.rigs.known_rig import camera_of
 from imaging.arrays import Array, Integers
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 

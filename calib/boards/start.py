@@ -11,7 +11,7 @@ import numpy as np
 from calib.boards.corners import Corners
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 

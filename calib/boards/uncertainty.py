@@ -15,10 +15,10 @@ from calib.adjustment.bundle_adjustment import Free
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
-from imaging import lens as optics
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
 from imaging.progress import Progress
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId

@@ -12,8 +12,8 @@ import numpy as np
 from calib.colour.fit import ChartPatches, ColourModel, fit
 from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
 from imaging.arrays import Array, Bytes, Floats, Mask
-from imaging.colour import srgb_encode
-from imaging.colour_difference import delta_e
+from imaging.colour.difference import delta_e
+from imaging.colour.spaces import srgb_encode
 from imaging.merge.bracket import Merged
 
 NO_FALLOFF = (0.0, 0.0, 0.0)

@@ -16,7 +16,7 @@ from scipy import optimize
 
 from calib.colour.reference import NEUTRAL
 from imaging.arrays import Array, Mask
-from imaging.colour_difference import delta_e, lab
+from imaging.colour.difference import delta_e, lab
 
 ROUNDS = 4
 PATCH_ERROR = 0.01

@@ -15,13 +15,13 @@ from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
 from imaging.arrays import Array
-from imaging.cfa import cell_means
-from imaging.colour import balanced, with_rgb
+from imaging.colour.spaces import balanced, with_rgb
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
-from imaging.mosaic import Matrix, as_matrix
 from imaging.progress import Progress
+from imaging.sensor.cfa import cell_means
+from imaging.sensor.mosaic import Matrix, as_matrix
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.calibration_evidence import ChartEvidence, ChartPatch
 from imaging.session.records import Rung

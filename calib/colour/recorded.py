@@ -14,8 +14,8 @@ from calib.light.vignetting import Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
 from imaging.arrays import Array
-from imaging.colour import with_rgb
-from imaging.mosaic import Matrix, as_matrix
+from imaging.colour.spaces import with_rgb
+from imaging.sensor.mosaic import Matrix, as_matrix
 from imaging.session.calibration import COLOUR, CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId

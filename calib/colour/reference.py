@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.colour import PRIMARIES, REC709_FROM_XYZ, adaptation
+from imaging.colour.spaces import PRIMARIES, REC709_FROM_XYZ, adaptation
 
 PATCHES = 24
 COLUMNS = 6

@@ -12,9 +12,9 @@ from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
 from imaging.arrays import Array
-from imaging.cfa import cell_means
 from imaging.merge.linear_frame import LinearFrame
-from imaging.mosaic import as_matrix
+from imaging.sensor.cfa import cell_means
+from imaging.sensor.mosaic import as_matrix
 from imaging.session.records import Rung
 from imaging.session.session import Session
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 from imaging.choices import Subject
 from imaging.errors import CalibrationError, InputError
-from imaging.exposure import Exposure
 from imaging.merge.linear_frame import LinearFrame, read_linear
-from imaging.sensor import SensorCalibration
+from imaging.optics.exposure import Exposure
+from imaging.sensor.sensor_calibration import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import Session, brackets

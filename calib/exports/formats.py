@@ -20,7 +20,7 @@ import numpy as np
 
 from imaging.files.nerfstudio import Picture, transforms
 from imaging.files.opencv_lens import HALF, write_opencv_lens
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import CameraRecord
 

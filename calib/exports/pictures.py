@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from calib.data.views import View, read_view
 from imaging.arrays import Array, Bytes
-from imaging.colour import balanced, of_channels, rec709_from_camera, srgb_encode
+from imaging.colour.spaces import balanced, of_channels, rec709_from_camera, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.session.calibration import Response

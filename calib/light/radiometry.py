@@ -13,11 +13,11 @@ from calib.light.curves import response
 from calib.light.curves.codes import Patches, Samples, patches, sample
 from calib.light.curves.track_codes import sample_tracks
 from imaging.arrays import Array
-from imaging.dial_settings import meant
 from imaging.files.photo import read_photo
 from imaging.merge.linear_frame import decode
 from imaging.merge.masks import mask_of
 from imaging.merge.ratios import LABEL_SIGMA, Linearity
+from imaging.optics.dial_settings import meant
 from imaging.progress import Progress
 from imaging.session.calibration import RAW_CURVE, CalibrationRecord, Response
 from imaging.session.records import Rung, ShotRecord

@@ -6,7 +6,7 @@ from typing import Literal
 
 from calib.data.views import View
 from imaging.files.photo import read_metadata
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 

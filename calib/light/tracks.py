@@ -10,10 +10,10 @@ import numpy.typing as npt
 from calib.light.falloff import Tracks
 from calib.poses.sfm import SceneModel
 from imaging.arrays import Array, Array32, Bytes, Integers, Mask
-from imaging.cfa import bilinear
-from imaging.colour import balanced, rec709_from_camera
-from imaging.lens import Lens
+from imaging.colour.spaces import balanced, rec709_from_camera
 from imaging.merge.bracket import Merged
+from imaging.optics.lens import Lens
+from imaging.sensor.cfa import bilinear
 from imaging.session.view_id import ViewId
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

@@ -8,7 +8,7 @@ import numpy as np
 from calib.light.falloff import DARKEST, Fit, Terms, Tracks, darkest, fit_terms, log_light, track_losses
 from calib.request import ASKED, LightPart
 from imaging.arrays import Array, Integers
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.records import Rung
 
 Coefficients = tuple[float, float, float]

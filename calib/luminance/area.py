@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array
-from imaging.colour import XYZ_FROM_REC709
+from imaging.colour.spaces import XYZ_FROM_REC709
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.curve_error import with_curve_error

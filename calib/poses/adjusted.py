@@ -18,7 +18,7 @@ from calib.poses.steps import Done, Steps
 from calib.poses.turning.turned_views import TurnedViews, turned_views
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 

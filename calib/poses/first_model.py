@@ -26,7 +26,7 @@ from calib.poses.steps import Steps
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.data.features import Features, MatchedPair
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.view_id import ViewId
 
 FEWEST_FEATURES = 40

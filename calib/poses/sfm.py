@@ -20,8 +20,8 @@ from calib.poses.turning.turned_views import TurnedViews
 from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId

@@ -7,8 +7,8 @@ from scipy import ndimage, special
 
 from calib.sensor.stack import Period, Stack, sites
 from imaging.arrays import Array, Array32, Mask
-from imaging.cfa import repeated
-from imaging.sensor import Defect
+from imaging.sensor.cfa import repeated
+from imaging.sensor.sensor_calibration import Defect
 
 SIGMAS = 6.5
 """Distance from the neighbours, in robust standard deviations of all photosites of the site; normal

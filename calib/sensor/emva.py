@@ -13,7 +13,7 @@ from calib.sensor.linearity import straightness
 from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
 from calib.sensor.stack import EVEN, Period, Stack, sites, tiles
 from imaging.arrays import Array, Mask
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 
 FILE_BLACK = 2.0
 """DN by which the black level of a file may be wrong."""

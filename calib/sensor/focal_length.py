@@ -10,7 +10,7 @@ import numpy as np
 
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import encode_jpeg
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
 """mm; what a 35 mm equivalent focal length refers to."""

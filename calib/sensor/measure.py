@@ -14,13 +14,13 @@ from calib.sensor.emva import Frames, Nominal
 from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import Stack, gather, sites
-from imaging.dial_settings import meant
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
 from imaging.merge.masks import mask_of
+from imaging.optics.dial_settings import meant
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import Session
 

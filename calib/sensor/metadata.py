@@ -9,10 +9,10 @@ from calib.sensor.rungs import rungs as sensor_rungs
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
 from imaging.files.raw import read_raw
-from imaging.lens import Lens
-from imaging.mosaic import Matrix
-from imaging.noise import SensorNoise
-from imaging.sensor import at_iso
+from imaging.optics.lens import Lens
+from imaging.sensor.mosaic import Matrix
+from imaging.sensor.noise import SensorNoise
+from imaging.sensor.sensor_calibration import at_iso
 from imaging.session.calibration import colour_rung
 from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session

@@ -5,7 +5,7 @@ from itertools import chain
 from typing import Literal
 
 from calib.sensor.measure import MeasuredSensor
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.records import Rung
 
 Field = Literal["gain", "read_noise", "prnu", "dsnu", "dark_current"]

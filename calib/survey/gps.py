@@ -11,7 +11,7 @@ from calib.survey.points import ENU, east_north_up
 from calib.survey.similarity import Similarity, consensus, is_line, standard_errors
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
-from imaging.mosaic import GpsPosition
+from imaging.sensor.mosaic import GpsPosition
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
 from imaging.session.session import Session

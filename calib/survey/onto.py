@@ -20,7 +20,7 @@ from calib.data.previews import LOCAL_SHARE, blurred
 from calib.poses.sfm import SceneModel, transformed
 from calib.survey.similarity import Similarity, fit, standard_errors
 from imaging.arrays import Array, Integers, Mask
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.errors import CalibrationError, InputError
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import read_photo

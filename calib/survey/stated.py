@@ -11,7 +11,7 @@ from calib.survey.points import east_north_up
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 

@@ -3,7 +3,7 @@
 from typing import Generic, Protocol, TypeVar
 
 from capture.bracket.deviation import deviates
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 RETRIES = 2
 """Further attempts after a camera error; one bad cable must not hold the rig up for ever."""

@@ -9,7 +9,7 @@ from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import Metering, meter
 from capture.bracket.planner import BracketPlan, Target, plan_bracket
 from drivers.camera import Camera
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 @dataclass(frozen=True)

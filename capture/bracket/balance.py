@@ -16,7 +16,7 @@ import numpy as np
 from capture.bracket.code_noise import CodeNoise
 from capture.bracket.raw_noise import RawNoise
 from imaging.arrays import Array, Mask
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 @dataclass(frozen=True)

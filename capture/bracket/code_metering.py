@@ -19,7 +19,7 @@ from capture.bracket.percentile import (
 )
 from capture.bracket.planner import Target
 from imaging.arrays import Array, Array32
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 PAIRS = 20_000
 """Codes that are compared from one probe to the next."""

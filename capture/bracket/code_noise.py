@@ -12,9 +12,9 @@ from typing import Self
 import numpy as np
 
 from imaging.arrays import Array, Floats
-from imaging.colour import srgb_decode
-from imaging.exposure import Exposure
+from imaging.colour.spaces import srgb_decode
 from imaging.merge.linear_frame import CODE_NOISE
+from imaging.optics.exposure import Exposure
 
 DARKEST, BRIGHTEST = 10 / 255, 245 / 255
 """Codes between which a photograph is trusted: below are compression and a black point, above a shoulder."""

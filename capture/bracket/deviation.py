@@ -2,7 +2,7 @@
 
 import math
 
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 TOLERANCE_STOPS = 1 / 6
 """Half of the third of a stop that cameras are set in: more is another exposure, not rounding."""

@@ -7,7 +7,7 @@ from capture.bracket.goals import BracketGoals
 from capture.bracket.planner import SLACK, Target
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 def common_times(capabilities: Iterable[Capabilities]) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from capture.bracket.goals import BracketGoals
 from capture.bracket.planner import Target
 from drivers.camera import Camera
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 LEVELS, LEVEL_STOPS = 12, 2 / 3
 """Levels of a flat and their distance: from 90 % of white down to 0.6 %, where read noise rules."""

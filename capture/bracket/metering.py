@@ -17,11 +17,11 @@ from capture.bracket.raw_metering import RawLook
 from capture.bracket.single_exposure import expose
 from drivers.camera import Camera, CameraFile
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
 from imaging.files.photo import Photo, decode_photo
 from imaging.files.raw import SUFFIXES as RAW_SUFFIXES
 from imaging.files.raw import decode_raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 
 @dataclass(frozen=True)

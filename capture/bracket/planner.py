@@ -21,7 +21,7 @@ from capture.bracket.code_noise import CodeNoise
 from capture.bracket.goals import BracketGoals
 from capture.bracket.raw_noise import RawNoise
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 SLACK = 1 / 8
 """Stops by which an exposure is trusted less at both ends: shutters are named by round numbers, and

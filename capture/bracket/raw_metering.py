@@ -18,12 +18,12 @@ from capture.bracket.percentile import (
 from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
 from imaging.arrays import Array, Bytes
-from imaging.cfa import Cfa
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 CLEAR = 10.0
 """Standard deviations that the dark end has in the longest probe, where the list goes that far."""

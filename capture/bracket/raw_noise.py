@@ -10,10 +10,10 @@ import numpy as np
 
 from imaging.arrays import Array
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
 from imaging.merge.bracket import MARGIN
-from imaging.mosaic import RawMosaic
-from imaging.noise import SensorNoise
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
+from imaging.sensor.noise import SensorNoise
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from capture.bracket.acceptance import RETRIES, Acceptance
 from capture.bracket.deviation import deviates
 from drivers.camera import Camera, CameraFile
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 T = TypeVar("T")
 

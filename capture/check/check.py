@@ -19,7 +19,7 @@ from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers
 from imaging.arguments import checked
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress, unreported
 from imaging.session.records import PlanRecord, ShotRecord
 from imaging.session.session import Session

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from capture.pictures.reduced import PatchCodes
 from imaging.arrays import Array, Mask
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.merge.ratios import LABEL_SIGMA, Ratio
 from imaging.robust import huber_weight, robust_scale
 

@@ -17,9 +17,9 @@ from capture.pictures.read import Examined, PictureFacts, examine
 from capture.pictures.reduced import ReducedPicture
 from imaging.arrays import Mask
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.merge.masks import mask_of
+from imaging.optics.exposure import Exposure
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from imaging import dial_settings
 from imaging.arrays import Array
-from imaging.exposure import Exposure
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.ratios import Ratio, overlap, ratio, solve
+from imaging.optics import dial_settings
+from imaging.optics.exposure import Exposure
 
 TRUSTED = 0.02
 """Standard error, relative, above which an estimate is no better than a label, and none is made."""

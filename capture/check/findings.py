@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from imaging.choices import Subject
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import ImageKind
 
 ProblemKind = Literal[

@@ -10,8 +10,8 @@ from capture.imports.sorting.exposure_list import NAME as EXPOSURE_LIST
 from capture.imports.sorting.exposure_list import read_exposure_list
 from capture.pictures.read import PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.natural_order import natural
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import ImageKind
 

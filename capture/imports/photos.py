@@ -28,8 +28,8 @@ from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.arguments import checked
 from imaging.errors import InputError, PartialError
-from imaging.exposure import Exposure
 from imaging.files import store
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord

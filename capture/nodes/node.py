@@ -26,10 +26,10 @@ from drivers.errors import CameraLost, CameraProtocol, CameraRefused
 from drivers.gige import Network
 from imaging.choices import Compression, Subject
 from imaging.errors import CameraError, CaptureError, StorageError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.tiff.dng import dng_pieces
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 LATEST = 1.0
 """Seconds that a trigger is held back at most: a moment further away is that of clocks compared wrongly."""

@@ -11,7 +11,7 @@ from capture.nodes.node import NodeFile, NodeFrame, Scene, ServedCamera
 from drivers.camera import CameraFile, CameraIdentity, Capabilities, HostClock
 from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraProtocol
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 Say = Callable[[str], None]
 

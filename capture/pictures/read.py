@@ -9,8 +9,7 @@ import numpy as np
 from capture.pictures import reduced
 from capture.pictures.reduced import ReducedPicture
 from imaging.arrays import Array32, Mask
-from imaging.cfa import cell_means
-from imaging.colour import balanced, srgb_encode
+from imaging.colour.spaces import balanced, srgb_encode
 from imaging.errors import InputError
 from imaging.files.exr import read_exr_header
 from imaging.files.photo import Photo, encode_jpeg, is_photo, read_metadata, read_photo
@@ -19,7 +18,8 @@ from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
 from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.masks import without
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.sensor.cfa import cell_means
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import ImageKind
 
 SMALLEST = 16

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import Cfa, cell_means
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
+from imaging.sensor.cfa import Cfa, cell_means
 
 ENOUGH = 1 << 21
 """Samples of a picture from which exposure ratios are taken; of larger ones blocks are averaged."""

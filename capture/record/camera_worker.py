@@ -18,8 +18,8 @@ from drivers.camera import Camera, CameraFile, HardwareTriggered, ShootsBrackets
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraTimeout
 from imaging.errors import CameraError, RigError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 GIVE_UP_AFTER = 3
 """Shots that a camera may miss in a row, with all attempts, before the run goes on without it."""

@@ -13,7 +13,7 @@ from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, Saved
 from capture.record.shot_files import ShotId
 from drivers.clock import Clock
 from imaging.errors import PartialError, RigError, StorageError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import PlanRecord, ShotRecord
 from imaging.session.session import Session

@@ -14,7 +14,7 @@ from drivers.camera import HostClock
 from drivers.clock import Clock
 from drivers.errors import CameraTimeout
 from imaging.errors import RigError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 PATIENCE = 30.0
 """Seconds for which cameras that are ready wait for one that is not, beyond what the exposure before it

@@ -19,7 +19,7 @@ from capture.record.source import Source
 from capture.request import CaptureRequest, Stops
 from imaging.choices import Subject
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord
 
 NAMES: dict[Subject, str] = {"scene": "scene", "dark": "darks", "flat": "flats", "board": "board"}

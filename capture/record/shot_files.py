@@ -11,7 +11,7 @@ from imaging.choices import Compression
 from imaging.errors import InputError
 from imaging.files import photo, raw, store
 from imaging.files.tiff.dng import dng_pieces
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 

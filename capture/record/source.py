@@ -10,7 +10,7 @@ from capture.request import Stops
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.choices import Subject
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import Band, Board, CameraRecord, PlanRecord
 from imaging.session.session import Session

@@ -10,7 +10,7 @@ from capture.check.check import SKEW_TOLERANCE
 from capture.rigfile.filters import band_of, wheel_of
 from capture.rigfile.network_address import NetworkAddress, address_of
 from capture.rigfile.shutter_time import seconds_of
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.bands import in_order
 from imaging.session.records import Band, Board, Name
 

@@ -15,8 +15,8 @@ from drivers.genicam.mosaics import Mosaics
 from drivers.genicam.session import Frame, Session
 from drivers.genicam.timestamps import Latch, latch, opening
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 REPLUG = 10.0
 """Seconds that a camera may be away before it counts as gone."""

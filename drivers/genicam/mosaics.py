@@ -5,9 +5,9 @@ from drivers.genicam import settings, units
 from drivers.genicam.chunks import CHUNKS, split_chunks
 from drivers.genicam.pixels import format_of, unpack
 from drivers.genicam.session import Frame, Session
-from imaging.cfa import Tile
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Tile
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 
 class Mosaics:

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from drivers.errors import CameraProtocol, CameraRefused
 from imaging.arrays import Bytes
-from imaging.cfa import Cfa
 from imaging.compute.jit import compiled
+from imaging.sensor.cfa import Cfa
 
 Image = npt.NDArray[np.uint16]
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drivers.errors import CameraRefused
 from drivers.genicam import lines, settings
 from drivers.genicam.nodemap import NodeMap
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 _NEXT = ("FrameEnd", "FrameStart", "ExposureActive")
 """Triggers that may lead from one set to the next; the first is preferred."""

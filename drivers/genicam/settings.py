@@ -14,8 +14,8 @@ from drivers.errors import CameraRefused
 from drivers.genicam import colours, processing, units
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_NAME, PixelFormat, format_of
-from imaging.cfa import Tile, as_tile
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Tile, as_tile
 
 _PACKINGS = {"p": 2, "Packed": 1, "plain": 0}
 _SHORTEST, _LONGEST = 1e-6, 3600.0

@@ -10,7 +10,7 @@ from drivers.gige.control import ControlChannel
 from drivers.gige.network import Network
 from drivers.gige.session import ActionTeam, GigeSession, open_session
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 class GigeCamera(GenicamCamera):

@@ -13,8 +13,8 @@ from drivers.gphoto2.library import SCHEME, detected
 from drivers.gphoto2.process import BodyProcess
 from drivers.ptp.ip.packets import PORT
 from imaging.errors import CameraError, InputError
-from imaging.exposure import Exposure
 from imaging.files import photo, raw
+from imaging.optics.exposure import Exposure
 
 NETWORK = "PTP/IP Camera"
 """Model name that libgphoto2 gives any camera on a port `ptpip:`."""

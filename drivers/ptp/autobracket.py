@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from drivers.ptp.exposure import SAME, apart
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 FEWEST = 3
 """Exposures for which a bracket is worth its order: no body has one of fewer frames to both sides."""

@@ -22,7 +22,7 @@ from drivers.ptp.session import Download
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError, InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 _MOST_OBJECTS = 8
 """Objects of one shot beyond which a camera has renumbered its card."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
 from drivers.ptp.vendors.standard import StandardBody
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from drivers.ptp.shutter import (
     eighths,
     exact,
 )
-from imaging.dial_settings import labels
+from imaging.optics.dial_settings import labels
 
 _F_NUMBERS = labels(
     "1 1.1 1.2 1.4 1.6 1.8 2 2.2 2.5 2.8 3.2 3.5 4 4.5 5 5.6 6.3 7.1 8 9 10 11 13 14 16 18 20 22 25 29 32 "

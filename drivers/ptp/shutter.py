@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
-from imaging.dial_settings import SHUTTER_LABELS, labels
+from imaging.optics.dial_settings import SHUTTER_LABELS, labels
 
 _HALVES = labels("20 10 6 3 1.5 0.7 0.3 1/6 1/10 1/20 1/45 1/90 1/180 1/350 1/750 1/1500 1/3000 1/6000")
 _ELECTRONIC = labels("1/10000 1/13000 1/16000 1/20000 1/25000 1/32000")

@@ -7,9 +7,9 @@ from pathlib import Path
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.camera.filters import behind
 from drivers.sim.rigs import SimulatedRig
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import Band
 
 

@@ -18,10 +18,10 @@ from drivers.sim.scene.tabletop import TARGET
 from drivers.sim.scene.turntable import MIDDLE
 from drivers.sim.seeds import generator
 from imaging.arrays import Array
-from imaging.cfa import BAYER, Cfa, Tile, as_tile
-from imaging.colour import REC709_FROM_XYZ
-from imaging.lens import Lens
-from imaging.mosaic import Matrix, as_matrix
+from imaging.colour.spaces import REC709_FROM_XYZ
+from imaging.optics.lens import Lens
+from imaging.sensor.cfa import BAYER, Cfa, Tile, as_tile
+from imaging.sensor.mosaic import Matrix, as_matrix
 
 ARC_STEP = 11.0
 """Degrees between neighbouring frames."""

@@ -11,9 +11,9 @@ from pathlib import Path
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig
 from imaging.arrays import Array32
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 Step = tuple[float, float]
 AROUND: tuple[Step, ...] = ((0, 0), (0, 1), (1, 1), (1, 0))

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from drivers.sim.camera.response import Curve
 from drivers.sim.mounting import LensKind
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from imaging.session.records import Band
 
 

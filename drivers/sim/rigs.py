@@ -30,10 +30,10 @@ from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
 from drivers.sim.scene.turntable import turntable_scene
 from imaging.arrays import Array, Array32
-from imaging.cfa import as_tile
 from imaging.choices import Subject
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import as_tile
 from imaging.session.records import CameraRecord
 from imaging.session.turntable import TurntableRecord
 

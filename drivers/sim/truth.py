@@ -20,10 +20,10 @@ from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
 from imaging.arrays import Array, Array32
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import write_exr
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.pose import Pose
 from imaging.progress import Progress, unreported
 from imaging.session.bands import channels, in_order
 from imaging.session.records import Band, ShotRecord

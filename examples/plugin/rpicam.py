@@ -15,8 +15,8 @@ from pathlib import Path
 from drivers.camera import Camera, CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraRefused
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw_header
+from imaging.optics.exposure import Exposure
 
 PROGRAM = "rpicam-still"
 TIMES = tuple(2.0 ** (step / 3) for step in range(-36, 4))  # 1/4096 s to 2 s

@@ -13,8 +13,8 @@ from drivers.camera import Camera, CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraRefused, CameraTimeout
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.raw import is_raw, read_raw_header, read_raw_metadata
+from imaging.optics.exposure import Exposure
 
 WATCHED, SHOOT = os.environ.get("RIG_WATCHED", ""), os.environ.get("RIG_SHOOT", "")
 TIMES = tuple(2.0 ** (step / 3) for step in range(-36, 16))  # 1/4096 s to 32 s

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 
 from imaging.arrays import AnyArray, Array, Array32, Bytes, Floats, Mask
-from imaging.cfa import Cfa, bilinear, bilinear_variance, mosaic
 from imaging.compute.threads import share_pieces
 from imaging.demosaicking.directional import colours, greens, put_light
 from imaging.demosaicking.steered import interpolated
+from imaging.sensor.cfa import Cfa, bilinear, bilinear_variance, mosaic
 
 TOE_OF_LIGHT, TOE_OF_NOISE = 1 / 16, 16.0
 """The code turns linear below this share of the median light, or this many times the least noise."""

@@ -15,10 +15,10 @@ from imaging.arrays import AnyArray, Array32, Integers
 from imaging.choices import ExrStorage
 from imaging.compute import memory
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import exr_layers, exr_library, store
 from imaging.files.silence import quiet
 from imaging.files.tags.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
+from imaging.optics.exposure import Exposure
 
 Planes = Mapping[str, AnyArray]
 """Arrays [H, W] by the name of their channel."""

@@ -9,7 +9,7 @@ import imagecodecs
 import numpy as np
 
 from imaging.arrays import AnyArray, Array32
-from imaging.colour import PRIMARIES, rec709_from_rgb
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb
 
 WHITE = 203.0
 """Luminance of white on an HDR screen, cd/m2."""

@@ -19,7 +19,7 @@ from imaging.arrays import Bytes
 from imaging.compute.memory import check_picture
 from imaging.files.tags.xmp import noted
 from imaging.files.tiff.exif import decode_exif
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 WEBP_SUFFIXES = frozenset((".webp",))
 HEIF_SUFFIXES = frozenset((".heic", ".heif", ".hif"))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from imaging.arrays import Array
-from imaging.lens import Lens
-from imaging.pose import world_from_opengl
+from imaging.optics.lens import Lens
+from imaging.optics.pose import world_from_opengl
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 HALF = 0.5
 """Offset of OpenCV's pixel coordinates from ours."""

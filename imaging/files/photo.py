@@ -12,7 +12,7 @@ from PIL import Image
 
 from imaging.arguments import checked
 from imaging.arrays import AnyArray, Array32, Bytes
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files.heif_webp import (
@@ -43,7 +43,7 @@ from imaging.files.tags.xmp import noted
 from imaging.files.tiff.directory import TiffError, TiffReader
 from imaging.files.tiff.exif import decode_exif, encode_exif, read_exif
 from imaging.files.tiff.image import UnfitError, decode_tiff
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff")) | WEBP_SUFFIXES
 

@@ -9,7 +9,7 @@ import imagecodecs
 import numpy as np
 
 from imaging.arrays import Array32
-from imaging.colour import rec709_from_rgb
+from imaging.colour.spaces import rec709_from_rgb
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files.exr import read_exr

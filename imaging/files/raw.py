@@ -16,7 +16,6 @@ import numpy.typing as npt
 import rawpy
 
 from imaging.arguments import checked
-from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.files.raw_rows import row_stops
@@ -26,7 +25,8 @@ from imaging.files.tiff import dng_colour, dng_tags, dng_unread
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader
 from imaging.files.tiff.dng_pixels import is_foreign, read_pixels
 from imaging.files.tiff.exif import read_exif
-from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
+from imaging.sensor.cfa import Cfa, as_tile
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic, as_matrix
 
 _MAKERS = (
     "3fr arw cr2 cr3 crw dcr dng erf fff iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"

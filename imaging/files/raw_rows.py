@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 _HIGH, _WIDE = 8, 16
 """Photosites of one colour in a block, rows and columns."""

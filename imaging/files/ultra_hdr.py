@@ -11,7 +11,7 @@ import imagecodecs
 import numpy as np
 
 from imaging.arrays import Array32, Bytes
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.files.hdr_display import within
 from imaging.files.photo import encode_jpeg
 from imaging.files.tags.gain_map import ISO, GainRange, container_xmp, iso_body, map_xmp

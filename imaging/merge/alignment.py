@@ -8,8 +8,8 @@ import numpy as np
 from scipy import ndimage
 
 from imaging.arrays import Array
-from imaging.cfa import Cfa
 from imaging.merge.linear_frame import LinearFrame
+from imaging.sensor.cfa import Cfa
 
 SHAKEN = 0.5
 """Shift between two exposures, px, from which a merge is warned of."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from imaging.arrays import Array, Array32, Floats, Mask
-from imaging.cfa import Cfa
 from imaging.compute.jit import compiled
 from imaging.merge.linear_frame import LinearFrame
+from imaging.sensor.cfa import Cfa
 
 ITERATIONS = 3
 """Fixed-point iterations of the weights; a variance taken at each noisy sample biases the dark by -4 %."""

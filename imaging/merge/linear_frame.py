@@ -9,14 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from imaging.arrays import Array32, Floats, Mask
-from imaging.cfa import Cfa
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.compute.jit import kernel
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
-from imaging.mosaic import RawMosaic
-from imaging.sensor import Levels, SensorCalibration, at_iso
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
+from imaging.sensor.sensor_calibration import Levels, SensorCalibration, at_iso
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
 

@@ -7,11 +7,11 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from imaging.arrays import Array, Array32, Floats, Mask
-from imaging.cfa import Cfa
 from imaging.choices import Space
-from imaging.colour import of_channels, rec709_from_camera, space_from_rec709
+from imaging.colour.spaces import of_channels, rec709_from_camera, space_from_rec709
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import CameraCalibration
 from imaging.session.falloff import falloff
 

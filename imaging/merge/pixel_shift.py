@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array32, Floats, Mask
-from imaging.cfa import Cfa, bilinear
 from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa, bilinear
+from imaging.sensor.mosaic import RawMosaic
 
 COUNT = 4
 """Exposures of a group. Those of 8 and 16, by half photosites, are refused."""

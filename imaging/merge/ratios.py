@@ -12,9 +12,9 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from imaging.arrays import Array
-from imaging.cfa import Cfa
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.robust import huber_weight, robust_scale
+from imaging.sensor.cfa import Cfa
 
 LOWEST, HIGHEST = 0.05, 0.9
 """Levels of the longer exposure, relative to white, between which photosites are compared."""

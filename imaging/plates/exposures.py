@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from imaging.dial_settings import meant
 from imaging.errors import InputError
+from imaging.optics.dial_settings import meant
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session

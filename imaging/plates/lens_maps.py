@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from imaging import lens as optics
 from imaging.arrays import Array, Array32, Mask
 from imaging.files.exr import write_exr
-from imaging.lens import Lens
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
 
 OUTSIDE = -1.0
 """Coordinate of an STMap where the other picture has no place: Nuke draws black there."""

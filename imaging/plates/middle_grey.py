@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from imaging.arrays import Array32, Floats
-from imaging.colour import XYZ_FROM_REC709
+from imaging.colour.spaces import XYZ_FROM_REC709
 from imaging.errors import InputError
 from imaging.files.photo import is_photo
 from imaging.merge.linear_frame import LinearFrame, read_linear

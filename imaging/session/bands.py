@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.colour import REC709_FROM_XYZ
+from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.session.records import Band
 
 LAYOUT = {"spectralLayoutVersion": "1.0", "emissiveUnits": "relative"}

@@ -14,12 +14,12 @@ from imaging.arguments import checked
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.mosaic import Matrix
-from imaging.noise import SensorNoise
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.record import Record, parse
-from imaging.sensor import SensorCalibration
+from imaging.sensor.mosaic import Matrix
+from imaging.sensor.noise import SensorNoise
+from imaging.sensor.sensor_calibration import SensorCalibration
 from imaging.session.calibration_evidence import BoardEvidence, ChartEvidence
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.luminance import LuminanceScale

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.record import Record
 from imaging.session.records import Board, Name
 

@@ -18,7 +18,7 @@ from pydantic import (
 
 from imaging.arrays import Array
 from imaging.choices import Subject
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.record import Record
 from imaging.session.view_id import ViewId
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from imaging.arrays import Array, Array32, Integers, Mask
-from imaging.cfa import Cfa
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import CalibrationRecord, Response, StatedPart
 from imaging.session.records import Band, ImageKind
 from imaging.session.view_id import ViewId

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 
 from imaging.arrays import AnyArray, Array32, Mask
-from imaging.cfa import Cfa
 from imaging.compute import memory
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.linear_frame import Noise, SensorSignalNoise, code_noise
+from imaging.sensor.cfa import Cfa
 from recon.data.dataset import View
 from recon.data.pixels import ShotSource
 from recon.data.shot import Planes, Shot, bytes_of

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from imaging import lens as optics
 from imaging.arrays import Array, Mask
+from imaging.optics import lens as optics
 from recon.splat import SplatCamera
 
 
@@ -49,7 +49,7 @@ def rays(lens: SplatCamera, pixels: npt.ArrayLike) -> Array:
     """Directions [..., 3] with z = 1, in the camera's axes, through pixels [..., 2].
 
     The distortion is inverted to 1e-9; a pixel beyond the fold of the lens is taken to lie on it
-    (`imaging.lens.undistort`).
+    (`imaging.optics.lens.undistort`).
     """
     uv = np.asarray(pixels, np.float64)
     bent = (uv - (lens.cx, lens.cy)) / (lens.fx, lens.fy)

@@ -10,14 +10,14 @@ from typing import overload
 import numpy as np
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import bilinear
-from imaging.colour import rec709_from_camera
+from imaging.colour.spaces import rec709_from_camera
 from imaging.compute.threads import in_turn
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files import store
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import LinearFrame
 from imaging.progress import Progress, unreported
+from imaging.sensor.cfa import bilinear
 from recon.data.dataset import Dataset, View
 
 

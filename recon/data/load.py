@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from imaging.arrays import Array32
-from imaging.cfa import Cfa
-from imaging.colour import of_channels
+from imaging.colour.spaces import of_channels
 from imaging.compute.threads import in_turn
 from imaging.errors import ReconstructionError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import Progress, unreported
+from imaging.sensor.cfa import Cfa
 from imaging.session.bands import in_order
 from imaging.session.calibration import CalibrationRecord, ViewCalibration, read_calibration
 from imaging.session.falloff import falloff

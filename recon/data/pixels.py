@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import AnyArray, Array32, Mask
-from imaging.cfa import Cfa
 from imaging.demosaicking.demosaic import demosaic
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_with_alpha
 from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import LinearFrame, decode, from_codes, from_light, from_raw
 from imaging.merge.masks import read_mask
-from imaging.sensor import SensorCalibration
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.sensor_calibration import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
 from recon.data.shot import Shot

@@ -7,7 +7,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import Cfa
 from imaging.merge.linear_frame import (
     DARK_CODE,
     SATURATED_CODE,
@@ -17,6 +16,7 @@ from imaging.merge.linear_frame import (
     SensorSignalNoise,
     decode,
 )
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 
 ABOVE = 3.0

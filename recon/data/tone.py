@@ -3,7 +3,7 @@
 import numpy as np
 
 from imaging.arrays import Array32, Floats
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.session.calibration import Response
 
 

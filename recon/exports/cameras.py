@@ -16,7 +16,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.nerfstudio import Picture, transforms
 from imaging.files.photo import encode_png, read_photo_header
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from recon.exports.formats.ply import SOLID, offset_line
 from recon.exports.formats.vertices import packed_vertices, shown

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch
 
 from imaging.arrays import Array, Array32
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.progress import Progress
 from recon.exports.canvas import canvas, manners_of
 from recon.exports.place import pinhole

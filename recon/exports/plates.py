@@ -13,7 +13,7 @@ from imaging.files import store
 from imaging.files.exr import read_exr, write_exr
 from imaging.files.opencv_lens import write_opencv_lens
 from imaging.files.tags.exr_colour import INTEROP_ID, UNKNOWN
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.plates.lens_maps import redistorting, undistorting, warped, write_stmap
 from imaging.plates.merged_view import merge_view
 from imaging.progress import Progress

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from imaging.arrays import Array, Integers, Mask
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 from imaging.arrays import Array32
-from imaging.colour import srgb_decode
-from imaging.colour_difference import delta_e
+from imaging.colour.difference import delta_e
+from imaging.colour.spaces import srgb_decode
 from imaging.compute import memory
 from imaging.compute.threads import in_order, one_thread_a_product, thread_count
 from imaging.files import store

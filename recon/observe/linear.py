@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d
 
 from imaging.arrays import Array32
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from recon.data.dataset import View
 from recon.observe.glare import scattered
 from recon.observe.kernels.linear_kernel import Sites, recorded

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.pose import upwards
+from imaging.optics.pose import upwards
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.errors import InputError
-from imaging.lens import FISHEYE_TERMS, WIDEST, Lens, widest_angle
+from imaging.optics.lens import FISHEYE_TERMS, WIDEST, Lens, widest_angle
 from recon.rendering.camera_paths import placed
 from recon.splat import SplatCamera
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from imaging.arrays import Array, Array32
-from imaging.cfa import Cfa
-from imaging.colour import REC709_FROM_XYZ, of_channels
+from imaging.colour.spaces import REC709_FROM_XYZ, of_channels
 from imaging.errors import InputError
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic, as_matrix
 from imaging.session.calibration import CameraCalibration
 from imaging.session.falloff import falloff
 from recon.result.model import SceneShot, read_own_calibration

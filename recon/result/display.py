@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from imaging.arrays import AnyArray, Array32, Bytes
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.plates.middle_grey import MIDDLE_GREY, exposure_factor
 from imaging.session.bands import false_colour
 from imaging.session.records import Band

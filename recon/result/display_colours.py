@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from imaging.arrays import Array
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.progress import Progress
 from recon.result.display import displayed
 from recon.result.viewers import viewers_of

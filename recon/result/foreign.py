@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from imaging.arrays import Array, Mask
 from imaging.errors import InputError
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.calibration import Response
 from recon.data.world import WorldTransform
 from recon.decide.settings import Settings

@@ -8,8 +8,8 @@ from pydantic import Field
 
 from imaging.errors import ReconstructionError
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.record import Record, parse
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Band, Name, Rung
@@ -65,7 +65,7 @@ class SceneView(Record):
     shots: tuple[SceneShot, ...]
     """Shots in use, darkest first."""
     cfa: tuple[str, ...] = ()
-    """Rows of the tile of its colour filters (`imaging.cfa.Cfa`); empty: it was not trained as a mosaic."""
+    """Rows of the tile of its colour filters (`imaging.sensor.cfa`); empty: not trained as a mosaic."""
 
     @property
     def id(self) -> ViewId:

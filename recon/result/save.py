@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from imaging.files import store
 from imaging.merge.linear_frame import SensorSignalNoise
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.session import Session

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imaging import lens as optics
 from imaging.arrays import Array32
 from imaging.compute.jit import kernel
 from imaging.compute.threads import share, take_number
+from imaging.optics import lens as optics
 from recon.splat import SplatCamera
 
 _BOUNDS, _LEAST_COSINE, _FOCAL, _FISHEYE = 12, 16, 17, 18

@@ -8,8 +8,8 @@ import numpy as np
 
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.lens import Lens
-from imaging.pose import OPENGL_FROM_OPENCV
+from imaging.optics.lens import Lens
+from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.scene.ply_file import PlySplats
 
 _WIDTH = 640

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from imaging import lens as optics
 from imaging.arrays import Array
 from imaging.errors import InputError, ReconstructionError
-from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens
-from imaging.pose import Pose, world_from_opengl
+from imaging.optics import lens as optics
+from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS, Lens
+from imaging.optics.pose import Pose, world_from_opengl
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +125,8 @@ class SplatCamera:
     def monotone_radius2(self) -> float:
         """Square of the undistorted radius x/z where the radial distortion stops growing; inf if nowhere.
 
-        Beyond it the polynomial folds the world back into the image (`imaging.lens.fold`), so Gaussians
-        there are not drawn. Of a fisheye never inf: tangents end at a right angle from the axis.
+        Beyond it the polynomial folds the world back into the image (`imaging.optics.lens.fold`), so
+        Gaussians there are not drawn. Of a fisheye never inf: tangents end at a right angle from the axis.
         """
         return optics.fold(self.lens[4:], fisheye=self.fisheye) ** 2
 

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from imaging.arrays import Array32
-from imaging.cfa import Cfa, mosaic
 from imaging.progress import Progress, unreported
+from imaging.sensor.cfa import Cfa, mosaic
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ImageKind
 from imaging.stress_case import StressCase

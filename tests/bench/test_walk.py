@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.support.walk import House, lens_of, poses, take
 from bench.support.walk_rays import LEVELS
-from imaging.lens import project
+from imaging.optics.lens import project
 
 SIZE = 240, 180
 

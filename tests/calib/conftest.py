@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from tests.conftest import MadeOnce, fewer_features

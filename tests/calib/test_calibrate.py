@@ -17,16 +17,16 @@ from calib.data.views import scene_views
 from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.view_images import ViewSummary, summarise
-from imaging.cfa import Cfa
-from imaging.colour import REC709_FROM_XYZ
+from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
-from imaging.mosaic import RawMosaic, as_matrix
-from imaging.noise import SensorNoise
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.pose import Pose
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic, as_matrix
+from imaging.sensor.noise import SensorNoise
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,

@@ -12,13 +12,13 @@ from calib.light.curves.codes import patches, sample
 from calib.sensor import brackets
 from calib.view_images import summarise
 from drivers.sim.camera.sensor import SimulatedSensor
-from imaging.cfa import Cfa
-from imaging.colour import srgb_encode
-from imaging.exposure import Exposure
+from imaging.colour.spaces import srgb_encode
 from imaging.files import store
 from imaging.merge.linear_frame import decode
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
 from tests.calib.light.curves.test_response import smooth
 from tests.calib.sensor.conftest import MODEL

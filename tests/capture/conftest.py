@@ -10,11 +10,11 @@ import pytest
 
 from capture.record.recorder import record
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
-from imaging.cfa import Cfa
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 from imaging.session.session import Session
 

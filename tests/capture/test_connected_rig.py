@@ -28,7 +28,7 @@ from drivers.sim.u3v.device import U3vDevice
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.session import Session
 
 STOPS = 'exposures = [-4, 0]\ntime = "1/60"'

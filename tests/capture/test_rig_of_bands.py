@@ -21,10 +21,10 @@ from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
-from imaging.cfa import Cfa
 from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
+from imaging.sensor.cfa import Cfa
 from imaging.session.records import Band
 from imaging.session.session import Session
 

@@ -13,7 +13,7 @@ from calib.light import exposures
 from calib.light.curves import response_band
 from calib.sensor import linearity
 from imaging.merge import bracket, ratios
-from imaging.noise import SensorNoise
+from imaging.sensor.noise import SensorNoise
 from recon.observe import calibrated_curves, linear, photographs, tone_grid
 from recon.observe.glare import RADIUS
 from recon.observe.losses import Photometric, mu_law

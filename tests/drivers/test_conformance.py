@@ -15,8 +15,8 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.u3v.device import U3vDevice
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 
 def machine_camera() -> tuple[Camera, BusRig]:

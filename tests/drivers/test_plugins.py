@@ -15,10 +15,10 @@ from drivers.gige import Network
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import VirtualBus
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 PLUGIN = Path(__file__).resolve().parents[2] / "examples" / "plugin"
 

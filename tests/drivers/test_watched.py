@@ -11,10 +11,10 @@ import pytest
 from drivers.conformance import EXAMINATIONS, examine
 from drivers.errors import CameraRefused, CameraTimeout
 from drivers.sim.usb.virtual_clock import VirtualClock
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "watched" / "watched.py"
 OLD = 0.125

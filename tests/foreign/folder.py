@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array, Array32, Bytes
-from imaging.cfa import Cfa
-from imaging.colour import REC709_FROM_XYZ
-from imaging.exposure import Exposure
+from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic, as_matrix
 
 CAMERA_FROM_REC709 = np.array([[0.42, 0.21, 0.03], [0.17, 0.72, 0.11], [0.03, 0.19, 0.44]])
 """Rows of red, green, blue: a sensor that sees less red and blue than green, and none of them pure."""

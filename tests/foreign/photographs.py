@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array32, Bytes
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.arrays import Array
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from recon.exports.canvas import PLAYCANVAS, canvas
 from recon.exports.export import export
 from recon.exports.loss import stops_between

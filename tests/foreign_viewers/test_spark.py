@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from recon.exports.canvas import SPARK, canvas
 from recon.exports.export import export
 from recon.exports.loss import stops_between

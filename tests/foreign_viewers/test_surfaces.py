@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from imaging.arrays import Array
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.files.exr import read_exr
-from imaging.pose import OPENGL_FROM_OPENCV
+from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.exports.export import export
 from recon.exports.request import FormatName
 from recon.result.scene import Scene

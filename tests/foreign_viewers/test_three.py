@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from recon.exports.export import export
 from recon.exports.request import FormatName
 from recon.result.scene import Scene

@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 from imaging.arrays import Array, Bytes
-from imaging.pose import OPENGL_FROM_OPENCV
+from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.exports.place import place_of
 from recon.result.scene import Scene
 from recon.splat import SplatCamera

@@ -11,8 +11,8 @@ import torch
 
 from imaging.arrays import Array
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from recon.data.world import WorldTransform
 from recon.result.model import CHECKPOINT, MODEL, SceneView, read_model
 from recon.scene.appearance import LuminanceChromaticity

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files.tiff import dng, dng_tags
 from imaging.files.tiff.directory import Entry
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]

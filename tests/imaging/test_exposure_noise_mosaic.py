@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from imaging.cfa import BAYER, Cfa
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic, as_matrix
-from imaging.noise import SensorNoise
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import BAYER, Cfa
+from imaging.sensor.mosaic import RawMosaic, as_matrix
+from imaging.sensor.noise import SensorNoise
 
 
 def test_the_scale_is_light_times_gain() -> None:

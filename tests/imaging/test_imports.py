@@ -18,7 +18,7 @@ def test_the_package_itself_is_free() -> None:
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
-MODULES = ["cfa", "colour", "metrics", "mosaic"]
+MODULES = ["sensor.cfa", "colour.spaces", "metrics", "sensor.mosaic"]
 MODULES += [f"files.{name}" for name in ("tiff.dng", "exr", "photo", "raw", "store")]
 MODULES += [f"session.{name}" for name in ("records", "session")]
 

@@ -15,10 +15,10 @@ from drivers.sim.pixel_shift import photograph
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import write_truth
 from imaging.demosaicking.demosaic import demosaic
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
 from recon.data.light import radiance_image
 from recon.data.load import load

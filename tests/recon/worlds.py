@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from imaging.files.colmap import pycolmap
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 
 UTM = (4.5e5, 5.41e6, 300.0)
 ECEF = (4.1e6, 8.5e5, 4.8e6)

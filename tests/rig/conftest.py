@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.noise import SensorNoise
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
+from imaging.sensor.noise import SensorNoise
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.records import Rung
 from tests.conftest import MadeOnce

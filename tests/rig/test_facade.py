@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 
 import rig
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from tests.rig.report.pages import Page
 
 

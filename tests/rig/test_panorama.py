@@ -12,7 +12,7 @@ import rig as toolkit
 from calib.exports.panorama.layout import directions
 from drivers.sim.rigs import simulate
 from drivers.sim.scene.court import EYE
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 
 PAGE = (Path(__file__).parents[2] / "docs" / "panorama.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 import rig
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 
 
 @pytest.mark.parametrize("name", rig.__all__)

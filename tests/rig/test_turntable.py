@@ -10,8 +10,8 @@ import pytest
 from drivers.sim.mounting import TURN_SPREAD
 from drivers.sim.rigs import simulate
 from drivers.sim.scene.turntable import turntable_scene
-from imaging.lens import rays
 from imaging.merge.masks import read_mask
+from imaging.optics.lens import rays
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.measure.truth import calibration_errors

@@ -20,10 +20,10 @@ from bench.support.record import arguments, deliver, machine, words
 from calib.colour.chart import DetectedChart, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, held_out
 from imaging.arrays import Array
-from imaging.cfa import Cfa, cell_means
-from imaging.colour_difference import delta_e
+from imaging.colour.difference import delta_e
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
+from imaging.sensor.cfa import Cfa, cell_means
 from tests.calib.colour.charts import FULL_WELL, READ, painted, photograph, square_on, world
 
 LIGHTS = ("D65", "A", "LED-B3")

@@ -9,7 +9,7 @@ import numpy as np
 from calib.light.curves.codes import patches, sample
 from calib.light.curves.response import Estimate, estimate
 from imaging.arrays import Array, Bytes
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.merge.linear_frame import decode
 
 FAMILIES: dict[str, Callable[[Array], Array]] = {

@@ -21,7 +21,7 @@ from bench.support.record import arguments, deliver, machine, words
 from calib.calibrate import calibrate
 from calib.sensor import metadata
 from capture.simulated import capture_simulated
-from imaging.mosaic import as_matrix
+from imaging.sensor.mosaic import as_matrix
 
 SEED = 1
 TINTS = {"cam0": (1.06, 1.0, 0.95), "cam1": (0.96, 1.0, 1.04), "cam3": (0.97, 1.0, 0.98)}

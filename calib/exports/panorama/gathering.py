@@ -12,8 +12,8 @@ import numpy as np
 
 from calib.exports.panorama.layout import directions
 from imaging.arrays import Array, Array32, Integers, Mask
-from imaging.lens import Lens, project, rays
 from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
+from imaging.optics.lens import Lens, project, rays
 
 BAND = 16
 """Rows of the map that are worked on at a time."""

@@ -21,15 +21,15 @@ from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions
 from imaging.arguments import checked
 from imaging.arrays import Array
 from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
-from imaging.colour import XYZ_FROM_REC709, space_from_rec709
+from imaging.colour.spaces import XYZ_FROM_REC709, space_from_rec709
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import read_points
 from imaging.files.exr import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
 from imaging.merge.picture import BITS, NOTHING
+from imaging.optics.pose import upwards
 from imaging.plates.merged_view import UNIT, view_light
-from imaging.pose import upwards
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
 from imaging.session.records import ShotRecord

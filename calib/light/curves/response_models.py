@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline
 
 from calib.light.curves.codes import HIGHEST, LOWEST
 from imaging.arrays import Array
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 
 Index = npt.NDArray[np.intp]
 

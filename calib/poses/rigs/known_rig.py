@@ -9,8 +9,8 @@ import numpy as np
 from calib.adjustment.bundle_adjustment import set_model
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array, Integers
-from imaging.lens import Lens, rays
+from imaging.optics.lens import Lens, rays
 
 ROUNDS = 60
 STILL = 1e-5

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.data.features import MatchedPair
 from imaging.arrays import Array, Mask
-from imaging.lens import Lens, rays
+from imaging.optics.lens import Lens, rays
 from imaging.session.view_id import ViewId
 
 HYPOTHESES = 40

@@ -15,7 +15,7 @@ from calib.poses.turning.adjustment import Matches, adjust_turns
 from calib.poses.turning.pair_turns import SHARE, turn_of, turning_lenses
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens, rays
+from imaging.optics.lens import Lens, rays
 from imaging.session.calibration import TURNED
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId

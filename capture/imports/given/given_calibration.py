@@ -17,9 +17,9 @@ from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import read_exr
 from imaging.files.raw import read_raw
-from imaging.lens import Lens
-from imaging.mosaic import RawMosaic
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,

@@ -19,9 +19,9 @@ from imaging.arrays import Array
 from imaging.compute.memory import check
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens, LensModel
 from imaging.natural_order import natural
-from imaging.pose import Pose
+from imaging.optics.lens import Lens, LensModel
+from imaging.optics.pose import Pose
 
 MODELS: Mapping[str, LensModel] = {
     "SIMPLE_PINHOLE": "PINHOLE",

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from capture.imports.request import LayoutName
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.exposure import Exposure
-from imaging.lens import Lens, LensModel
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens, LensModel
+from imaging.optics.pose import Pose
 from imaging.session.turntable import TurntableRecord
 
 FARTHEST = 1e9

@@ -27,10 +27,10 @@ from capture.imports.layouts.posed_frame import PosedFrame
 from capture.imports.originals import pictures_in, shown
 from capture.pictures.read import kind_of
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 
 ARRAY = "poses_bounds_exps.npy"
 COLUMNS = 18

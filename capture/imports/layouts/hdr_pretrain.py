@@ -16,8 +16,8 @@ from capture.imports.layouts import colmap
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import pictures_in, shown
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
+from imaging.optics.exposure import Exposure
 
 EXPOSURES = "exposure.json"
 _NAME = re.compile(r"(train|test)_(?:ldr|r)_(\d+)_(\d+)")

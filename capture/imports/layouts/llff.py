@@ -15,8 +15,8 @@ from capture.imports.originals import pictures_in
 from imaging.arrays import Array
 from imaging.compute.memory import check
 from imaging.errors import InputError
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 
 ARRAY = "poses_bounds.npy"
 INTRINSICS = "hwf_cxcy.npy"

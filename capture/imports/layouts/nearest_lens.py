@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from capture.imports.layouts.given import lens_of
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel, project
+from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel, project
 
 FARTHEST_OFF = 1.0
 """Pixels by which the lens may differ anywhere in the picture."""

@@ -20,8 +20,8 @@ from capture.imports.originals import shown
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.lens import Lens
 from imaging.natural_order import natural
+from imaging.optics.lens import Lens
 
 FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 

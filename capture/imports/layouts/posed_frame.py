@@ -17,9 +17,9 @@ from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.pictures.read import read_picture
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.exposure import Exposure
-from imaging.lens import Lens, distort
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens, distort
+from imaging.optics.pose import Pose
 
 KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""

@@ -19,10 +19,10 @@ from capture.imports.layouts import colmap, llff
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import shown
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 
 MERGED = Path("hdrplus_test", "merged.dng")
 """The clean mosaic of a test scene; its codes have two bits more than those of the shots."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 NAME = "image_list.txt"
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 SAME_FOCAL = 0.005
 """Relative difference of two focal lengths that are still one: files round them."""

@@ -14,11 +14,11 @@ from drivers.sim.camera.optics import Optics
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.seeds import generator
 from imaging.arrays import Array, Floats
-from imaging.cfa import Cfa, mosaic
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
-from imaging.mosaic import FrameMetadata, Matrix, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import FrameMetadata, Matrix, RawMosaic
 
 MAKE = "hdr-rig"
 HEADROOM = 4.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.sim.camera.camera import Body
 from imaging.arrays import Array
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from imaging.session.records import Band
 
 _PEAKS = np.array((610.0, 545.0, 465.0))

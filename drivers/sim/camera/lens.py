@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from imaging.arrays import Array
 from imaging.compute.jit import compiled
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 
 @compiled

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.fft import irfft2, rfft2
 
 from imaging.arrays import Array, Floats
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 NARROW, WIDE = 0.02, 0.3
 """Scales of the two parts, of the image's diagonal: bloom round a lamp, and a veil over everything."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from drivers.sim.seeds import generator
 from imaging.arrays import Array, Floats
-from imaging.cfa import Tile, repeated
+from imaging.sensor.cfa import Tile, repeated
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ Cameras name shutter times and apertures by round numbers and apply powers of tw
 
 from collections.abc import Sequence
 
-from imaging.dial_settings import F_NUMBERS, SHUTTER_TIMES
-from imaging.exposure import Exposure
+from imaging.optics.dial_settings import F_NUMBERS, SHUTTER_TIMES
+from imaging.optics.exposure import Exposure
 
 APPLIED_TIME = SHUTTER_TIMES
 """Seconds that the shutter stays open, by label in seconds: 30 s is 32 s, 1/8000 is 2^-13 s."""

@@ -9,8 +9,8 @@ from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.genicam.description import LINES, Feature
 from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.usb.timeline import Timeline
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 READOUT = 1e-3
 """Seconds from the end of an exposure to its first byte."""

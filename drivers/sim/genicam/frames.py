@@ -10,8 +10,8 @@ from drivers.genicam.pixels import BY_CODE, FORMATS, PixelFormat
 from drivers.sim.genicam.description import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
 from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.genicam.pixels import pack
-from imaging.cfa import Cfa, Tile
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa, Tile
+from imaging.sensor.mosaic import RawMosaic
 
 GAMMA = 0.8
 CHUNK_BYTES = 24

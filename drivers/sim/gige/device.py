@@ -26,7 +26,7 @@ from drivers.sim.gige.stream import Sender
 from drivers.sim.seeds import generator
 from drivers.sim.usb.timeline import Timeline
 from drivers.u3v.gencp import Status
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 _PENDING_MS = 150
 _LONGEST_WAIT = 0.2

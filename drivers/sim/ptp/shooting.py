@@ -18,11 +18,11 @@ from drivers.sim.ptp.dials import SimulatedDial
 from drivers.sim.ptp.profiles import CameraProfile
 from drivers.sim.ptp.store import Photograph, Store
 from drivers.sim.usb.timeline import Timeline
-from imaging.colour import srgb_encode
-from imaging.exposure import Exposure
+from imaging.colour.spaces import srgb_encode
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 
 class News(Enum):

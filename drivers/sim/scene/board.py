@@ -14,7 +14,7 @@ import numpy as np
 from drivers.sim.camera.lens import unproject
 from drivers.sim.seeds import generator
 from imaging.arrays import Array, Array32
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 _TEXELS = 48
 """Along a square. Edges of squares and markers lie between texels, so the picture is exact."""

@@ -14,7 +14,7 @@ from drivers.sim.scene.solids import BOX, CYLINDER, ROOM, SOLID, SPHERE
 from drivers.sim.scene.texture import MATERIAL
 from imaging.arrays import Array, Array32, Integers
 from imaging.compute.threads import share_pieces
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 SATIN = 12.0
 """Sharpness of the highlights on what has none of its own: some 20 degrees wide."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from imaging.arrays import Array32
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 LIGHT = 240.0
 """Radiance of the grey surface, and of white paper beside the board: fills green at f/4, 1/15 s, ISO 100."""

@@ -25,7 +25,7 @@ from drivers.u3v.gencp import Code, Packet, Status
 from drivers.u3v.registers import STRING, Abrm, Sirm
 from drivers.u3v.stream import IMAGE, Leader, Trailer
 from drivers.usb import U3V_CONTROL, U3V_STREAM
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 CONTROL_OUT, CONTROL_IN, STREAM_IN = 0x01, 0x81, 0x82
 PACKET = 1024

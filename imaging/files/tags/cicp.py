@@ -7,7 +7,7 @@ other chunks. HEIF (ISO/IEC 23008-12): a profile counts before the numbers.
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.colour import PRIMARIES, rec709_from_rgb, srgb_decode
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb, srgb_decode
 from imaging.errors import InputError
 
 UNSPECIFIED, SRGB = 2, 13

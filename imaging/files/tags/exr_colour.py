@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.colour import PRIMARIES, REC709_FROM_XYZ, rec709_from_rgb
+from imaging.colour.spaces import PRIMARIES, REC709_FROM_XYZ, rec709_from_rgb
 from imaging.errors import InputError
 
 INTEROP_ID, CHROMATICITIES, ACES_FLAG = "colorInteropID", "chromaticities", "acesImageContainerFlag"
@@ -23,7 +23,7 @@ IDS = {
     "ap0": "lin_ap0_scene",
     "ap1": "lin_ap1_scene",
 }
-"""Identifiers of linear light in the primaries of `imaging.colour.PRIMARIES`."""
+"""Identifiers of linear light in the primaries of `imaging.colour.spaces.PRIMARIES`."""
 _D65 = PRIMARIES["rec709"][3]
 _LINEAR: dict[str, tuple[tuple[float, float], ...]] = {
     **{IDS[name]: PRIMARIES[name] for name in IDS},

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from PIL import ImageCms
 
 from imaging.arrays import Array32
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.errors import InputError
 from imaging.files.heif_webp import embedded_icc, heif_colour, is_heif, is_webp
 from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks

@@ -10,10 +10,10 @@ import exifread
 import rawpy
 from exifread.core.exceptions import ExifError
 
-from imaging.exposure import Exposure
 from imaging.files.jpeg_png import jpeg_shell
 from imaging.files.tiff.exif import decode_exif, from_names
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 _EXIFREAD_ERRORS = (
     ExifError,

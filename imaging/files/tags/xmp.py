@@ -8,7 +8,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 
-from imaging.mosaic import FrameMetadata, GpsPosition
+from imaging.sensor.mosaic import FrameMetadata, GpsPosition
 
 MARK = b"http://ns.adobe.com/xap/1.0/\0"
 """Prefix of a JPEG segment that holds a packet."""

@@ -31,7 +31,7 @@ from imaging.files.tiff.directory import (
     rational,
 )
 from imaging.files.tiff.exif import CAMERA_SERIAL, camera_entries, exif_entries
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 _TILE = 256
 """Largest side of a lossless JPEG tile, px."""

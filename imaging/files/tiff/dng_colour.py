@@ -21,7 +21,7 @@ from imaging.files.tiff.dng_tags import (
     MATRIX_3,
     PROFILE_SIGNATURE,
 )
-from imaging.mosaic import Matrix, as_matrix
+from imaging.sensor.mosaic import Matrix, as_matrix
 
 _TEMPERATURES = {
     1: 5500.0,  # daylight

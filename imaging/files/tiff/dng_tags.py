@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from imaging.arrays import Array, Array32
-from imaging.cfa import Cfa, Tile, as_tile, repeated
 from imaging.files.tiff.directory import Directory, TiffError, TiffReader, integers, numbers
+from imaging.sensor.cfa import Cfa, Tile, as_tile, repeated
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 254, 256, 257, 258, 259, 262, 277
 ROWS_PER_STRIP, STRIP_OFFSETS, STRIP_SIZES, PLANAR = 278, 273, 279, 284

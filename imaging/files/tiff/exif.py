@@ -8,7 +8,6 @@ from fractions import Fraction
 from io import BytesIO
 from typing import Any
 
-from imaging.exposure import Exposure
 from imaging.files.tags.xmp import noted
 from imaging.files.tiff import exif_gps, maker_notes
 from imaging.files.tiff.directory import (
@@ -29,7 +28,8 @@ from imaging.files.tiff.directory import (
     text,
 )
 from imaging.files.tiff.pages import photograph
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 MAKE, MODEL, ORIENTATION, DATE_TIME, XMP = 271, 272, 274, 306, 700
 EXPOSURE_TIME, F_NUMBER, ISO = 33434, 33437, 34855

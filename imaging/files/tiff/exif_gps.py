@@ -8,7 +8,7 @@ by a constant.
 from fractions import Fraction
 
 from imaging.files.tiff.directory import ASCII, BYTE, RATIONAL, Directory, Entry, numbers, rational, text
-from imaging.mosaic import GpsPosition
+from imaging.sensor.mosaic import GpsPosition
 
 GPS_IFD = 34853
 _LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE, _ALTITUDE_REF, _ALTITUDE = 1, 2, 3, 4, 5, 6

@@ -11,7 +11,7 @@ from math import atan, degrees
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from imaging.pose import world_from_opengl
+from imaging.optics.pose import world_from_opengl
 from recon.exports.place import Place
 from recon.result.model import SceneView
 from recon.result.scene import Scene

@@ -3,7 +3,7 @@
 from itertools import groupby
 from typing import Any
 
-from imaging.pose import world_from_opengl
+from imaging.optics.pose import world_from_opengl
 from recon.data.world import Vector
 from recon.result.model import SceneView
 from recon.result.scene import Scene

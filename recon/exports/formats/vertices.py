@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Bytes
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 
 _SHOWN = ("red", "green", "blue")
 _LIGHT = tuple(f"radiance_{name}" for name in _SHOWN)

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from imaging import metrics
 from imaging.arrays import Array, Array32, Floats
-from imaging.cfa import Cfa, bilinear, mosaic
-from imaging.colour import XYZ_FROM_REC709, srgb_encode
+from imaging.colour.spaces import XYZ_FROM_REC709, srgb_encode
 from imaging.errors import InputError, ReconstructionError
 from imaging.files.raw import read_raw
+from imaging.sensor.cfa import Cfa, bilinear, mosaic
 from imaging.session.falloff import falloff
 from imaging.session.session import Session
 from recon.data.load import lens_of_pixels

@@ -14,7 +14,7 @@ import torch
 
 from imaging import metrics
 from imaging.arrays import Array32
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.errors import InputError, ReconstructionError
 from imaging.files.depth import MILLIMETRE, read_depth, require_shape
 from imaging.progress import Progress, unreported

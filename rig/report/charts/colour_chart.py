@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from markupsafe import Markup, escape
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.calibration_evidence import ChartEvidence, ChartPatch
 from rig.report.charts.topic import Figure, Table, Topic, plus_minus

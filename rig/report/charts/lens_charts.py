@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from imaging import lens as optics
 from imaging.arrays import Array
-from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel
+from imaging.optics import lens as optics
+from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, LensError
 from rig.report.charts.chart import COLOURS, Series, chart
 from rig.report.charts.residuals import CameraResiduals, Residuals

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Bytes, Floats
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.files.photo import encode_jpeg, encode_png
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from imaging.arrays import Array
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.view_id import ViewId
 from rig.report.charts.chart import COLOURS, nice_step
 from rig.report.charts.topview import ground

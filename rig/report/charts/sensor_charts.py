@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 
 from imaging.arrays import Array
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.calibration import CalibrationRecord
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus

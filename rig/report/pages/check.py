@@ -12,8 +12,8 @@ from capture.check.check import CheckReport
 from capture.check.examine import label
 from capture.check.findings import Problem, ShotLook
 from capture.check.warnings import OFF_STOPS, doubted
-from imaging.exposure import Exposure
 from imaging.files import store
+from imaging.optics.exposure import Exposure
 from imaging.session.session import Session
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import Tile

@@ -10,7 +10,7 @@ import numpy as np
 
 from imaging.errors import InputError
 from imaging.files.colmap import SparsePoints, read_points
-from imaging.lens import Lens, fisheye_angle
+from imaging.optics.lens import Lens, fisheye_angle
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
 from imaging.session.session import Session

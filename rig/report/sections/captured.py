@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from capture.check.warnings import lost_highlights
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord

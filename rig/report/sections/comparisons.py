@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imaging.arrays import Bytes, Floats
-from imaging.colour import balanced, srgb_encode
+from imaging.colour.spaces import balanced, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
 from imaging.progress import Progress

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array32, Bytes, Floats, Mask
-from imaging.cfa import cell_means
-from imaging.colour import balanced, srgb_decode
+from imaging.colour.spaces import balanced, srgb_decode
 from imaging.compute import memory
 from imaging.compute.threads import in_order, one_thread_a_product, thread_count
 from imaging.errors import RigError
@@ -20,6 +19,7 @@ from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
 from imaging.progress import Progress
+from imaging.sensor.cfa import cell_means
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from rig.report.charts.pictures import developed, fitted, jpeg_uri, three_exposures

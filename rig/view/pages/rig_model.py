@@ -7,7 +7,7 @@ import numpy as np
 
 from imaging.arrays import Array, Array32, Bytes
 from imaging.files.colmap import read_model
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 from rig.report.charts.residuals import read_residuals

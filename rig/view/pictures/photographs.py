@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array32, Bytes
-from imaging.cfa import cell_means
-from imaging.colour import balanced, of_channels, rec709_from_camera
+from imaging.colour.spaces import balanced, of_channels, rec709_from_camera
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import LinearFrame, from_raw, read_linear
+from imaging.sensor.cfa import cell_means
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, read_calibration
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets

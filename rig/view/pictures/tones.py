@@ -11,7 +11,7 @@ import numpy as np
 import PyOpenColorIO as ocio
 
 from imaging.arrays import Array32, Bytes
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 
 _CONFIG, _SOURCE, _DISPLAY = "cg-config-v4.0.0_aces-v2.0_ocio-v2.5", "Linear Rec.709 (sRGB)", "sRGB - Display"
 _VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"

@@ -13,8 +13,8 @@ import numpy as np
 from imaging.arrays import Array32
 from imaging.errors import RigError
 from imaging.files.exr import read_exr
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from recon.result.first_look import shot_at
 from rig.view.pictures.look import Look, first_look
 from rig.view.serving.start import Start, start_at, up_of

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 
 from imaging.arrays import Array32, Bytes
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 
 BESIDE = 24
 """Grey of what a window shows beside a picture of another shape."""

@@ -9,7 +9,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from imaging.arrays import Array
-from imaging.lens import Lens, rays
+from imaging.optics.lens import Lens, rays
 
 Point = tuple[float, float, float]
 Pair = tuple[Array, Array]

@@ -11,9 +11,9 @@ from calib.adjustment.bundle_adjustment import Free, lens_of, set_model
 from calib.data.features import Features
 from calib.poses.sfm import solve
 from drivers.sim.camera import lens as simulated
-from imaging import lens as optics
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

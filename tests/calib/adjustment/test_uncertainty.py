@@ -11,7 +11,7 @@ from calib.adjustment import reduced, uncertainty
 from calib.adjustment.bundle_adjustment import Free, adjust, opencv_parameters, set_model
 from calib.adjustment.jacobian import TERMS, linearise
 from imaging.files.colmap import pycolmap
-from imaging.lens import LensModel
+from imaging.optics.lens import LensModel
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

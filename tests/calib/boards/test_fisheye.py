@@ -12,7 +12,7 @@ from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import first_guess
 from calib.poses.rigs.known_rig import camera_of
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of

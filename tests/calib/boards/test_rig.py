@@ -10,7 +10,7 @@ from calib.boards.start import first_guess
 from drivers.sim.camera.lens import project
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of

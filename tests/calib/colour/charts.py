@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array, Array32, Floats
-from imaging.cfa import Cfa, mosaic
-from imaging.colour import PRIMARIES, REC709_FROM_XYZ, adaptation
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, Matrix, RawMosaic, as_matrix
+from imaging.colour.spaces import PRIMARIES, REC709_FROM_XYZ, adaptation
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import FrameMetadata, Matrix, RawMosaic, as_matrix
 
 CAMERAS = {"nikon": "Nikon 5100 (NPL)", "sigma": "Sigma SDMerill (NPL)"}
 BLACK, WHITE = 512, 15871

@@ -8,11 +8,11 @@ import pytest
 from calib.colour.chart import DetectedChart, Missed, best, judge, locate, measure_patches
 from calib.colour.fit import ChartPatches, ColourModel, held_out, of_camera
 from calib.colour.reference import chart
-from imaging.cfa import Cfa, cell_means
-from imaging.colour import camera_from_rec709
+from imaging.colour.spaces import camera_from_rec709
 from imaging.files.raw import read_raw
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
+from imaging.sensor.cfa import Cfa, cell_means
 
 from .charts import painted, photograph, square_on, world
 

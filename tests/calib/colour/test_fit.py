@@ -6,8 +6,8 @@ import pytest
 
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
-from imaging.colour import XYZ_FROM_REC709
-from imaging.colour_difference import delta_e, lab
+from imaging.colour.difference import delta_e, lab
+from imaging.colour.spaces import XYZ_FROM_REC709
 
 from .charts import world
 

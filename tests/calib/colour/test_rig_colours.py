@@ -13,7 +13,7 @@ from calib.light.tracks import colour_at, light
 from calib.sensor.metadata import CameraSensor
 from imaging.files.colmap import pycolmap
 from imaging.merge.bracket import merge_bracket
-from imaging.mosaic import as_matrix
+from imaging.sensor.mosaic import as_matrix
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -16,12 +16,12 @@ from calib.colour.recorded import charts_of, rebalanced
 from calib.colour.reference import chart
 from calib.data.views import View
 from calib.luminance.area import LUMINANCE
-from imaging.colour import REC709_FROM_XYZ
-from imaging.colour_difference import delta_e
+from imaging.colour.difference import delta_e
+from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.errors import CalibrationError, InputError
-from imaging.exposure import Exposure
-from imaging.mosaic import Matrix, RawMosaic, as_matrix
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.mosaic import Matrix, RawMosaic, as_matrix
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.luminance import LuminanceReading
 from imaging.session.records import CameraRecord

@@ -12,11 +12,11 @@ from calib.colour.unfiltered import NAME, mixture, smooth_cells
 from capture.imports.photos import import_photos
 from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import from_raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 SHARES = np.array((0.7, 1.1, 1.5))
 """Shares of R, G and B in W; files state the sum."""

@@ -11,11 +11,11 @@ import yaml
 
 from calib.exports import formats
 from capture.imports.layouts.ply_points import read_ply_points
-from imaging import lens as optics
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,

@@ -10,11 +10,11 @@ import pytest
 from calib.data.views import scene_views
 from calib.light import radiometry
 from calib.light.radiometry import Radiometry
-from imaging.cfa import Cfa
-from imaging.colour import srgb_encode
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.colour.spaces import srgb_encode
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.session import Session
 from tests.calib.conftest import make_session
 

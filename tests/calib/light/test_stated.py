@@ -9,9 +9,9 @@ import pytest
 from calib.data.views import scene_views
 from calib.light.stated import Stated, stated_by
 from capture.imports.photos import import_photos
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 

@@ -10,10 +10,10 @@ import pytest
 from calib.calibrate import calibrate
 from calib.luminance.area import LUMINANCE
 from calib.luminance.measure import FALLOFF_UNKNOWN
-from imaging.colour import REC709_FROM_XYZ
+from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.errors import CalibrationError, PartialError
-from imaging.exposure import Exposure
-from imaging.mosaic import as_matrix
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import as_matrix
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.luminance import LuminanceReading
 from imaging.session.records import ShotRecord

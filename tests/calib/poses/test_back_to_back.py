@@ -13,7 +13,7 @@ from drivers.sim.mounting import look_at
 from drivers.sim.scene.scene import Builder, Scene
 from drivers.sim.scene.texture import BRICKS, SPOTS, TILES
 from imaging.files import store
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from tests.calib.conftest import make_session

@@ -10,11 +10,11 @@ import pytest
 from calib.calibrate import calibrate
 from drivers.sim.rigs import simulate
 from imaging.arrays import Array
-from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, ReconstructionError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import read_calibration
 from recon.data.load import load
 from tests.calib.conftest import make_session

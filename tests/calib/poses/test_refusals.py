@@ -13,11 +13,11 @@ from scipy import ndimage
 from calib import view_images
 from calib.calibrate import calibrate
 from calib.view_images import ViewSummary
-from imaging.cfa import Cfa
 from imaging.errors import CalibrationError, InputError, PartialError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.records import SessionRecord
 from imaging.session.session import Session

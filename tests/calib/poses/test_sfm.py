@@ -7,7 +7,7 @@ from calib.data.features import Features, MatchedPair
 from calib.data.matching import match
 from calib.poses.sfm import centres, solve
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

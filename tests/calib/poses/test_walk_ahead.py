@@ -6,7 +6,7 @@ import pytest
 from calib.data.features import Features
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.errors import CalibrationError
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

@@ -8,7 +8,7 @@ import pytest
 
 from calib.sensor import emva
 from calib.sensor.emva import Frames, Nominal
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 
 from .conftest import MODEL, Shoot, dark_stack
 

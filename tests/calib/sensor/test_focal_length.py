@@ -8,7 +8,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from calib.sensor.focal_length import focal_length, sensor_width
 from imaging.files.photo import read_metadata
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 
 def stated(width, height, **tags):

@@ -12,11 +12,11 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
 from imaging.choices import Subject
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import read_linear
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session

@@ -6,7 +6,7 @@ from calib.sensor import emva
 from calib.sensor.emva import Frames, Nominal
 from calib.sensor.stack import gather
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
-from imaging.cfa import Cfa, as_tile, mosaic
+from imaging.sensor.cfa import Cfa, as_tile, mosaic
 
 WIDTH, HEIGHT = 192, 144
 

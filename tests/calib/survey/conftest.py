@@ -14,8 +14,8 @@ from drivers.sim.rigs import simulate
 from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.coordinates import PointMark
 from imaging.session.view_id import ViewId

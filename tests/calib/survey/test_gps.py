@@ -11,11 +11,11 @@ from calib.poses.sfm import SceneModel, centres, transformed
 from calib.survey.gps import GpsFit, fit_gps, place_by_gps, positions_of
 from calib.survey.locate import _expected
 from calib.survey.placing import Expected
-from imaging.exposure import Exposure
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.exif import decode_exif, encode_exif, from_names
-from imaging.mosaic import FrameMetadata, GpsPosition
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata, GpsPosition
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from tests.calib.conftest import make_session

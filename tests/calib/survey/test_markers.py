@@ -10,7 +10,7 @@ import pytest
 from calib.boards.measure import picture_of
 from calib.data.views import scene_views
 from calib.survey.marks import detect, find_markers, numbers_of
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

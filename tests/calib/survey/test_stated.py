@@ -17,7 +17,7 @@ from calib.sensor.focal_length import focal_length
 from calib.survey.stated import gimbal_turn, places_of
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import read_metadata
-from imaging.mosaic import FrameMetadata, GpsPosition
+from imaging.sensor.mosaic import FrameMetadata, GpsPosition
 from imaging.session.view_id import ViewId
 
 SCALE = 0.35

@@ -9,9 +9,9 @@ import pytest
 from calib.evidence import gather
 from calib.request import CalibrationRequest
 from calib.turntable.background import without_background
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.merge.masks import read_mask
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
 from imaging.session.records import Rung
 from imaging.session.session import TURNTABLE, Session

@@ -15,10 +15,10 @@ from capture.bracket.planner import plan_bracket
 from drivers.sim.camera import response
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
 from imaging.files.photo import decode_photo
+from imaging.optics.exposure import Exposure
 
 WIDTH, HEIGHT = 64, 48
 

@@ -9,9 +9,9 @@ from capture.bracket.metering import meter
 from capture.bracket.planner import SLACK, plan_bracket
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
-from imaging.cfa import mosaic
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import mosaic
 
 WIDTH, HEIGHT = 64, 48
 

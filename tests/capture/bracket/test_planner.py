@@ -15,8 +15,8 @@ from capture.bracket.planner import BALANCE, SLACK, BracketPlan, Shortfall, Targ
 from capture.bracket.raw_noise import RawNoise
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
-from imaging.noise import SensorNoise
+from imaging.optics.exposure import Exposure
+from imaging.sensor.noise import SensorNoise
 
 # Wells of 8,180, 32,400 and 42,000 electrons: a Pi HQ, an IMX249 and a full-frame camera.
 SENSORS = (

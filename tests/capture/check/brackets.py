@@ -11,13 +11,13 @@ from capture.pictures.reduced import ReducedPicture, of_raw
 from drivers.sim.camera.response import develop
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.arrays import Array, Bytes
-from imaging.cfa import Cfa, mosaic
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import encode_dng
 from imaging.merge.linear_frame import from_raw
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN

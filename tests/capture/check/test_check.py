@@ -8,14 +8,14 @@ from capture.check.findings import ShotLook
 from capture.check.warnings import warnings
 from capture.imports.photos import import_photos
 from capture.record.recorder import record
-from imaging.cfa import Cfa
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 from .index_lines import kinds, lines, tree, write
 

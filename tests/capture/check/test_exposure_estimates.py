@@ -6,8 +6,8 @@ import pytest
 from capture.check import developed_ratios
 from capture.check.exposure_estimates import estimates, meant, raw_edges
 from capture.pictures import reduced
-from imaging.exposure import Exposure
 from imaging.merge.ratios import Ratio
+from imaging.optics.exposure import Exposure
 
 from .brackets import photo, scene, seen_raw
 

@@ -6,7 +6,7 @@ import pytest
 from capture.check import focus, motion
 from capture.pictures import reduced
 from capture.pictures.reduced import ReducedPicture
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .brackets import blurred, photo, scene, seen_raw, shifted
 

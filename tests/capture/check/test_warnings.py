@@ -6,7 +6,7 @@ import pytest
 from capture.check.check import check
 from capture.check.findings import CheckReport
 from capture.check.warnings import doubted
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .brackets import Studio, blurred, scene, shifted
 

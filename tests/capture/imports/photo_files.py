@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.session import Session
 
 NOON = datetime(2026, 5, 1, 12, 0, 0)

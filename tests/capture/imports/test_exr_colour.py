@@ -6,7 +6,7 @@ import numpy as np
 import OpenEXR
 
 from capture.imports.photos import import_photos
-from imaging.colour import PRIMARIES
+from imaging.colour.spaces import PRIMARIES
 
 
 def written(folder: Path, header: dict[str, object]) -> Path:

@@ -7,9 +7,9 @@ import pytest
 
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 
 from .photo_files import T, jpeg, put

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture.imports.photos import import_photos
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.session import Session
 
 DATA = os.environ.get("RIG_DATA")

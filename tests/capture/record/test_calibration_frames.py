@@ -19,9 +19,9 @@ from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
-from imaging.noise import SensorNoise
+from imaging.optics.exposure import Exposure
+from imaging.sensor.noise import SensorNoise
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 

@@ -13,8 +13,8 @@ from drivers.ptp import PtpCamera
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault, Kind
 from drivers.sim.rigs import simulate
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
+from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN

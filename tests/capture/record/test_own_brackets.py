@@ -17,8 +17,8 @@ from drivers.sim.ptp import profiles
 from drivers.sim.ptp.properties import SimulatedProperties
 from drivers.sim.rigs import simulate
 from imaging.errors import StorageError
-from imaging.exposure import Exposure
 from imaging.files import store
+from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN

@@ -11,9 +11,9 @@ from capture.record.camera_worker import GIVE_UP_AFTER
 from capture.record.recorder import record
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError, CaptureError, InputError, PartialError, StorageError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.raw import read_raw
+from imaging.optics.exposure import Exposure
 
 
 def run(rig, **options):

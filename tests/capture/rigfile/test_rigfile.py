@@ -15,7 +15,7 @@ from capture.rigfile.template import EXAMPLE, rig_file_text
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError, InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import Board
 
 SOUND = """\

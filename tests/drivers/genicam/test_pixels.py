@@ -11,7 +11,7 @@ from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
 from drivers.sim.genicam.pixels import pack
 from imaging.arrays import Bytes
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 
 
 def bit_places(pixels: PixelFormat, index: int) -> list[int]:

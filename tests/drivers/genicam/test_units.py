@@ -10,7 +10,7 @@ from drivers.errors import CameraRefused
 from drivers.genicam import settings, units
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_NAME
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .nodemap.nodes import Bytes, node_map
 

@@ -23,8 +23,8 @@ from drivers.sim.u3v.device import _USB
 from drivers.sim.u3v.memory import DeviceMemory
 from drivers.sim.usb.timeline import LiveTimeline
 from drivers.u3v.registers import Abrm, ManifestEntry
-from imaging.cfa import Cfa
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 ACCESS = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t)
 _MANIFEST = 0x3000

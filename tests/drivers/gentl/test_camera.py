@@ -17,8 +17,8 @@ from drivers.gentl.producer import producer
 from drivers.gentl.session import GentlSession
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from tests.drivers.test_plugins import NoNetwork
 
 from .conftest import SimulatedDevice, only

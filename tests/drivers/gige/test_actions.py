@@ -12,8 +12,8 @@ from drivers.genicam.timestamps import Latch
 from drivers.gige import GigeCamera
 from drivers.gige.actions import AHEAD, DEVICE_KEY, GROUP_KEY, GROUP_MASK, NetworkTime, fire
 from drivers.gige.session import ActionTeam
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 from .fakes import ARAVIS, aravis_fake, camera_at, only_at, port_of_aravis, viva_fake
 from .rows import MakeRow, Row

@@ -15,9 +15,9 @@ from drivers.gige import GigeCamera
 from drivers.gige.control import ControlChannel
 from drivers.gige.gvcp import PORT, Code, Command
 from drivers.gige.registers import About, Bootstrap
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 from .fakes import aravis_fake, camera_at, only_at, own_address, viva_fake
 

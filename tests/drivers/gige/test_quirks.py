@@ -14,7 +14,7 @@ from drivers.genicam.chunks import ChunksRefused
 from drivers.gige.control import ControlChannel
 from drivers.gige.registers import URL_SIZE, Bootstrap
 from drivers.sim.genicam.quirks import Quirk
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .fakes import own_address
 from .rows import MakeRow, Row

@@ -17,8 +17,8 @@ from drivers.gige.gvcp import PORT, Answer, Code, Command, Status
 from drivers.gige.network import Interface
 from drivers.gige.registers import Bootstrap
 from drivers.sim.gige.memory import PACKET_SIZES
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 from .fakes import ARAVIS, only_at, port_of_aravis
 from .rows import MakeRow

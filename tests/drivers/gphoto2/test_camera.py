@@ -14,7 +14,7 @@ from drivers.errors import CameraRefused
 from drivers.gphoto2 import Gphoto2Camera, cameras_at, find_cameras
 from drivers.gphoto2.library import library
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .conftest import Served
 

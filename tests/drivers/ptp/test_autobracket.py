@@ -15,8 +15,8 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault
 from drivers.sim.ptp import profiles
 from drivers.sim.rigs import SimulatedRig, simulate
-from imaging.dial_settings import SHUTTER_TIMES
-from imaging.exposure import Exposure
+from imaging.optics.dial_settings import SHUTTER_TIMES
+from imaging.optics.exposure import Exposure
 
 LABELS = sorted(SHUTTER_TIMES)
 OFFERED = tuple(

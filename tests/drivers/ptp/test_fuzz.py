@@ -19,7 +19,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 OUT, IN, INTERRUPT = 0x02, 0x81, 0x83
 MOST_SECONDS = 600.0

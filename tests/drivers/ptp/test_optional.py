@@ -19,7 +19,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from rig.commands import cameras
 
 NEEDED = (Operation.OPEN_SESSION, Operation.CLOSE_SESSION, Operation.GET_DEVICE_INFO)

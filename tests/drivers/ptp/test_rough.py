@@ -17,7 +17,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock, Worker
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 CAMERAS, TIMES = 3, (1 / 1000, 1 / 60, 1 / 4, 2.0, 1 / 60, 1 / 250)
 ATTEMPTS = 3

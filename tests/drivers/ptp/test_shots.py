@@ -17,9 +17,9 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 EXPOSURE = Exposure(time=1 / 125, f_number=5.6, iso=200)
 SHOOTING = {

@@ -9,9 +9,9 @@ import pytest
 from drivers.sim.camera.lens import unproject
 from drivers.sim.mounting import ARC_STEP
 from drivers.sim.rigs import SimulatedRig, names, simulate
-from imaging.cfa import bilinear
 from imaging.errors import InputError
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import bilinear
+from imaging.sensor.mosaic import RawMosaic
 
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
 

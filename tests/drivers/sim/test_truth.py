@@ -10,11 +10,11 @@ from drivers.sim.camera import response
 from drivers.sim.camera.lens import unproject
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import pose_of, write_truth
-from imaging.exposure import Exposure
 from imaging.files.exr import read_exr
-from imaging.lens import Lens
-from imaging.mosaic import RawMosaic
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
+from imaging.sensor.mosaic import RawMosaic
 
 
 def test_poses_survive_as_quaternions() -> None:

@@ -13,7 +13,7 @@ from drivers.sim.u3v.device import U3vDevice
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 
 
 @dataclass

@@ -11,10 +11,10 @@ from drivers.sim.genicam.description import Feature
 from drivers.u3v import U3vCamera, find_cameras
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import open_session
-from imaging.cfa import BAYER, Cfa
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import BAYER, Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 from .conftest import Bench, MakeBench
 

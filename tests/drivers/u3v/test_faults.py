@@ -13,7 +13,7 @@ from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .conftest import Bench, MakeBench
 from .test_camera import LABEL, shoot

@@ -19,9 +19,9 @@ from drivers.sim.u3v.device import U3vDevice
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 from imaging.session.session import Session
 

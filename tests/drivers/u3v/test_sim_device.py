@@ -19,7 +19,7 @@ from drivers.u3v.gencp import Code, Packet
 from drivers.u3v.registers import Abrm, Sbrm, Sirm
 from drivers.u3v.session import U3vSession, open_session
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .conftest import Bench, MakeBench
 from .test_camera import shoot

@@ -14,7 +14,7 @@ from drivers.sim.genicam.lines import Oscillator
 from drivers.sim.genicam.memory import Denied
 from drivers.u3v.gencp import Status
 from drivers.u3v.registers import read_xml
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .conftest import MakeBench
 from .test_camera import LABEL, shoot

@@ -21,7 +21,7 @@ from imaging.errors import InputError
 from imaging.files.photo import encode_jpeg, encode_png
 from imaging.files.tiff.directory import BYTE, Entry, TiffError, TiffReader, encode_directory
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 HEADROOM = 1 << 30
 """Bytes beyond its libraries that the reading process has."""
@@ -179,8 +179,8 @@ def test_a_file_that_claims_more_than_there_is_is_refused_before_it_is_taken(
 
 
 def test_a_dng_larger_than_the_memory_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from imaging.cfa import Cfa
     from imaging.files.raw import read_raw
+    from imaging.sensor.cfa import Cfa
 
     pixels = np.zeros((64, 64), np.uint16)
     (tmp_path / "a.dng").write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, ((0.0,),), 4095)))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, uniform_filter
 
-from imaging.cfa import BAYER, Cfa, bilinear, mosaic
 from imaging.demosaicking.demosaic import demosaic
 from imaging.metrics import hdr_psnr_mu
+from imaging.sensor.cfa import BAYER, Cfa, bilinear, mosaic
 from tests.foreign.scenes import spots
 
 all_phases = pytest.mark.parametrize("cfa", BAYER)

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imaging.choices import ExrStorage
-from imaging.colour import space_from_rec709
+from imaging.colour.spaces import space_from_rec709
 from imaging.errors import InputError, StorageError
-from imaging.exposure import Exposure
 from imaging.files.exr import ExrImage, read_exr, read_exr_header, write_exr
 from imaging.files.photo import read_metadata
+from imaging.optics.exposure import Exposure
 
 RGB = np.random.default_rng(1).random((9, 14, 3), dtype=np.float32)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.colour import PRIMARIES, rec709_from_rgb
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb
 from imaging.files.hdr_display import BRIGHTEST, HEADROOM, WHITE, encode_avif, hlg_encode, pq_encode, within
 
 STOPS = np.arange(-7.0, HEADROOM + 1)

@@ -12,11 +12,11 @@ from PIL import Image
 
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.heif_webp import heif_is_read
 from imaging.files.photo import is_photo, read_metadata, read_photo
 from imaging.files.tiff.exif import encode_exif
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 SAID = FrameMetadata(
     make="Acme",

@@ -8,11 +8,11 @@ import pytest
 import tifffile
 from PIL import Image
 
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.errors import InputError
 from imaging.files.photo import encode_jpeg, encode_png, is_photo, read_metadata, read_photo
 from imaging.files.tiff.exif import encode_exif
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 from .photographs import RGB8, RGB16, codes, pillow, tiff
 

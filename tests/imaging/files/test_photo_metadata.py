@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
 from imaging.files.tiff.exif import encode_exif
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 from .photographs import RGB8, pillow, tiff
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 from .photographs import RGB8, RGB16, codes, pillow, tiff
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
 from imaging.files.raw import is_raw, read_raw, read_raw_metadata
 from imaging.files.tiff.directory import BYTE, DOUBLE, LONG, RATIONAL, SHORT, SRATIONAL, Entry
 from imaging.files.tiff.dng import encode_dng, write_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]

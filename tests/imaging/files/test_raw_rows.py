@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from imaging.files.raw_rows import row_stops
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]

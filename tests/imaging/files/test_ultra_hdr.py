@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.files.hdr_display import HEADROOM
 from imaging.files.photo import decode_photo
 from imaging.files.radiance_hdr import read_hdr

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.linear_frame import from_codes

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
 from imaging.merge.alignment import shifts
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.ghosts import find_ghosts, without_ghosts
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
+from imaging.sensor.cfa import Cfa
 
 FULL_WELL, READ = 15_000.0, 4.0
 NOISE = SensorSignalNoise(slope=1 / FULL_WELL, floor=(READ / FULL_WELL) ** 2)

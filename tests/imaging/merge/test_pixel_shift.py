@@ -11,15 +11,15 @@ import pytest
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.pixel_shift import displaced
 from drivers.sim.rigs import SimulatedRig, simulate
-from imaging.cfa import BAYER, Cfa
 from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.pixel_shift import Shift, combined, shifts
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import BAYER, Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 ORDERS: tuple[tuple[Shift, ...], ...] = (
     ((0, 0), (0, 1), (1, 1), (1, 0)),

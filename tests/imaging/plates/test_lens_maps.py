@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.files.exr import read_exr
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.plates.lens_maps import redistorting, undistorting, warped, write_stmap
 
 SIZE = {"width": 320, "height": 240, "fx": 250.0, "fy": 252.0, "cx": 163.0, "cy": 118.0}

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,

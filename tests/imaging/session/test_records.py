@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.record import parse
 from imaging.session.records import CameraRecord, PlanRecord, Rung, SessionRecord, ShotRecord
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId

@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa, mosaic
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
-from imaging.lens import Lens
-from imaging.mosaic import RawMosaic
+from imaging.optics.lens import Lens
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import Response
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from recon.data.geometry import project
 from recon.data.load import load
 from recon.data.narrower import narrower

@@ -10,7 +10,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from imaging.errors import InputError, ReconstructionError
-from imaging.pose import OPENGL_FROM_OPENCV
+from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.exports.export import export
 from recon.exports.place import pinhole
 from recon.rendering.render import camera_path, render

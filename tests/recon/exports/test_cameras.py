@@ -10,10 +10,10 @@ import pytest
 import trimesh
 from PIL import Image
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
-from imaging.lens import project
+from imaging.optics.lens import project
 from recon.exports.export import export
 from recon.result.scene import Scene, open_scene
 

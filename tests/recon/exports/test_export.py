@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError, ReconstructionError
 from imaging.progress import unreported
 from imaging.session.records import Band

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from imaging import metrics
-from imaging.colour import space_from_rec709
+from imaging.colour.spaces import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.files.exr import read_exr

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from imaging.cfa import Cfa
 from imaging.merge.linear_frame import SensorSignalNoise
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.shot import Shot

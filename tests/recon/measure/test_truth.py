@@ -11,7 +11,7 @@ from drivers.sim.truth import pose_of
 from imaging import metrics
 from imaging.files import store
 from imaging.files.exr import write_exr
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
 from recon.measure.truth import calibration_errors, has_truth, response_rmse, true_radiance

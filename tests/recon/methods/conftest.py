@@ -17,12 +17,12 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
 from imaging import metrics
 from imaging.arrays import Array32
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import read_exr, write_exr
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
 from recon import reconstruct as stage

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from imaging.cfa import BAYER, Cfa
 from imaging.errors import ReconstructionError
+from imaging.sensor.cfa import BAYER, Cfa
 from recon.measure.truth import true_radiance
 
 from .conftest import SEEDS, as_exr, joined, mean_stops

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from recon.measure.truth import true_radiance
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import imaging.compute.threads as threads
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.shot import Shot

@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from bench.support import trial
-from imaging.cfa import Cfa, mosaic
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import write_dng
 from imaging.metrics import PSNR_CAP
-from imaging.mosaic import FrameMetadata, RawMosaic
-from imaging.sensor import Measured, SensorCalibration
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import ShotSource, read_shot

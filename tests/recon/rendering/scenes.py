@@ -9,8 +9,8 @@ import numpy.typing as npt
 import torch
 
 from imaging.arrays import Array
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from recon.data.world import SAME, WorldTransform
 from recon.result.model import ModelRecord, SceneShot, SceneView
 from recon.result.scene import Scene

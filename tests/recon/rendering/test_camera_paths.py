@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imaging.errors import InputError
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from recon.rendering.camera_paths import named_path
 from recon.result.model import SceneView
 from recon.splat import SplatCamera

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.colour import PRIMARIES, rec709_from_rgb
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb
 from imaging.errors import InputError
 from imaging.files.hdr_display import HEADROOM, WHITE
 from recon.rendering.video import HdrVideo, HlgVideo

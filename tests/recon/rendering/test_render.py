@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 
 import recon.reconstruct as stage
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import read_exr

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from recon.data.geometry import rays
 from recon.data.world import WorldTransform
 from recon.result.data_layers import DataLayers

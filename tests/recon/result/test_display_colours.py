@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from imaging.errors import InputError
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from recon.exports.place import pinhole
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene

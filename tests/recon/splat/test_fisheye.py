@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from imaging import lens as optics
 from imaging.compute.jit import kernel
 from imaging.errors import ReconstructionError
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from recon.splat import Limits, SplatCamera, rasterize
 from recon.splat.cpu import lanes
 from recon.splat.cpu.formulas import radial, radial_by_terms

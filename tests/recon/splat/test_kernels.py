@@ -241,8 +241,8 @@ def test_kernels_are_strict_about_nan() -> None:
 
 
 def test_lens_from_calibration() -> None:
-    from imaging.lens import Lens
-    from imaging.pose import Pose
+    from imaging.optics.lens import Lens
+    from imaging.optics.pose import Pose
 
     lens = Lens(model="OPENCV", width=8, height=6, fx=5, fy=6, cx=4, cy=3, k1=0.1, k2=0.2, p1=0.3, p2=0.4)
     camera = SplatCamera.of(lens, Pose(quaternion=(1, 0, 0, 0), translation=(1, 2, 3)))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import Light

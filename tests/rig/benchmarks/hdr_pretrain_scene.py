@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.cfa import Cfa, mosaic
-from imaging.colour import srgb_encode
-from imaging.exposure import Exposure
+from imaging.colour.spaces import srgb_encode
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 WIDTH, HEIGHT, FOCAL, AWAY = 64, 48, 60.0, 2.0
 BLACK, WHITE = 528, 4095

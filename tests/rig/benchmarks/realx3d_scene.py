@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import encode_png
 from tests.rig.benchmarks.painted_wall import AWAY, CENTRES, FOCAL, HEIGHT, WIDTH, light, put

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from tests.rig.report.pages import Page, assert_self_contained

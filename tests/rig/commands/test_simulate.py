@@ -12,7 +12,7 @@ import pytest
 
 from drivers import ptp, u3v
 from drivers.clock import SystemClock
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from rig.terminal.progress import PlainStatusLine
 from tests.drivers.gige.fakes import camera_at, only_at, own_address
 from tests.drivers.gige.test_sim_device import shoot

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from imaging.sensor import Defect, Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Defect, Measured, SensorCalibration
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from rig.report.charts.residuals import Residuals
 

@@ -11,9 +11,9 @@ import pytest
 from capture.check.check import check
 from capture.check.findings import CheckReport, Problem, ShotLook
 from imaging.errors import StorageError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
+from imaging.optics.exposure import Exposure
 from rig.report.pages.check import MOST_ROWS, check_report
 
 from .pages import Page, assert_self_contained

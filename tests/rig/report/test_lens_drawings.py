@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from imaging.lens import Lens, fisheye_angle
+from imaging.optics.lens import Lens, fisheye_angle
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
 from rig.report.charts.lens_charts import field, heat_map, lens_topic

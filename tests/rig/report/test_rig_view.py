@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.calibration_evidence import BoardEvidence, BoardPlace
 from imaging.session.records import Board

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.sensor import Measured, SensorCalibration
+from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from rig.report.charts.sensor_charts import sensor_topic
 from rig.report.sections.verdicts import verdicts
 

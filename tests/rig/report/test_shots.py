@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from imaging.arrays import Bytes
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.progress import unreported

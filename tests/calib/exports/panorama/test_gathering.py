@@ -9,8 +9,8 @@ from calib.exports.panorama.layout import directions, solid_angles
 from calib.exports.panorama.seams import seams
 from calib.exports.panorama.sun import RECOVERED, clipped_regions, share_unseen, with_sun
 from imaging.errors import InputError
-from imaging.lens import Lens, rays
 from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
+from imaging.optics.lens import Lens, rays
 from imaging.session.view_id import ViewId
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

@@ -11,9 +11,9 @@ from calib.light import radiometry
 from calib.light.curves.codes import Patches, Samples, patches, pedestal, sample
 from calib.light.curves.response import estimate
 from capture.imports.photos import import_photos
-from imaging.colour import srgb_encode
-from imaging.exposure import Exposure
+from imaging.colour.spaces import srgb_encode
 from imaging.merge.linear_frame import decode
+from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
 from imaging.session.calibration import Response
 from imaging.session.session import Session

@@ -14,7 +14,7 @@ from calib.poses.sfm import SceneModel, solve
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 

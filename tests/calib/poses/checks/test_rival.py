@@ -14,7 +14,7 @@ from calib.poses.mapping import map_at_once
 from calib.poses.resolution import Contradicted
 from calib.poses.sfm import SceneModel, solve, transformed
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.calibration import POSE_HANGING
 from imaging.session.view_id import ViewId

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from calib.data.features import Features, MatchedPair
 from calib.poses.rigs.apart import cameras_apart
 from calib.poses.sfm import SceneModel, centres, solve
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from imaging.session.records import Rung

@@ -12,8 +12,8 @@ from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
 from imaging.arrays import Array
 from imaging.files import store
-from imaging.lens import Lens
-from imaging.pose import Pose
+from imaging.optics.lens import Lens
+from imaging.optics.pose import Pose
 from imaging.progress import unreported
 from imaging.session.calibration import CalibrationRecord, LensError, PoseError
 from imaging.session.calibration_evidence import BoardEvidence

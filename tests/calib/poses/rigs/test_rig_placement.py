@@ -16,7 +16,7 @@ from calib.poses.sfm import SceneModel, centres, solve
 from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
-from imaging.pose import Pose
+from imaging.optics.pose import Pose
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId

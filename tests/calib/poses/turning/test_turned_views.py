@@ -7,7 +7,7 @@ import pytest
 from calib.data.features import Features, MatchedPair
 from calib.poses.sfm import fields_of
 from calib.poses.turning.turned_views import TurnedViews, turned_views
-from imaging.lens import Lens, project
+from imaging.optics.lens import Lens, project
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT = 640, 480

@@ -11,13 +11,13 @@ from capture.check.check import check, repair
 from capture.imports.given.masks import masks_beside
 from capture.imports.photos import import_photos
 from capture.pictures.read import read_picture
-from imaging.cfa import Cfa
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.tiff.dng import encode_dng
 from imaging.merge.masks import mask_of
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.session import Session
 from tests.capture.check.index_lines import lines, write
 

@@ -16,7 +16,7 @@ from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
-from imaging.lens import project
+from imaging.optics.lens import project
 from imaging.session.session import Session
 
 FILES = [f"images/frame.{n:04d}.png" for n in range(4)]

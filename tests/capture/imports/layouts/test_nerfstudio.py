@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.layouts.posed_frame import PosedFrame
-from imaging.cfa import Cfa
-from imaging.colour import camera_from_rec709
+from imaging.colour.spaces import camera_from_rec709
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap, read_points
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic, as_matrix
-from imaging.noise import SensorNoise
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic, as_matrix
+from imaging.sensor.noise import SensorNoise
 from imaging.session.calibration import read_calibration
 from recon.data.light import radiance_image
 from recon.data.load import load

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from capture.imports.layouts import detect, rawnerf
 from capture.imports.photos import import_photos
-from imaging.cfa import Cfa
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files.colmap import pycolmap, read_points
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
 from recon.data.load import load

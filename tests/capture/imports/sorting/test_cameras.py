@@ -8,10 +8,10 @@ import pytest
 
 from capture.imports.photos import import_photos
 from capture.imports.sorting.lens_settings import LensSetting, lens_settings
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
 from imaging.merge.masks import mask_of
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from tests.capture.imports.photo_files import NOON, jpeg, put
 

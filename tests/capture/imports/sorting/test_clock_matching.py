@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from capture.imports.originals import Original
 from capture.imports.sorting.clock_matching import clock_offset, match_frames
 from capture.pictures.read import PictureFacts
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.records import CameraRecord
 
 NOON = datetime(2026, 5, 1, 12, 0, 0)

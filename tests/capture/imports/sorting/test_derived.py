@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from capture.imports.photos import import_photos
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg, encode_png
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from tests.capture.imports.photo_files import put
 

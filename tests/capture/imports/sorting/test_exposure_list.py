@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from capture.imports.sorting.exposure_list import read_exposure_list
 from imaging.errors import InputError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 def read(tmp_path, text: str, name: str = "list.csv") -> dict[str, Exposure]:

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from capture.imports.originals import Original
 from capture.imports.sorting.grouping import PhotoSeries, split_into_brackets
 from capture.pictures.read import PictureFacts
-from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.records import CameraRecord
 
 CAMERA = CameraRecord(name="c", serial="1", kind="ldr")

@@ -12,11 +12,11 @@ from capture.imports.photos import import_photos
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.errors import InputError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
 
 ORDER = ((0, 0), (0, 1), (1, 1), (1, 0))

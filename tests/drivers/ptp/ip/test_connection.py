@@ -29,7 +29,7 @@ from drivers.sim.ptp.ptpip import PtpIpServer, listen
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.timeline import LiveTimeline
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 from .peers import packet, peer
 

@@ -13,12 +13,12 @@ from drivers.camera import Camera, CameraFile
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
-from imaging.cfa import BAYER, Cfa
-from imaging.colour import camera_from_rec709, srgb_encode
+from imaging.colour.spaces import camera_from_rec709, srgb_encode
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
 from imaging.files.photo import read_photo
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import BAYER, Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 
 def expose(camera: Camera, exposure: Exposure) -> RawMosaic | CameraFile:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from drivers.sim.camera.lens import parameters, project, unproject
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 LENSES = [
     Lens(model="PINHOLE", width=320, height=240, fx=320, fy=320, cx=160, cy=120),

@@ -17,9 +17,9 @@ from drivers.sim.u3v.device import U3vDevice
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.port import Device
 from drivers.sim.usb.virtual_clock import VirtualClock
-from imaging.exposure import Exposure
 from imaging.files.raw import decode_raw
-from imaging.mosaic import RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import RawMosaic
 
 TIMES = (1 / 500, 1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8)
 

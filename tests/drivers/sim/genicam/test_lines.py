@@ -10,7 +10,7 @@ from drivers.sim.u3v.device import U3vDevice
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 Edge = tuple[float, int, bool]
 

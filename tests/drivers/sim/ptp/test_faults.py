@@ -32,7 +32,7 @@ from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock, Worker
 from drivers.usb import STILL_IMAGE, EndpointStalled, find
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 OK = ResponseCode.OK
 Plug = Callable[..., Any]

@@ -17,7 +17,7 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}
 """1/250 s as libgphoto2 writes it for each profile."""

@@ -21,7 +21,7 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.timeline import LiveTimeline
 from imaging.files.tiff.dng import encode_dng
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 
 GPHOTO2 = shutil.which("gphoto2")
 FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}

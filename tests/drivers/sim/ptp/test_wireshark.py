@@ -20,7 +20,7 @@ from drivers.sim.ptp.ptpip import PtpIpServer, listen
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 TSHARK = shutil.which("tshark")
 _RAW_IP = 101

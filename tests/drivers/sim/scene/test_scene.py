@@ -12,7 +12,7 @@ from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Builder, Scene
 from drivers.sim.scene.tabletop import TARGET, demo_scene
 from drivers.sim.scene.texture import MOTTLE
-from imaging.lens import Lens
+from imaging.optics.lens import Lens
 
 GREY = (0.5, 0.4, 0.3)
 LENS = Lens(

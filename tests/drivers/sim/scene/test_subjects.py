@@ -13,12 +13,12 @@ from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.subjects import LIGHT
 from drivers.sim.truth import write_truth
-from imaging.cfa import bilinear
 from imaging.choices import Subject
 from imaging.errors import InputError
-from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
-from imaging.pose import Pose
+from imaging.optics.exposure import Exposure
+from imaging.optics.pose import Pose
+from imaging.sensor.cfa import bilinear
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
 

@@ -4,7 +4,7 @@ import numpy as np
 import PyOpenColorIO as ocio
 import pytest
 
-from imaging.colour import PRIMARIES
+from imaging.colour.spaces import PRIMARIES
 from imaging.errors import InputError
 from imaging.files.tags.exr_colour import colour_of
 

@@ -16,7 +16,7 @@ from imaging.files.photo import read_photo
 from imaging.files.tags import icc
 from imaging.files.tiff.exif import encode_exif
 from imaging.merge.linear_frame import SATURATED_CODE
-from imaging.mosaic import FrameMetadata
+from imaging.sensor.mosaic import FrameMetadata
 
 D65, D50 = [0.3127, 0.3290], [0.3457, 0.3585]
 SPACES = {

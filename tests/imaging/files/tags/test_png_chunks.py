@@ -109,7 +109,7 @@ def test_rows_may_come_in_the_order_of_adam7(tmp_path: Path) -> None:
 
 def test_exif_counts_before_and_behind_the_pixels(tmp_path: Path) -> None:
     from imaging.files.tiff.exif import encode_exif
-    from imaging.mosaic import FrameMetadata
+    from imaging.sensor.mosaic import FrameMetadata
 
     exif = encode_exif(FrameMetadata(make="Acme", orientation=6)).removeprefix(b"Exif\0\0")
     before = png(tmp_path / "a.png", RGB8, eXIf=exif)

@@ -9,10 +9,10 @@ import exifread
 import numpy as np
 import pytest
 
-from imaging.exposure import Exposure
 from imaging.files.photo import encode_jpeg
 from imaging.files.tags.raw_exif import spoken
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 SAID = FrameMetadata(make="Acme", model="Z1", exposure=Exposure(time=0.01, f_number=2.0, iso=100.0))
 LIBRAW = SimpleNamespace(

@@ -8,13 +8,13 @@ import pytest
 import tifffile
 from PIL import Image
 
-from imaging.exposure import Exposure
 from imaging.files.heif_webp import heif_is_read
 from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
 from imaging.files.tags.xmp import MARK, drone_note
 from imaging.files.tiff.directory import BYTE, UNDEFINED, Entry
 from imaging.files.tiff.exif import encode_exif
-from imaging.mosaic import FrameMetadata, GpsPosition
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata, GpsPosition
 
 ELEMENTS = b"""<rdf:Description xmlns:drone-dji='http://www.dji.com/drone-dji/1.0/'>
 <drone-dji:RelativeAltitude>+39.80</drone-dji:RelativeAltitude>

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.exposure import Exposure
 from imaging.files.tiff.directory import (
     ASCII,
     BYTE,
@@ -30,7 +29,8 @@ from imaging.files.tiff.directory import (
     text,
 )
 from imaging.files.tiff.exif import _NAMES, decode_exif, from_names
-from imaging.mosaic import FrameMetadata
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 
 HEAD = b"II*\0\x08\0\0\0"
 

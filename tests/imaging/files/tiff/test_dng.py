@@ -14,15 +14,15 @@ import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import BAYER, Cfa
 from imaging.errors import StorageError
-from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.files.tiff import dng, dng_tags
 from imaging.files.tiff.directory import TiffReader
 from imaging.files.tiff.dng import encode_dng, write_dng
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import BAYER, Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
 from ..exiftool import exiftool, needs_exiftool
 

@@ -9,10 +9,10 @@ import pytest
 import rawpy
 import tifffile
 
-from imaging.cfa import Cfa, as_tile
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
-from imaging.mosaic import RawMosaic, as_matrix
+from imaging.sensor.cfa import Cfa, as_tile
+from imaging.sensor.mosaic import RawMosaic, as_matrix
 
 from ..exiftool import exiftool, needs_exiftool
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import tifffile
 
-from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from imaging.files.tiff.directory import DOUBLE, RATIONAL, SHORT, UNDEFINED, Entry
 from imaging.files.tiff.dng_pixels import in_place
 from imaging.files.tiff.dng_unread import _BENDING
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import RawMosaic
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]

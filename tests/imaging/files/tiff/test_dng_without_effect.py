@@ -10,7 +10,7 @@ import tifffile
 
 from imaging.files.raw import read_raw
 from imaging.files.tiff.directory import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Entry
-from imaging.mosaic import RawMosaic
+from imaging.sensor.mosaic import RawMosaic
 from tests.imaging.files.tiff.test_dng_unread import BAYER, COMMON, LIGHT, TRUE, put
 
 MakeRaw = Callable[..., RawMosaic]

@@ -5,7 +5,7 @@ import pytest
 from imaging.files.tiff.directory import ASCII, BYTE, LONG, RATIONAL, Entry, encode_directory
 from imaging.files.tiff.exif import decode_exif, from_names
 from imaging.files.tiff.exif_gps import GPS_IFD
-from imaging.mosaic import GpsPosition
+from imaging.sensor.mosaic import GpsPosition
 
 PLACE = {
     1: Entry(ASCII, "N"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from imaging.colour import srgb_decode
+from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata, read_photo
 from tests.imaging.files.tags.test_icc import profile

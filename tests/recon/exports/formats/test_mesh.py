@@ -8,7 +8,7 @@ import pytest
 import torch
 import trimesh
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from imaging.errors import ReconstructionError
 from recon.exports.export import export
 from recon.exports.formats import mesh

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from imaging.colour import srgb_encode
+from imaging.colour.spaces import srgb_encode
 from recon.exports.export import export
 from recon.exports.splats import linear_splats
 from recon.result.scene import open_scene

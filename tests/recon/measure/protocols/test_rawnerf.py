@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa, mosaic
 from imaging.errors import InputError
 from imaging.files.tiff.dng import write_dng
 from imaging.metrics import PSNR_CAP
-from imaging.mosaic import RawMosaic
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import RawMosaic
 from recon.measure.protocols.rawnerf import (
     Reference,
     affine_aligned,

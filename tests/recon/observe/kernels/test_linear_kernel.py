@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import imaging.compute.threads as threads
-from imaging.cfa import Cfa
+from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.shot import Shot

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from imaging.colour import PRIMARIES, rec709_from_rgb
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb
 from imaging.files.hdr_display import WHITE
 from rig.view.pictures.look import Look
 from tests.imaging.files.test_hdr_display import pq_light

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imaging.colour import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_decode, srgb_encode
 from recon.result import display
 from recon.result.first_look import shot_at
 from rig.view.pictures import look, tones

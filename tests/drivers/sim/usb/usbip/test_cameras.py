@@ -10,7 +10,7 @@ from drivers.clock import SystemClock
 from drivers.sim.faults import Fault, Kind
 from drivers.u3v import find_cameras
 from imaging.errors import CameraError
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from tests.drivers.ptp.test_shots import EXPOSURE, same, shot
 from tests.drivers.u3v.test_camera import shoot
 

@@ -13,7 +13,7 @@ from drivers import ptp
 from drivers.clock import SystemClock
 from drivers.sim.usb.usbip.packets import PORT
 from drivers.u3v import find_cameras
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 from tests.drivers.u3v.test_camera import shoot
 
 from .attached import AttachedBus

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array
-from imaging.colour import XYZ_FROM_REC709
+from imaging.colour.spaces import XYZ_FROM_REC709
 
 
 def lab(rgb: npt.ArrayLike) -> Array:

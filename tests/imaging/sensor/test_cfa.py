@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import BAYER, Cfa, bilinear, cell_means, mosaic
+from imaging.sensor.cfa import BAYER, Cfa, bilinear, cell_means, mosaic
 
 all_phases = pytest.mark.parametrize("cfa", BAYER)
 OTHERS = (Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW, Cfa.MONO, Cfa.of("RG/BG"))

@@ -4,7 +4,7 @@ import colour
 import numpy as np
 import pytest
 
-from imaging.colour import (
+from imaging.colour.spaces import (
     PRIMARIES,
     REC709_FROM_XYZ,
     XYZ_FROM_REC709,

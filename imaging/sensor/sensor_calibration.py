@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import Tile
-from imaging.noise import SensorNoise
 from imaging.record import Record
+from imaging.sensor.cfa import Tile
+from imaging.sensor.noise import SensorNoise
 
 
 class Measured(Record):

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array32, Mask
-from imaging.cfa import Cfa, Tile, repeated, rolled
-from imaging.colour import camera_from_rec709
-from imaging.exposure import Exposure
-from imaging.noise import SensorNoise
+from imaging.colour.spaces import camera_from_rec709
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa, Tile, repeated, rolled
+from imaging.sensor.noise import SensorNoise
 
 Matrix = tuple[tuple[float, float, float], ...]
 """A row of three for each channel of a camera."""

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from imaging import lens as optics
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
-from imaging.lens import Lens
+from imaging.optics import lens as optics
+from imaging.optics.lens import Lens
 
 SIZE = {"width": 640, "height": 480, "fx": 300.0, "fy": 310.0, "cx": 322.0, "cy": 237.0}
 LENSES = [

@@ -29,7 +29,7 @@ class Lens(Record):
     """A COLMAP camera model; pixel centres at +0.5. Parameters as `fx fy cx cy k1 k2 p1 p2` (OPENCV).
 
     `model` says which of them were free; the others are zero (or fx = fy). A fisheye (RADIAL_FISHEYE,
-    OPENCV_FISHEYE) has `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `imaging.lens` projects.
+    OPENCV_FISHEYE) has `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `project` applies it.
     """
 
     model: LensModel

@@ -4,7 +4,7 @@ import colour
 import numpy as np
 import pytest
 
-from imaging.colour_difference import ciede2000, delta_e
+from imaging.colour.difference import ciede2000, delta_e
 
 
 def test_it_is_that_of_colour_science() -> None:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
-from imaging.exposure import Exposure
 from imaging.merge.linear_frame import from_raw
-from imaging.mosaic import FrameMetadata, RawMosaic
-from imaging.sensor import Defect, Levels, Measured, SensorCalibration
+from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
+from imaging.sensor.mosaic import FrameMetadata, RawMosaic
+from imaging.sensor.sensor_calibration import Defect, Levels, Measured, SensorCalibration
 
 BLACK, WHITE = 100.0, 4095
 

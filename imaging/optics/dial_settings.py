@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from fractions import Fraction
 
-from imaging.exposure import Exposure
+from imaging.optics.exposure import Exposure
 
 
 def labels(row: str) -> tuple[str, ...]:

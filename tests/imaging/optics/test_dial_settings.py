@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from imaging.dial_settings import SHUTTER_TIMES, meant
-from imaging.exposure import Exposure
+from imaging.optics.dial_settings import SHUTTER_TIMES, meant
+from imaging.optics.exposure import Exposure
 
 
 def times(*labels: float) -> list[float]:

@@ -1,0 +1,1 @@
+"""The optics of a view: its exposure, its lens and its pose."""

@@ -1,0 +1,1 @@
+"""Sensors: colour filters, RAW frames, the noise model, and what was measured at one ISO."""
