@@ -13,6 +13,7 @@ from calib.data.unfinished import Unfinished
 from calib.data.views import steady_cameras
 from calib.evidence import Evidence
 from calib.poses import moving, sfm
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.refusals import OnePlace
 from calib.poses.resolution import CHECK, DOUBTS, Contradicted
 from calib.poses.rigs.known_rig import KnownRig
@@ -223,12 +224,11 @@ def _solved(
         # A board measures the distances of cameras better than a ruler.
         places |= {name: board.place(name) for name in board.cam_from_rig}
         known = KnownRig(sure, board.cam_from_rig if board.sure_rig else {}, places)
-    return sfm.solve(
+    inputs = PoseInputs(
         {view: summary.features for view, summary in summaries.items()},
-        guesses,
         list(rigs.values()),
-        1,  # thread: Ceres adds up in the order in which its threads finish
-        progress,
+        threads=1,  # Ceres adds up in the order in which its threads finish
+        progress=progress,
         focal=focal,
         stated=stated_places(evidence.session, evidence.views),
         focal_known={*focal, *(() if board is None else board.lenses)},
@@ -243,3 +243,4 @@ def _solved(
         names=evidence.session.photograph_names(),
         turntable=evidence.session.turntable() is not None,
     )
+    return sfm.solve(inputs, guesses)

@@ -11,6 +11,7 @@ pairs of a row takes, by the mean of some. --quick: the rig alone.
 import argparse
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,16 +52,14 @@ def walk_of(work: Path) -> tuple[Path, dict[ViewId, Array]]:
 def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
     """Rows of a set by the count of alike views."""
     session, truth = walk_of(work) if name == "walk" else session_of(name, work)
-    given, more = question(session)
-    unfinished, features = Unfinished(work / f"alike-{name}-matches", name), given[0]
-    descriptors = {view: one.descriptors for view, one in features.items()}
+    inputs, cameras = question(session)
+    inputs = replace(inputs, unfinished=Unfinished(work / f"alike-{name}-matches", name))
+    descriptors = {view: one.descriptors for view, one in inputs.features.items()}
     rows = {}
     for count in COUNTS:
         with mock.patch.object(chosen, "ALIKE", count):
-            pairs = chosen.pairs_to_match(descriptors, given[2])
-            cached = cache.get(
-                f"alike {name} {count}", partial(row, given, more, "incremental", unfinished, truth)
-            )
+            pairs = chosen.pairs_to_match(descriptors, inputs.rigs)
+            cached = cache.get(f"alike {name} {count}", partial(row, inputs, cameras, "incremental", truth))
         rows[count] = cached | {"pairs": len(pairs)}
     return {"rows": rows, "a_pair": seconds_of_a_pair(list(descriptors.values()))}
 

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from bench.calibration.pose_error import covered, degrees_of
 from bench.support.record import arguments, deliver
 from calib.data.features import Features
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import SceneModel, solve
 from imaging.arrays import Array
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from imaging.session.view_id import ViewId
 
@@ -86,7 +86,7 @@ def trial(seed: int, motion: str) -> dict[str, Any]:
         for name, cam_from_world in (("front", pose), ("back", back_from_front @ pose)):
             truth[ViewId(frame, name)] = cam_from_world
             features[ViewId(frame, name)] = features_of(scene, cam_from_world, rng)
-    model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
+    model = solve(PoseInputs(features, [RIG]), dict.fromkeys(RIG, GUESS))
     (rung,) = (rung for rung in model.rungs if rung.name == MOTION)
     row = {"motion": motion, "tied": rung.taken, "reason": rung.reason}
     return row | (errors(model, truth) if rung.taken else {})

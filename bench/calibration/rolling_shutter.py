@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from bench.calibration.pose_error import aligned, auc, covered, pairs
 from bench.support.record import arguments, deliver
 from calib.data.features import Features
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import solve
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL, NOISE, POINTS = 640, 480, 620.0, 0.2, 600
@@ -81,7 +81,7 @@ def trial(seed: int, motion: str, readout: float) -> dict[str, Any]:
         truth[ViewId(number, "cam")] = pose
     row = {"motion": motion, "readout": readout}
     try:
-        model = solve(features, {"cam": GUESS}, [], 1, unreported)
+        model = solve(PoseInputs(features), {"cam": GUESS})
     except CalibrationError as error:
         return row | {"views": 0, "reason": str(error)}
     poses = {view: pose.matrix() for view, pose in model.poses.items()}

@@ -14,6 +14,7 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -32,12 +33,15 @@ from calib.data import features as matched
 from calib.data import pairs as chosen
 from calib.data.unfinished import FOLDER, Unfinished
 from calib.poses import first_model, mapping, sfm
+from calib.poses.pose_inputs import PoseInputs
+from calib.poses.steps import Growth
 from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
+from imaging.optics.lens import Lens
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 
@@ -65,18 +69,18 @@ class _Known(Exception):
 
 def global_mapper(
     database: Any,
-    views: int,
+    images: Sequence[str],
     max_error: float,
     fixed: frozenset[int],
     threads: int,
     progress: Progress,
-    *,
+    growth: Growth,
     ahead: bool = False,
-    images: Sequence[str] = (),
 ) -> Any | None:
     """Map as `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
-    Revisited", 2024). ahead, images: it knows neither; all views are placed.
+    Revisited", 2024). growth, ahead: it knows neither.
     """
+    views = len(images)
     progress("placing views", 0, views)
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads = options.mapper.num_threads = threads
@@ -107,22 +111,20 @@ def session_of(name: str, work: Path) -> tuple[Path, dict[ViewId, Array] | None]
     return folder, None
 
 
-def question(session: Path) -> tuple[tuple[Any, ...], dict[str, Any]]:
+def question(session: Path) -> tuple[PoseInputs, Mapping[str, Lens]]:
     """Return what a calibration asks `sfm.solve`."""
-    asked: list[Any] = []
+    asked: list[tuple[PoseInputs, Mapping[str, Lens]]] = []
 
-    def noted(*given: Any, **more: Any) -> None:
-        asked.append((given, more))
+    def noted(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> None:
+        asked.append((inputs, cameras))
         raise _Known
 
     with mock.patch.object(sfm, "solve", noted), suppress(_Known):
         calibrate(session)
-    return asked[0][0], asked[0][1]
+    return asked[0]
 
 
-def row(
-    given: Sequence[Any], more: Mapping[str, Any], mapper: str, unfinished: Unfinished, truth: Any
-) -> dict[str, Any]:
+def row(inputs: PoseInputs, cameras: Mapping[str, Lens], mapper: str, truth: Any) -> dict[str, Any]:
     """Row of one calibration from its features on; verified: number of fitting matches of each pair."""
     meter, verified_counts = Meter(), dict[str, int]()
 
@@ -131,19 +133,18 @@ def row(
         verified_counts.update({_text(pair): len(matches.one) for pair, matches in verified.items()})
         return verified
 
-    features, cameras, rigs, threads, _ = given
     with (
         mock.patch.object(first_model, "map_views", MAPPERS[mapper]),
         mock.patch.object(first_model, "fill_database", fill),
     ):
         try:
-            model = sfm.solve(features, cameras, rigs, threads, meter, **{**more, "unfinished": unfinished})
+            model = sfm.solve(replace(inputs, progress=meter), cameras)
         except CalibrationError as error:
             return {"refused": str(error), "verified": verified_counts}
     meter("", 0, 0)
     poses = {view: pose.matrix() for view, pose in model.poses.items()}
     result: dict[str, Any] = {
-        "views": len(features),
+        "views": len(inputs.features),
         "placed": len(poses),
         "reprojection_px": model.reprojection_px,
         "points": int(model.reconstruction.num_points3D()),
@@ -161,13 +162,14 @@ def row(
 def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
     """All rows of a set, as the table has them."""
     session, truth = session_of(name, work)
-    given, more = question(session)
-    unfinished, features, rigs = Unfinished(work / f"size-{name}-matches"), given[0], given[2]
+    inputs, cameras = question(session)
+    inputs = replace(inputs, unfinished=Unfinished(work / f"size-{name}-matches"))
+    features, rigs = inputs.features, inputs.rigs
     selected = set(chosen.pairs_to_match({view: one.descriptors for view, one in features.items()}, rigs))
     every, views = list(combinations(features, 2)), len(features)
     rows = {
         f"chosen, {mapper}": cache.get(
-            f"{name} chosen {mapper}", partial(row, given, more, mapper, unfinished, truth)
+            f"{name} chosen {mapper}", partial(row, inputs, cameras, mapper, truth)
         )
         for mapper in MAPPERS
     }
@@ -177,7 +179,7 @@ def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
         return result
     with mock.patch.object(chosen, "ALL_PAIRS", views):
         rows["all, incremental"] = cache.get(
-            f"{name} all incremental", partial(row, given, more, "incremental", unfinished, truth)
+            f"{name} all incremental", partial(row, inputs, cameras, "incremental", truth)
         )
     verified = rows["all, incremental"]["verified"]
     matches = [verified[_text(pair)] for pair in selected if _text(pair) in verified]

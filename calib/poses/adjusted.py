@@ -8,9 +8,10 @@ from calib.adjustment.bundle_adjustment import Free, adjust, lens_of, misses
 from calib.adjustment.lens_ladder import climb
 from calib.adjustment.point_refinement import refine_points
 from calib.data.features import FEWEST_MATCHES
-from calib.poses.first_model import NO_START, FirstModels, Scene, camera_numbers, first_models, matched
+from calib.poses.first_model import NO_START, FirstModels, camera_numbers, first_models, matched
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.places import align_to_places
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.rigs.apart import Joined, join, unjoined
 from calib.poses.rigs.known_rig import camera_of, to_metres
 from calib.poses.rigs.tied_model import TiedModel, polish, tied_model
@@ -66,46 +67,46 @@ class AdjustedModel:
         }
 
 
-def adjusted_model(scene: Scene, cameras: Mapping[str, Lens]) -> AdjustedModel | TurnedViews:
+def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedModel | TurnedViews:
     """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms.
 
     Views from one place have their turns instead.
     """
-    known, threads, progress = scene.known, scene.threads, scene.progress
+    known, threads, progress = inputs.known, inputs.threads, inputs.progress
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
     database = pycolmap.Database.open(":memory:")
     models = {
         name: camera_of(known.lenses[name])
         if name in known.lenses
-        else _camera(lens, name in scene.focal_known)
+        else _camera(lens, name in inputs.focal_known)
         for name, lens in cameras.items()
     }
-    pairs = matched(scene, database, models, max_error)
-    steps = Steps(scene.unfinished, scene.inputs(cameras))
-    if not scene.turntable:
+    pairs = matched(inputs, database, models, max_error)
+    steps = Steps(inputs.unfinished, inputs.cache_key(cameras))
+    if not inputs.turntable:
         turned = turned_views(
-            scene.features, pairs, {**cameras, **known.lenses}, known.lenses, scene.focal_known, max_error
+            inputs.features, pairs, {**cameras, **known.lenses}, known.lenses, inputs.focal_known, max_error
         )
         if turned is not None:
             return turned
-    first = first_models(scene, steps, database, models, pairs, cameras, max_error)
+    first = first_models(inputs, steps, database, models, pairs, cameras, max_error)
     # Motion determines the distance of cameras without a common view too badly to scale the scene.
-    metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
+    metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in inputs.rigs) > 0
     free = Free(
         "RADIAL_FISHEYE" if any(lens.fisheye for lens in cameras.values()) else "SIMPLE_RADIAL",
         fixed=camera_numbers(models, {*known.lenses, *first.held}),
         placed=camera_numbers(models, known.cam_from_rig),
         focal=focal_priors(
-            {models[name].camera_id: why_fixed for name, why_fixed in scene.focal.items() if name in models}
+            {models[name].camera_id: why_fixed for name, why_fixed in inputs.focal.items() if name in models}
         ),
     )
-    joined, tied = _tied(scene, steps, database, first, free, max_error, metric)
+    joined, tied = _tied(inputs, steps, database, first, free, max_error, metric)
     reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
-    if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
+    if inputs.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
 
         def aligned() -> Done:
-            refine_points(reconstruction, scene.pictures, progress)
+            refine_points(reconstruction, inputs.pictures, progress)
             typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
             return Done((reconstruction,), {"typical": typical})
 
@@ -114,12 +115,17 @@ def adjusted_model(scene: Scene, cameras: Mapping[str, Lens]) -> AdjustedModel |
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(NO_START.format(first.main.pairs))
     free, focal_rungs = settle_focal(
-        reconstruction, free, typical, threads, {models[name].camera_id: name for name in models}, scene.focal
+        reconstruction,
+        free,
+        typical,
+        threads,
+        {models[name].camera_id: name for name in models},
+        inputs.focal,
     )
     if not metric:
-        places, stated_rung = align_to_places(reconstruction, scene.stated)
+        places, stated_rung = align_to_places(reconstruction, inputs.stated)
         if places and tied.uncut is not None:
-            align_to_places(tied.uncut, scene.stated)
+            align_to_places(tied.uncut, inputs.stated)
         free = replace(free, places=places)
         focal_rungs = (*(() if stated_rung is None else (stated_rung,)), *focal_rungs)
         if places:
@@ -155,7 +161,7 @@ def adjusted_model(scene: Scene, cameras: Mapping[str, Lens]) -> AdjustedModel |
 
 
 def _tied(
-    scene: Scene,
+    inputs: PoseInputs,
     steps: Steps,
     database: Any,
     first: FirstModels,
@@ -166,12 +172,12 @@ def _tied(
     """Tie rigs together, and cameras that are apart by motion as far as that makes a rigid rig."""
 
     def step() -> Done:
-        joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)
-        tied = tied_model(scene, database, joined, free, max_error, metric)
+        joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], inputs.rigs)
+        tied = tied_model(inputs, database, joined, free, max_error, metric)
         if joined.cameras and not tied.rung.taken:
             rung = unjoined(joined.cameras, tied.rung.reason)
             joined = Joined(first.main.reconstruction, frozenset(), (rung,))
-            tied = tied_model(scene, database, joined, free, max_error, metric)
+            tied = tied_model(inputs, database, joined, free, max_error, metric)
         rest = {
             "cameras": sorted(joined.cameras),
             "rungs": [one.model_dump(mode="json") for one in (tied.rung, *joined.rungs)],

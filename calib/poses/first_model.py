@@ -1,16 +1,15 @@
 """Views matched and placed for the first time, without what contradicts itself."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from calib.adjustment.place_priors import StatedPlace
-from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
-from calib.data.unfinished import Unfinished
+from calib.data.features import FEWEST_MATCHES, MatchedPair, fill_database
 from calib.poses.checks.brightness_steps import Pairs
 from calib.poses.checks.contradictions import placed_views
 from calib.poses.checks.rival import agreement, hanging_on, joined_groups
 from calib.poses.mapping import map_at_once, map_views
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.refusals import require_depth
 from calib.poses.resolution import (
     UNCONFIRMED,
@@ -20,14 +19,10 @@ from calib.poses.resolution import (
     resolve_contradictions,
 )
 from calib.poses.rigs.apart import cameras_apart, unjoined
-from calib.poses.rigs.known_rig import KnownRig
 from calib.poses.rigs.rig_twins import twins
 from calib.poses.steps import Steps
-from calib.sensor.focal_length import FocalLength
-from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.optics.lens import Lens
-from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
@@ -58,38 +53,6 @@ NO_START = (
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Inputs of the poses, except for the lenses, of which two initial guesses may be tried."""
-
-    features: Mapping[ViewId, Features]
-    rigs: Sequence[Sequence[str]]
-    threads: int
-    progress: Progress
-    focal_known: Collection[str]
-    known: KnownRig
-    pictures: Mapping[ViewId, bytes]
-    brightness: Mapping[ViewId, Array]
-    exact: Collection[str]
-    unfinished: Unfinished
-    focal: Mapping[str, FocalLength]
-    stated: Mapping[ViewId, StatedPlace]
-    steady: Collection[str] = ()
-    keep_doubtful: bool = False
-    turntable: bool = False
-
-    def inputs(self, cameras: Mapping[str, Lens]) -> list[object]:
-        """All that models depend on beside the features, of which their kind says which these are; cameras:
-        first guesses of the lenses.
-        """
-        return [
-            {str(view): features.kind for view, features in self.features.items()},
-            dict(cameras), self.rigs, set(self.focal_known), self.known, sorted(map(str, self.pictures)),
-            set(self.exact), dict(self.focal), {str(view): place for view, place in self.stated.items()},
-            set(self.steady), self.keep_doubtful, self.turntable,
-        ]  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
 class FirstModels:
     """Model of most views, and those of cameras that no match joins to it though their rig may.
 
@@ -103,10 +66,10 @@ class FirstModels:
     unplaced: tuple[Rung, ...]
 
 
-def matched(scene: Scene, database: Any, models: Mapping[str, Any], max_error: float) -> Pairs:
+def matched(inputs: PoseInputs, database: Any, models: Mapping[str, Any], max_error: float) -> Pairs:
     """The pairs of views that match, at least one; models: pycolmap cameras by name."""
     pairs = fill_database(
-        database, models, scene.features, max_error, scene.rigs, scene.unfinished, scene.progress
+        database, models, inputs.features, max_error, inputs.rigs, inputs.unfinished, inputs.progress
     )
     if not pairs:
         raise CalibrationError(
@@ -116,7 +79,7 @@ def matched(scene: Scene, database: Any, models: Mapping[str, Any], max_error: f
 
 
 def first_models(
-    scene: Scene,
+    inputs: PoseInputs,
     steps: Steps,
     database: Any,
     models: Mapping[str, Any],
@@ -126,7 +89,7 @@ def first_models(
 ) -> FirstModels:
     """Views mapped by their matches, without what contradicts itself."""
     require_depth(pairs, cameras, max_error)
-    placing = _Placing(scene, steps, database, models, pairs, max_error)
+    placing = _Placing(inputs, steps, database, models, pairs, max_error)
     main, held, rest = placing.placed(frozenset(models))
     apart: list[ResolvedModel] = []
     unplaced: tuple[Rung, ...] = ()
@@ -147,7 +110,7 @@ def first_models(
 class _Placing:
     """Inputs of the placing of views after matching."""
 
-    scene: Scene
+    inputs: PoseInputs
     steps: Steps
     database: Any
     models: Mapping[str, Any]
@@ -156,19 +119,18 @@ class _Placing:
 
     def placed(self, names: frozenset[str]) -> tuple[ResolvedModel, frozenset[str], frozenset[str]]:
         """Model of most views of these cameras, those with lenses from the files, and those apart."""
-        scene, database, models, max_error = self.scene, self.database, self.models, self.max_error
+        inputs, database, models, max_error = self.inputs, self.database, self.models, self.max_error
         held: frozenset[str] = frozenset()
         pairs, views = self._of(names)
 
         def mapped() -> Any | None:
-            fixed = camera_numbers(models, {*scene.known.lenses, *held})
-            images = [view.image_name for view in views] if len(views) < len(scene.features) else []
+            fixed = camera_numbers(models, {*inputs.known.lenses, *held})
+            images = [view.image_name for view in views]
             return self.steps.grown(
                 lambda growth: map_views(
-                    database, len(views), max_error, fixed, scene.threads, scene.progress, growth, bool(held),
-                    images,
+                    database, images, max_error, fixed, inputs.threads, inputs.progress, growth, bool(held)
                 )
-            )  # fmt: skip
+            )
 
         def placed(model: Any | None) -> int:
             return 0 if model is None else int(model.num_reg_images())
@@ -176,12 +138,12 @@ class _Placing:
         reconstruction = mapped()
         apart: frozenset[str] = frozenset()
         if reconstruction is not None:
-            apart = cameras_apart(scene.rigs, pairs, views_of(reconstruction))
+            apart = cameras_apart(inputs.rigs, pairs, views_of(reconstruction))
         if apart:
             names -= apart
             pairs, views = self._of(names)
         matched = {view for pair in pairs for view in pair}
-        known = frozenset(scene.focal_known)
+        known = frozenset(inputs.focal_known)
         rungs: tuple[Rung, ...] = ()
         if placed(reconstruction) < PLACED * len(matched) and known.issuperset(names):
             held = known & names
@@ -194,9 +156,9 @@ class _Placing:
                 held = frozenset()
         rival, hanging = None, set[ViewId]()
         if placed(reconstruction) < MOST * len(matched):
-            images = [view.image_name for view in views] if len(views) < len(scene.features) else []
-            scene.progress("placing views at once", 0, 1)
-            fixed = camera_numbers(models, {*scene.known.lenses, *held})
+            images = [view.image_name for view in views] if len(views) < len(inputs.features) else []
+            inputs.progress("placing views at once", 0, 1)
+            fixed = camera_numbers(models, {*inputs.known.lenses, *held})
             rival = self.steps.model(lambda: map_at_once(database, fixed, images))
             share = agreement(reconstruction, rival)
             if share is not None and share >= AGREED:
@@ -211,10 +173,12 @@ class _Placing:
             raise CalibrationError(NO_START.format(len(pairs)))
         settled = resolve_contradictions(
             reconstruction,
-            Matches(database, pairs, scene.brightness, max_error, mapped, scene.exact, scene.steady),
-            keep_doubtful=scene.keep_doubtful,
+            Matches(
+                database, pairs, inputs.brightness, max_error, mapped, inputs.exact, inputs.steady_or_exact
+            ),
+            keep_doubtful=inputs.keep_doubtful,
         )
-        if not scene.keep_doubtful:
+        if not inputs.keep_doubtful:
             settled = self._without_twins(settled, pairs)
             self._require_confirmed(settled, rival)
         hanging &= views_of(settled.reconstruction)
@@ -231,7 +195,7 @@ class _Placing:
         groups = joined_groups(self.pairs, views, tracks)
         group = max(groups, key=lambda group: len(group & confirmed))
         hanging = views - group
-        if not self.scene.keep_doubtful:
+        if not self.inputs.keep_doubtful:
             hanging = hanging_on(self.pairs, hanging, tracks)
         rival = type(rival)(rival)
         for view in views - group - hanging:
@@ -253,7 +217,7 @@ class _Placing:
 
     def _without_twins(self, settled: ResolvedModel, pairs: Pairs) -> ResolvedModel:
         """The model without views at a look-alike of their place, as the mounting of the cameras shows."""
-        rigs = self.scene.rigs
+        rigs = self.inputs.rigs
         if not any(len(rig) > 1 for rig in rigs):
             return settled
         poses = {view: pose for view, (_, pose) in placed_views(settled.reconstruction).items()}
@@ -279,7 +243,7 @@ class _Placing:
             for (one, other), pair in self.pairs.items()
             if one.camera in names and other.camera in names
         }
-        return pairs, [view for view in self.scene.features if view.camera in names]
+        return pairs, [view for view in self.inputs.features if view.camera in names]
 
 
 def views_of(model: Any) -> set[ViewId]:

@@ -18,26 +18,34 @@ STILL = 1e-5
 
 def map_views(
     database: Any,
-    views: int,
+    images: Sequence[str],
     max_error: float,
     fixed: frozenset[int],
     threads: int,
     progress: Progress,
     growth: Growth,
     ahead: bool = False,
-    images: Sequence[str] = (),
 ) -> Any | None:
-    """The model of a database's matches that places the most views; None if no two can be placed.
+    """Place views one after another.
 
-    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay. growth: has
-    the model that a stopped run began, and keeps the first that grows, mostly the only one. ahead: begin with
-    two views of which one was taken by going ahead from the other, too, and be content with fewer matches of
-    each further one, since what stands beside a road leaves the image after a few steps. images: the names of
-    those to place; (): all.
+    Args:
+        database: pycolmap's, with verified pairs.
+        images: Names of the views to place.
+        max_error: Largest error of a reprojection, px.
+        fixed: Numbers of cameras whose lenses stay.
+        threads: Of the adjustments.
+        progress: Callback for the number of placed views.
+        growth: Has the model that a stopped run began, and keeps the first that grows, mostly the only one.
+        ahead: Begin with two views of which one was taken by going ahead from the other, too, and be content
+            with fewer matches of each further one: things beside a road leave the image after a few steps.
+
+    Returns:
+        The pycolmap model with the most views; None if no two can be placed.
     """
+    views = len(images)
     options = pycolmap.IncrementalPipelineOptions()
     options.constant_cameras = set(fixed)
-    options.image_names = list(images)
+    options.image_names = list(images) if views < database.num_images() else []
     options.min_model_size = 2
     options.random_seed = 0
     options.num_threads = threads

@@ -1,28 +1,23 @@
 """Structure from motion: poses, lenses and scene points from features, with the rig as a constraint."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free, lens_of
-from calib.adjustment.place_priors import StatedPlace
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
-from calib.data.features import Features
-from calib.data.unfinished import Unfinished
 from calib.poses.adjusted import adjusted_model
 from calib.poses.checks.confirmation import hanging, loose
-from calib.poses.first_model import Scene
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.refusals import require_features
-from calib.poses.rigs.known_rig import NOTHING, KnownRig, to_metres
+from calib.poses.rigs.known_rig import to_metres
 from calib.poses.turning.turned_views import TurnedViews
-from calib.sensor.focal_length import FocalLength
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
-from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
@@ -69,71 +64,46 @@ class SceneModel:
         return any(rung.name == "rig_constraint" and rung.taken for rung in self.rungs)
 
 
-def solve(
-    features: Mapping[ViewId, Features],
-    cameras: Mapping[str, Lens],
-    rigs: Sequence[Sequence[str]],
-    threads: int,
-    progress: Progress,
-    *,
-    focal_known: Collection[str] = (),
-    focal: Mapping[str, FocalLength] | None = None,
-    stated: Mapping[ViewId, StatedPlace] | None = None,
-    known: KnownRig = NOTHING,
-    blank: Mapping[ViewId, str] | None = None,
-    pictures: Mapping[ViewId, bytes] | None = None,
-    brightness: Mapping[ViewId, Array] | None = None,
-    exact: Collection[str] = (),
-    steady: Collection[str] = (),
-    unfinished: Unfinished | None = None,
-    keep_doubtful: bool = False,
-    names: Mapping[ViewId, str] | None = None,
-    turntable: bool = False,
-) -> SceneModel:
-    """Place the views. Errors: CalibrationError that names the cause when none can be placed.
+def solve(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> SceneModel:
+    """Place the views, tie rigs together, and choose the terms of the lenses.
 
-    features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size. rigs:
-    names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes from a
-    file's focal length rather than from nothing. focal: prior from the files, at picture size, of the weight
-    that its spread has against the scene. known: lenses at picture size and rig poses from a board, which
-    stay; the model is in metres where that placed two cameras of a rig. blank: reasons why views show
-    nothing. pictures: of views with little noise, as grey PNGs, for places more exact than those of features.
-    exact: cameras whose brightness differs only where things do. steady: those whose exposure stays the same,
-    beside them. unfinished: matches of an earlier run. keep_doubtful: keep views that others contradict, with
-    a warning. names: of the photographs of views, for warnings. stated: where views were taken, as their
-    files say; the model comes to lie there, in metres, where they agree with each other. turntable: things
-    turn before the cameras, so that views are not from one place.
+    Args:
+        inputs: Features and all that is known of the cameras.
+        cameras: First guess of each lens, at picture size.
+
+    Returns:
+        The model, with its rungs and standard errors.
+
+    Raises:
+        CalibrationError: No view can be placed; the message names the cause.
     """
-    require_features(features, blank or {})
-    scene = Scene(
-        features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
-        unfinished or Unfinished(), focal or {}, stated or {}, {*exact, *steady}, keep_doubtful,
-        turntable,
-    )  # fmt: skip
-    adjusted = adjusted_model(scene, cameras)
+    require_features(inputs.features, inputs.blank)
+    adjusted = adjusted_model(inputs, cameras)
     if isinstance(adjusted, TurnedViews):
         return _turned(adjusted)
     rungs: tuple[Rung, ...] = ()
     if adjusted.is_fisheye and not any(lens.fisheye for lens in cameras.values()):
         # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
         rungs = tuple(rung for rung in adjusted.lens_rungs if rung.name in _LENS_KINDS)
-        again = adjusted_model(scene, {**cameras, **adjusted.centred(cameras)})
+        again = adjusted_model(inputs, {**cameras, **adjusted.centred(cameras)})
         if isinstance(again, TurnedViews):
             return _turned(again)
         adjusted = again
     if adjusted.metric and not adjusted.free.placed:  # distances are better known now than at first
-        for rig in rigs:
+        for rig in inputs.rigs:
             to_metres(
-                adjusted.reconstruction, known, [name for name in rig if name not in adjusted.by_motion]
+                adjusted.reconstruction,
+                inputs.known,
+                [name for name in rig if name not in adjusted.by_motion],
             )
-    errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
+    errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, inputs.progress)
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)
     doubts = [
         doubt
         for doubt in (
-            hanging(adjusted.hanging, names or {}),
-            loose({} if errors is None else _turn_errors(adjusted.reconstruction, errors), names or {}),
+            hanging(adjusted.hanging, inputs.names),
+            loose({} if errors is None else _turn_errors(adjusted.reconstruction, errors), inputs.names),
         )
         if doubt is not None
     ]

@@ -5,7 +5,7 @@ from typing import Any
 
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers, misses
 from calib.adjustment.lens_ladder import sees_wide
-from calib.poses.first_model import Scene
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.rigs.apart import Joined
 from calib.poses.rigs.known_rig import tie_rigs
 from imaging.files.colmap import pycolmap
@@ -30,7 +30,7 @@ class TiedModel:
 
 
 def tied_model(
-    scene: Scene,
+    inputs: PoseInputs,
     database: Any,
     joined: Joined,
     free: Free,
@@ -38,15 +38,15 @@ def tied_model(
     metric: bool,
 ) -> TiedModel:
     """Tie rigs together, as far as that does not show that the cameras moved against each other."""
-    threads, progress, reconstruction = scene.threads, scene.progress, joined.reconstruction
-    known, free = scene.known, free.within(reconstruction)
+    threads, progress, reconstruction = inputs.threads, inputs.progress, joined.reconstruction
+    known, free = inputs.known, free.within(reconstruction)
     if joined.cameras and not metric:
         # A board states in metres where cameras are mounted, which is of no use to a model of another unit.
         known, free = replace(known, cam_from_rig={}), replace(free, placed=frozenset())
     untied = misses(reconstruction).typical
     loose = pycolmap.Reconstruction(reconstruction)
     uncut = pycolmap.Reconstruction(reconstruction) if sees_wide(reconstruction) else None
-    rung = tie_rigs(database, reconstruction, scene.rigs, known)
+    rung = tie_rigs(database, reconstruction, inputs.rigs, known)
     typical = polish(reconstruction, free, max_error, threads, progress)
     if rung.taken and typical > LOOSE * max(untied, 0.1):
         reconstruction = loose

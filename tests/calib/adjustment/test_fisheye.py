@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from calib.adjustment import lens_ladder
 from calib.adjustment.bundle_adjustment import Free, lens_of, set_model
 from calib.data.features import Features
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import solve
 from drivers.sim.camera import lens as simulated
 from imaging.files.colmap import pycolmap
@@ -55,7 +56,7 @@ def views(frames: int) -> dict[ViewId, Features]:
 def test_a_fisheye_is_found_with_its_corners() -> None:
     """A first pass with radial terms loses the corners: without the second the lens is 10 px off there."""
     features = views(6)
-    model = solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"})
+    model = solve(PoseInputs(features, focal_known={"cam"}), {"cam": GUESS})
     rungs = {rung.name: rung for rung in model.rungs}
     assert len(rungs) == len(model.rungs)
     assert rungs["lens_fisheye"].taken

@@ -5,10 +5,10 @@ import pytest
 
 from calib.data.features import Features, MatchedPair
 from calib.data.matching import match
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import centres, solve
 from imaging.errors import CalibrationError
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
@@ -58,7 +58,7 @@ def test_a_rig_on_an_arc_is_placed():
         for name, shift in (("left", (0.15, 0, 0)), ("right", (-0.15, 0, 0))):
             features[ViewId(frame, name)] = features_of(rotation, translation + shift, seed=frame)
             truth[ViewId(frame, name)] = (rotation, translation + shift)
-    model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, unreported)
+    model = solve(PoseInputs(features, [["left", "right"]]), {"left": GUESS, "right": GUESS})
     assert model.rigged
     assert set(model.poses) == set(features)
     assert model.lenses["left"].fx == pytest.approx(FOCAL, rel=0.02)
@@ -99,7 +99,7 @@ def test_cameras_that_never_see_the_same_at_once_are_one_rig():
                 seed=frame,
                 scene=wall,
             )
-    model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, unreported)
+    model = solve(PoseInputs(features, [["left", "right"]]), {"left": GUESS, "right": GUESS})
     for frame in range(len(places)):
         pairs = match(
             features[ViewId(frame, "left")].descriptors, features[ViewId(frame, "right")].descriptors
@@ -115,7 +115,7 @@ def test_cameras_that_never_see_the_same_at_once_are_one_rig():
 def test_a_lens_is_bent_only_where_it_is(k1, views):
     """Five views tell of -0.06 by 0.6 to 3 standard errors only, as chance has it."""
     features = {ViewId(i, "cam"): features_of(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
-    model = solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"})
+    model = solve(PoseInputs(features, focal_known={"cam"}), {"cam": GUESS})
     (rung,) = [rung for rung in model.rungs if rung.name == "lens_radial_1"]
     assert rung.taken == (k1 != 0)
     assert model.lenses["cam"].k1 == pytest.approx(k1, abs=0.01 if k1 else 0)
@@ -124,7 +124,7 @@ def test_a_lens_is_bent_only_where_it_is(k1, views):
 
 def test_two_views_are_enough():
     features = {ViewId(i, "cam"): features_of(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
-    assert len(solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"}).poses) == 2
+    assert len(solve(PoseInputs(features, focal_known={"cam"}), {"cam": GUESS}).poses) == 2
 
 
 def test_a_turn_is_told_from_a_flat_scene():
@@ -162,5 +162,5 @@ def test_a_turn_is_told_from_a_flat_scene():
 )  # fmt: skip
 def test_the_cause_is_named_when_nothing_can_be_placed(features, cause):
     with pytest.raises(CalibrationError, match=cause) as refused:
-        solve(features, {"cam": GUESS}, [], 1, unreported)
+        solve(PoseInputs(features), {"cam": GUESS})
     assert "\n" not in str(refused.value)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.adjustment.place_priors import StatedPlace
 from calib.data.unfinished import Unfinished
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import SceneModel, solve
 from calib.poses.steps import Done, Steps
 from imaging.files.colmap import pycolmap
@@ -40,7 +41,7 @@ solved(Path(sys.argv[1]), killed)
 
 
 def solved(session: Path, progress: Progress) -> SceneModel:
-    return solve(FEATURES, {"cam": GUESS}, [], 1, progress, unfinished=Unfinished(session, "q"))
+    return solve(PoseInputs(FEATURES, progress=progress, unfinished=Unfinished(session, "q")), {"cam": GUESS})
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from calib.data.features import Features
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.errors import CalibrationError
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
@@ -45,7 +45,7 @@ def street() -> dict[ViewId, Features]:
 
 @pytest.fixture(scope="module")
 def model(street: dict[ViewId, Features]) -> SceneModel:
-    return solve(street, {"phone": FILE}, [], 1, unreported, focal_known={"phone"})
+    return solve(PoseInputs(street, focal_known={"phone"}), {"phone": FILE})
 
 
 def test_all_views_are_placed_where_they_are(model: SceneModel) -> None:
@@ -72,4 +72,4 @@ def test_the_lens_stays_as_the_files_say(model: SceneModel) -> None:
 
 def test_without_a_focal_length_such_views_are_refused(street: dict[ViewId, Features]) -> None:
     with pytest.raises(CalibrationError, match="give a start"):
-        solve(street, {"phone": FILE}, [], 1, unreported)
+        solve(PoseInputs(street), {"phone": FILE})

@@ -9,13 +9,13 @@ import pytest
 
 from calib.data.features import Features, MatchedPair
 from calib.poses.checks.brightness_steps import warning
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.resolution import resolve_contradictions
 from calib.poses.sfm import SceneModel, solve
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
@@ -71,9 +71,15 @@ def placed(
     """The model, and the pairs of views that match."""
     with patch("calib.poses.first_model.resolve_contradictions", wraps=resolve_contradictions) as settled:
         model = solve(
-            features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness,
-            steady={"cam"} if steady else (), keep_doubtful=keep_doubtful,
-        )  # fmt: skip
+            PoseInputs(
+                features,
+                focal_known={"cam"},
+                brightness=brightness,
+                steady={"cam"} if steady else (),
+                keep_doubtful=keep_doubtful,
+            ),
+            {"cam": LENS},
+        )
     return model, settled.call_args.args[1].pairs
 
 
@@ -146,9 +152,11 @@ def with_false_pair(features: Mapping, brightness: Mapping, steady: bool) -> Sce
 
     with patch("calib.poses.first_model.resolve_contradictions", resolved):
         return solve(
-            features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness,
-            steady={"cam"} if steady else (),
-        )  # fmt: skip
+            PoseInputs(
+                features, focal_known={"cam"}, brightness=brightness, steady={"cam"} if steady else ()
+            ),
+            {"cam": LENS},
+        )
 
 
 @pytest.mark.parametrize("steady", [False, True])
@@ -188,7 +196,7 @@ def test_poses_are_doubted_where_no_third_view_sees_what_two_do():
         return resolve_contradictions(model, matches, **more)
 
     with patch("calib.poses.first_model.resolve_contradictions", resolved):
-        solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
+        solve(PoseInputs(features, focal_known={"cam"}, brightness=brightness), {"cam": LENS})
     (doubt,) = (rung for rung in rungs if rung.taken)
     assert doubt.name == "pose_unconfirmed"
     assert doubt.reason.startswith("only 0 % of the scene's points are confirmed by a third view")

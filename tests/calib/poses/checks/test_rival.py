@@ -11,6 +11,7 @@ from calib.poses import first_model
 from calib.poses.checks.contradictions import placed_views
 from calib.poses.checks.rival import FEWEST_HANGING, agreement, hanging_on, joined_groups
 from calib.poses.mapping import map_at_once
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.resolution import Contradicted
 from calib.poses.sfm import SceneModel, solve, transformed
 from imaging.files.colmap import pycolmap
@@ -74,7 +75,7 @@ def test_views_that_one_by_one_leaves_out_are_placed_at_once(
     """Where the incremental mapper stops after a few views, the other places all, rightly."""
     one_by_one = first_model.map_views
     monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
-    model = solve(ring, {"cam": FILE}, [], 1, unreported)
+    model = solve(PoseInputs(ring), {"cam": FILE})
     (rung,) = (rung for rung in model.rungs if rung.name == "at_once")
     assert rung.taken
     assert f"only {FEW} of {VIEWS} views" in rung.reason
@@ -91,7 +92,7 @@ def test_all_views_placed_one_by_one_ask_no_rival(
 ) -> None:
     asked = []
     monkeypatch.setattr(first_model, "map_at_once", lambda *a: asked.append(a))
-    assert len(solve(ring, {"cam": FILE}, [], 1, unreported).poses) == VIEWS
+    assert len(solve(PoseInputs(ring), {"cam": FILE}).poses) == VIEWS
     assert not asked
 
 
@@ -102,7 +103,7 @@ def test_unconfirmed_poses_that_the_rival_contradicts_are_refused(
     monkeypatch.setattr(first_model, "map_views", lambda *a, **k: only(one_by_one(*a, **k), FEW))
     monkeypatch.setattr(first_model, "agreement", lambda one, other: 0.4)
     with pytest.raises(Contradicted, match=r"40 % of the turns.*--keep-doubtful"):
-        solve(ring, {"cam": FILE}, [], 1, unreported)
+        solve(PoseInputs(ring), {"cam": FILE})
 
 
 def test_agreement_of_models(ring: dict[ViewId, Features], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +116,7 @@ def test_agreement_of_models(ring: dict[ViewId, Features], monkeypatch: pytest.M
         return made[-1]
 
     monkeypatch.setattr(first_model, "map_views", mapped)
-    solve(ring, {"cam": FILE}, [], 1, unreported)
+    solve(PoseInputs(ring), {"cam": FILE})
     (model,) = made
     assert agreement(model, only(model, 5)) == 1.0
     assert agreement(model, only(model, 2)) is None
@@ -176,7 +177,7 @@ def hung(
         lambda pairs, views, tracks: [set(sorted(views)[:-count]), set(sorted(views)[-count:])],
     )
     names = {view: f"IMG_{view.frame}.JPG" for view in ring}
-    return solve(ring, {"cam": FILE}, [], 1, unreported, keep_doubtful=keep_doubtful, names=names)
+    return solve(PoseInputs(ring, keep_doubtful=keep_doubtful, names=names), {"cam": FILE})
 
 
 def test_one_view_that_one_pair_joins_is_placed_and_named(
@@ -217,6 +218,6 @@ def test_what_only_one_pair_joins_is_not_placed_at_once(
         "joined_groups",
         lambda pairs, views, tracks: [set(sorted(views)[FEW:]), set(sorted(views)[:FEW])],
     )
-    model = solve(ring, {"cam": FILE}, [], 1, unreported)
+    model = solve(PoseInputs(ring), {"cam": FILE})
     assert not [rung for rung in model.rungs if rung.name == "at_once"]
     assert sorted(view.frame for view in model.poses) == list(range(FEW))

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.data.features import Features, MatchedPair
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.rigs.apart import cameras_apart
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.optics.lens import Lens
-from imaging.progress import unreported
 from imaging.session.calibration import MOTION
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
@@ -72,7 +72,7 @@ def pictures(poses: list[np.ndarray]) -> dict[ViewId, Features]:
 
 
 def placed(poses: list[np.ndarray], rigs: list[tuple[str, ...]]) -> SceneModel:
-    return solve(pictures(poses), dict.fromkeys(RIG, GUESS), rigs, 1, unreported)
+    return solve(PoseInputs(pictures(poses), rigs), dict.fromkeys(RIG, GUESS))
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_a_camera_that_moves_on_its_own_is_not_tied() -> None:
     for frame, (pose, other) in enumerate(zip(motion(turns, places), loose, strict=True)):
         features[ViewId(frame, "front")] = features_of(pose, 2 * frame)
         features[ViewId(frame, "back")] = features_of(BACK_FROM_FRONT @ other, 2 * frame + 1)
-    model = solve(features, dict.fromkeys(RIG, GUESS), [RIG], 1, unreported)
+    model = solve(PoseInputs(features, [RIG]), dict.fromkeys(RIG, GUESS))
     assert "did not move as one" in motion_rung(model).reason
     assert len(model.poses) == 6
 

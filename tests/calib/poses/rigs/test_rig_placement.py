@@ -11,6 +11,7 @@ from calib.calibrate import calibrate
 from calib.data.features import Features
 from calib.light import vignetting
 from calib.light.radiometry import light_of
+from calib.poses.pose_inputs import PoseInputs
 from calib.poses.rigs.rig_placement import place_by_rig
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.files import store
@@ -46,7 +47,7 @@ def model() -> SceneModel:
         for name in RIGS
     }
     features[LOST] = Features(np.empty((0, 2)), np.empty((0, 128), np.uint8))
-    return solve(features, {"left": GUESS, "right": GUESS}, [list(RIGS)], 1, unreported)
+    return solve(PoseInputs(features, [list(RIGS)]), {"left": GUESS, "right": GUESS})
 
 
 def test_a_lost_view_is_placed_within_its_stated_error(model: SceneModel) -> None:
