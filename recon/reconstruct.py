@@ -41,7 +41,7 @@ from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.gpu_check import trusted
 from recon.train.half_size import UNTIL
 from recon.train.interrupt import Interrupted
-from recon.train.monitor import Shown, no_viewer
+from recon.train.monitor import Hooks, Shown, no_viewer
 from recon.train.ranks import joined
 from recon.train.resume import light_in, restored
 from recon.train.trainer import train
@@ -230,13 +230,15 @@ def _trained(scene: SceneFolder, run: Run, shown: Shown, *, resumed: bool) -> No
             training,
             run.dataset,
             scene.plan.settings.plan(),
-            log=scene.log,
-            save=scene.save,
-            progress=run.progress,
+            Hooks(
+                log=scene.log,
+                save=scene.save,
+                progress=run.progress,
+                steers=_steers(run, training, scene.plan.settings, resumed=resumed),
+                shown=shown,
+                clock=run.clock,
+            ),
             ranks=run.ranks,
-            steers=_steers(run, training, scene.plan.settings, resumed=resumed),
-            shown=shown,
-            clock=run.clock,
         )
     except KeyboardInterrupt as error:
         if scene.saved_at != training.iteration:  # another rank, or what is there is not whole

@@ -47,7 +47,7 @@ def begun(dataset: Dataset, gaussians: int, iterations: int, seed: int) -> tuple
 
 def on(training: Training, dataset: Dataset, plan: Plan, until: float) -> None:
     at = round(until * plan.iterations)
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=at)
+    train(training, dataset, plan, until=at)
 
 
 def copied(training: Training) -> Training:

@@ -99,7 +99,7 @@ class Studio:
         training = Training.begin(method, self._light, gaussians, self._dataset.extent)
         factor = rate_factor(iterations)
         plan = Plan(iterations, DensityRules(cap), seed, log_every=iterations, rate_factor=factor)
-        train(training, row.given(self._dataset), plan, log=lambda line: None, save=lambda: None)
+        train(training, row.given(self._dataset), plan)
         return _measured(self._views, training)
 
 

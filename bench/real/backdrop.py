@@ -147,7 +147,7 @@ def trained(session: Path, whole: Path, candidate: Candidate, quality: QualityNa
     training = begun(here, candidate)
     iterations = here.quality.iterations_of(len(here.dataset.train))
     plan = Plan(iterations, DensityRules(here.cap), rate_factor=rate_factor(iterations))
-    train(training, here.dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, here.dataset, plan)
     renderer, masks, views = training.renderer(), confirmed(whole), {}
     for view in here.dataset.held_out:
         (shot,) = view.shots

@@ -116,7 +116,7 @@ def trained(session: Path, split: str, regulariser: Regulariser) -> dict[str, An
     renderer, training = begun.renderer(), Regularised(**vars(begun))
     training.bind(regulariser, dataset, ITERATIONS, seed)
     plan = Plan(ITERATIONS, DensityRules(GAUSSIANS), seed, rate_factor=rate_factor(ITERATIONS))
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, dataset, plan)
 
     def drawn(view: View) -> Array:
         with torch.no_grad():

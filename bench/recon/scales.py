@@ -176,7 +176,7 @@ def trained(
     warm_up(lambda message, done, total: None)
     plan = Plan(options.iterations, DensityRules(options.gaussians), seed, log_every=options.iterations)
     with patched(filtered):
-        train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+        train(training, dataset, plan)
         row = {}
         for factor in FACTORS:
             sized = judged(folder, round(factor * width))

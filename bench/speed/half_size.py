@@ -107,7 +107,7 @@ def trained(prepare: Callable[[], Prepared], case: Case, seed: int, way: str) ->
     )
     began = time.process_time()
     with patch.multiple(half_size, PIXELS=WAYS[way], FEWEST=0):
-        train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+        train(training, dataset, plan)
     spent = time.process_time() - began
     pixels = fmean(map(pixels_of, dataset.train))
     quality = training.held_out_psnr(dataset.held_out, 1.0, Ranks())

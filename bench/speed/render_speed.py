@@ -62,7 +62,7 @@ def grown(trial: Trial, iterations: int) -> Training:
     gaussians = gaussians_at(trial.start, method.appearance, method.observation.units)
     training = Training.begin(method, trial.light, gaussians, trial.dataset.extent)
     plan = Plan(iterations, DensityRules(trial.cap), log_every=iterations)
-    train(training, trial.dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, trial.dataset, plan)
     return training
 
 

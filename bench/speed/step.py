@@ -67,7 +67,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     training = Training.begin(method, trial.light, gaussians, trial.dataset.extent)
 
     def go(plan: Plan, until: int) -> None:
-        train(training, trial.dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+        train(training, trial.dataset, plan, until=until)
 
     grown = options.iterations
     go(Plan(grown, DensityRules(options.cap), log_every=grown), grown)

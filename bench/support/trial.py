@@ -83,7 +83,7 @@ def run(
     rows, wall, used = [], 0.0, 0.0
     for until in [*sorted(at), iterations]:
         began, clock = time.perf_counter(), time.process_time()
-        train(training, trial.dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+        train(training, trial.dataset, plan, until=until)
         wall, used = wall + time.perf_counter() - began, used + time.process_time() - clock
         row: dict[str, Any] = {"iterations": until, "gaussians": len(training.gaussians)}
         row |= {"seconds": round(wall, 2), "processor_seconds": round(used, 2)}

@@ -22,6 +22,7 @@ from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.device import CPU
+from recon.train.monitor import Hooks
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -170,7 +171,7 @@ class Trials:
         def reported(_: str, done: int, total: int) -> None:
             self.progress(message, before + done, max(before + total, self.steps.total))
 
-        train(training, self.part, plan, log=lambda line: None, save=lambda: None, progress=reported)
+        train(training, self.part, plan, Hooks(progress=reported))
         self.steps.done = before + iterations
         return training
 

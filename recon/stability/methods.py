@@ -100,7 +100,7 @@ def learned(
     training = Training.begin(method, light, gaussians, dataset.extent)
     short = rate_factor(ITERATIONS)  # as a whole training of that length has it
     plan = Plan(ITERATIONS, DensityRules(2 * COUNT), seed, log_every=ITERATIONS, rate_factor=short)
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, dataset, plan)
     with torch.no_grad():
         image = training.renderer()(training.gaussians, held_out.lens, degree=2).image
         result = method.observation.radiance(image).numpy()

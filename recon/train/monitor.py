@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from imaging.progress import Progress
+from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import Interrupt
@@ -42,10 +42,39 @@ class _NoViewer:
 no_viewer = _NoViewer()
 
 
+def _unsaved() -> None:
+    """Save nothing."""
+
+
+def _unlogged(line: dict[str, Any]) -> None:
+    """Log nothing."""
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Callbacks of a training; of several ranks, those of the first one are called.
+
+    Attributes:
+        log: Takes a line of train.jsonl.
+        save: Writes a checkpoint, every `Plan.checkpoint_seconds` and when the user interrupts.
+        progress: Callback for the current step, the steps done, and all of them.
+        steers: May shorten the rest of the schedule; the first that returns a number wins, and
+            `Training.schedule` says what came of it.
+        shown: Viewer that is asked after each iteration whether somebody wants to see the scene.
+        clock: Seconds.
+    """
+
+    log: Callable[[dict[str, Any]], None] = _unlogged
+    save: Callable[[], None] = _unsaved
+    progress: Progress = unreported
+    steers: Sequence[Steer] = ()
+    shown: Shown = no_viewer
+    clock: Callable[[], float] = time.monotonic
+
+
 @dataclass
 class Monitor:
-    """Monitor of a training after each iteration; `log`, `save`, `progress`, `steers`, `shown` are as `train`
-    has them.
+    """Monitor of a training after each iteration.
 
     held_out: views that the live curve may be of. interrupt: whether the user asked to stop.
     losses: of single views, which have to be finite before anything is measured or saved.
@@ -55,22 +84,17 @@ class Monitor:
     schedule: Schedule
     plan: Plan
     held_out: Sequence[View]
-    log: Callable[[dict[str, Any]], None]
-    save: Callable[[], None]
-    progress: Progress
+    hooks: Hooks
     ranks: Ranks
-    steers: Sequence[Steer]
     interrupt: Interrupt
     losses: FiniteLosses
-    shown: Shown = no_viewer
-    clock: Callable[[], float] = time.monotonic
     _losses: list[Tensor] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._measured_views = chosen_views(self.held_out) if self.plan.measure else ()
         self._period = period(self.plan.iterations, len(self._measured_views))
-        self._started = self.clock() - self.training.seconds - self.training.measuring
-        self._saved = self.clock()
+        self._started = self.hooks.clock() - self.training.seconds - self.training.measuring
+        self._saved = self.hooks.clock()
 
     def after(self, loss: Tensor) -> Schedule:
         """Monitor the training after an iteration of this loss; return the schedule of the next ones.
@@ -80,7 +104,7 @@ class Monitor:
         """
         training = self.training
         self._losses.append(loss)
-        training.seconds = self.clock() - self._started - training.measuring
+        training.seconds = self.hooks.clock() - self._started - training.measuring
         last = training.iteration == self.schedule.total
         measured = bool(self._measured_views) and (last or training.iteration % self._period == 0)
         if measured:
@@ -89,7 +113,7 @@ class Monitor:
         if measured or last or training.iteration % self.plan.log_every == 0:
             self._report(measured)
         wish = self._wish() if self.ranks.first and not last else 0
-        due = self.ranks.first and self.clock() - self._saved > self.plan.checkpoint_seconds
+        due = self.ranks.first and self.hooks.clock() - self._saved > self.plan.checkpoint_seconds
         stop, late, rest = self.ranks.totals(self.interrupt.asked, due, wish)
         if rest:
             self.schedule = training.schedule = self.schedule.turned(training.iteration, int(rest))
@@ -97,20 +121,20 @@ class Monitor:
             self.losses.require()
             training.gather(self.ranks, self.ranks.first)
             if self.ranks.first:
-                self.save()
-            self._saved = self.clock()
+                self.hooks.save()
+            self._saved = self.hooks.clock()
         if stop:
             raise KeyboardInterrupt
-        if self.ranks.first and self.shown.wanted():
+        if self.ranks.first and self.hooks.shown.wanted():
             self.losses.require()
-            self.shown.write()
+            self.hooks.shown.write()
         return self.schedule
 
     def _measure(self) -> None:
         training, progress = self.training, self.schedule.progress(self.training.iteration)
         quality = training.held_out_psnr(self._measured_views, progress, self.ranks)
         training.curve.append(Moment(training.iteration, training.seconds, quality))
-        training.measuring = self.clock() - self._started - training.seconds
+        training.measuring = self.hooks.clock() - self._started - training.seconds
 
     def _report(self, measured: bool) -> None:
         """Write a line of the log, and report the progress."""
@@ -126,14 +150,14 @@ class Monitor:
             "gaussians": len(training.gaussians),
             "seconds": round(training.seconds, 3),
         }
-        self.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
+        self.hooks.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
         # Along the schedule as it was planned: its iterations change with every turn, its length never does.
         place = self.schedule.position(training.iteration)
-        self.progress(self._state(loss), round(place), self.schedule.planned)
+        self.hooks.progress(self._state(loss), round(place), self.schedule.planned)
 
     def _wish(self) -> int:
         """Return what the first of the steers that wants a change wants; 0: none does."""
-        wishes = (steer(self.training) for steer in self.steers)
+        wishes = (steer(self.training) for steer in self.hooks.steers)
         return next((wish for wish in wishes if wish is not None), 0)
 
     def _state(self, loss: float) -> str:

@@ -1,15 +1,12 @@
 """The training loop, from the first iteration to the last, for any method."""
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 
-from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 from recon.observe.measured_depth import MeasuredDepth
 from recon.observe.refinement import RATES
@@ -23,12 +20,12 @@ from recon.train.densification import Density, DensityControl
 from recon.train.finite_losses import FiniteLosses
 from recon.train.half_size import HalfSize, halves
 from recon.train.interrupt import deferred
-from recon.train.monitor import Monitor, Shown, no_viewer
+from recon.train.monitor import Hooks, Monitor
 from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule, far_rate_factor
-from recon.train.training import Plan, Steer, Training
+from recon.train.training import Plan, Training
 
-_ALONE = Ranks()
+_ALONE, _SILENT = Ranks(), Hooks()
 
 
 @dataclass(frozen=True)
@@ -48,29 +45,31 @@ def train(
     training: Training,
     dataset: Dataset,
     plan: Plan,
+    hooks: Hooks = _SILENT,
     *,
-    log: Callable[[dict[str, Any]], None],
-    save: Callable[[], None],
-    progress: Progress = unreported,
     until: int | None = None,
     density: DensityControl | None = None,
     ranks: Ranks = _ALONE,
-    steers: Sequence[Steer] = (),
-    shown: Shown = no_viewer,
-    clock: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Train up to iteration `plan.iterations` (or stop before at `until`).
+    """Train up to iteration `plan.iterations`.
 
     One iteration draws `plan.batch` views, each once, and compares the render with every shot of its
-    bracket. Every random choice is derived from the seed and the iteration, so a training that was
-    saved and restored goes on bit for bit as if it had not been. `save` is called every
-    `plan.checkpoint_seconds`, and when the user interrupts. `density` splits and prunes; None: by
-    `plan.density`. `steers` may shorten the rest of the schedule; the first one that wants to is heard, and
-    `training.schedule` says what came of it. A training that has a schedule of that length already follows
-    it. `shown` is asked after each iteration whether somebody wants to see the scene as it is. Several
-    `ranks` share the views of an iteration; `plan.batch` must be a multiple of their number. Only the first
-    logs, saves, shows and steers.
-    ReconstructionError where the loss of a view is not finite: nothing is saved that it has spoilt.
+    bracket. Every random choice is derived from the seed and the iteration, so a training that was saved and
+    restored goes on bit for bit as if it had not been; one that has a schedule of the plan's length follows
+    it.
+
+    Args:
+        training: Model, optimiser and iteration; changed in place.
+        dataset: Views.
+        plan: Iterations, growth and seed.
+        hooks: What is called on the way.
+        until: Iteration to stop at before.
+        density: Splits and prunes Gaussians; None: by `plan.density`.
+        ranks: Processes that share the views of an iteration; `plan.batch` is a multiple of their number.
+
+    Raises:
+        ReconstructionError: The loss of a view is not finite; nothing is saved that it has spoilt.
+        ValueError: The ranks cannot share a batch.
     """
     if plan.batch % ranks.count:
         raise ValueError(f"a batch of {plan.batch} views cannot be shared by {ranks.count} ranks")
@@ -86,21 +85,7 @@ def train(
     losses = FiniteLosses(training)
     optimizer.zero_grad()
     with torch_on_one_thread(), deferred() as interrupt:
-        monitor = Monitor(
-            training,
-            schedule,
-            plan,
-            held_out,
-            log,
-            save,
-            progress,
-            ranks,
-            steers,
-            interrupt,
-            losses,
-            shown,
-            clock,
-        )
+        monitor = Monitor(training, schedule, plan, held_out, hooks, ranks, interrupt, losses)
         while training.iteration < min(schedule.total, until or schedule.total):
             position = schedule.position(training.iteration)
             done = position / schedule.planned

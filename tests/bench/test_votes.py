@@ -28,7 +28,7 @@ def trained(made_once):
     method = METHODS["nh-3dgs"](dataset, light)
     gaussians = gaussians_at(points, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    train(training, dataset, Plan(60, DensityRules(200)), log=lambda line: None, save=lambda: None)
+    train(training, dataset, Plan(60, DensityRules(200)))
     return training, dataset
 
 

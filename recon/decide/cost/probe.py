@@ -8,6 +8,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.decide.cost.duration import slowdown
 from recon.train.half_size import UNTIL
+from recon.train.monitor import Hooks
 from recon.train.schedule import Schedule, rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -117,5 +118,5 @@ def _seconds(
     training: Training, dataset: Dataset, plan: Plan, until: int, clock: Callable[[], float]
 ) -> float:
     began = clock()
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until, clock=clock)
+    train(training, dataset, plan, Hooks(clock=clock), until=until)
     return clock() - began

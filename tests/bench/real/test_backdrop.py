@@ -32,7 +32,7 @@ def test_a_coarse_map_moves_as_fast_as_it_is_called(given, name, least, most):
     before = training.environment.ln_light.detach().clone()
     assert before.shape == (3, COARSE, 2 * COARSE)
     assert len(training.gaussians) == len(given.start.xyz)
-    train(training, given.dataset, Plan(10, DensityRules(200)), log=lambda line: None, save=lambda: None)
+    train(training, given.dataset, Plan(10, DensityRules(200)))
     moved = float((training.environment.ln_light.detach() - before).abs().max())
     assert least <= moved <= most
 

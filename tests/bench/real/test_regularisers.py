@@ -31,7 +31,7 @@ def trained(dataset, regulariser):
         training = Regularised(**vars(training))
         training.bind(regulariser, dataset, ITERATIONS, 0)
     plan = Plan(ITERATIONS, DensityRules(300))
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, dataset, plan)
     return training
 
 

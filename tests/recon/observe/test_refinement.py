@@ -75,7 +75,7 @@ def begin(dataset, names, count=600) -> Training:
 
 def run(training, dataset, iterations, until=None):
     plan = Plan(iterations, DensityRules(1200))
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+    train(training, dataset, plan, until=until)
 
 
 @pytest.fixture(scope="module")

@@ -94,10 +94,9 @@ def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
         if "loss" in message:
             iterations.append(done)
 
-    def stopping(training, dataset, plan, **options):
-        options["until"] = 10
-        train(training, dataset, plan, **options)
-        options["save"]()
+    def stopping(training, dataset, plan, hooks, **options):
+        train(training, dataset, plan, hooks, until=10, **options)
+        hooks.save()
         raise KeyboardInterrupt
 
     train = stage.train

@@ -58,7 +58,7 @@ def errors_of_alpha(dataset: Dataset, with_alpha: bool) -> float:
     method = METHODS["hdr-gs"](part, light)
     gaussians = gaussians_at(start, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, part.extent)
-    train(training, part, Plan(80, DensityRules(800)), log=lambda line: None, save=lambda: None)
+    train(training, part, Plan(80, DensityRules(800)))
     off = []
     for view, cover in zip(part.train, goal, strict=True):
         with torch.no_grad():

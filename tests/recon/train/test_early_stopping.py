@@ -14,6 +14,7 @@ from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
 from recon.train.live_curve import Moment, chosen_views, period
+from recon.train.monitor import Hooks
 from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
@@ -56,7 +57,7 @@ def run(training, dataset, iterations, steers=(), clock=None, until=None, seed=0
     plan = Plan(iterations, DensityRules(CAP), seed=seed, log_every=1000, measure=True)
     lines = []
     timed = {} if clock is None else {"clock": clock}
-    train(training, dataset, plan, log=lines.append, save=lambda: None, steers=steers, until=until, **timed)
+    train(training, dataset, plan, Hooks(log=lines.append, steers=steers, **timed), until=until)
     return lines
 
 
@@ -105,11 +106,11 @@ def test_a_schedule_that_turns_makes_no_progress_jump(begun, toy_dataset):
         training,
         toy_dataset,
         Plan(100, DensityRules(CAP), log_every=5, measure=True),
-        log=lambda line: None,
-        save=lambda: None,
-        progress=lambda message, done, total: reports.append((done, total)),
-        steers=[clock.tick, Deadline(1.0, 1000, CAP)],
-        clock=clock,
+        Hooks(
+            progress=lambda message, done, total: reports.append((done, total)),
+            steers=[clock.tick, Deadline(1.0, 1000, CAP)],
+            clock=clock,
+        ),
     )
     assert len(training.schedule.turns) > 2
     assert training.iteration < 100
@@ -237,7 +238,7 @@ def test_a_goal_ends_the_training_when_it_is_reached_and_only_then(begun, toy_da
 def test_measuring_is_rare_and_changes_nothing(begun, toy_dataset):
     with_curve, without = begun(), begun()
     lines = run(with_curve, toy_dataset, 80)
-    train(without, toy_dataset, Plan(80, DensityRules(CAP)), log=lambda line: None, save=lambda: None)
+    train(without, toy_dataset, Plan(80, DensityRules(CAP)))
     assert_same(with_curve, without)
     assert [line["held_out_db"] for line in lines] == [round(m.db, 4) for m in with_curve.curve]
     assert not without.curve

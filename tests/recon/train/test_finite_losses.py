@@ -14,6 +14,7 @@ from recon.scene.environment import Environment
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.finite_losses import FiniteLosses
+from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
@@ -34,7 +35,7 @@ def begun(toy_dataset):
 
 def run(training, dataset, saved, iterations=40):
     plan = Plan(iterations, DensityRules(300), checkpoint_seconds=0.0)
-    train(training, dataset, plan, log=lambda line: None, save=lambda: saved.append(training.iteration))
+    train(training, dataset, plan, Hooks(save=lambda: saved.append(training.iteration)))
 
 
 def poisoned(dataset, value, what):

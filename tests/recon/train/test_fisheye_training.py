@@ -45,7 +45,7 @@ def test_a_session_of_fisheyes_is_learned_up_to_the_corners(dataset):
 
     before, _ = quality()
     plan = Plan(150, DensityRules(900), log_every=50)
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, dataset, plan)
     after, stops = quality()
     assert 100 < far.sum() < far.size / 2
     assert all(torch.isfinite(tensor).all() for tensor in training.parameters())

@@ -60,7 +60,7 @@ def begun(toy_dataset):
 
 def run(training, dataset, until=None):
     plan = Plan(30, DensityRules(CAP, every=0.1))
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+    train(training, dataset, plan, until=until)
 
 
 def test_the_first_half_looks_at_half_the_size(begun, toy_dataset, toys_too, monkeypatch):

@@ -37,7 +37,7 @@ def begun(toy_dataset):
 
 
 def run(training, dataset, plan, until=None):
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+    train(training, dataset, plan, until=until)
     return training
 
 
@@ -60,7 +60,7 @@ def test_a_whole_training_has_the_rates_of_its_length_over_all_that_share_it():
 
 def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
     plans = []
-    monkeypatch.setattr(trials, "train", lambda training, dataset, plan, **_: plans.append(plan))
+    monkeypatch.setattr(trials, "train", lambda training, dataset, plan, hooks: plans.append(plan))
     settings = Settings.model_validate(
         {"method": "nh-3dgs", "quality": "draft", "seed": 3, "max_gaussians": 500, "max_width": 64}
         | {"iterations": 2000}

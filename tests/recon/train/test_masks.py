@@ -55,7 +55,7 @@ def trained(dataset, name, iterations, seed) -> Training:
     gaussians = gaussians_at(points, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
     plan = Plan(iterations, DensityRules(900), seed=seed)
-    train(training, dataset, plan, log=lambda _: None, save=lambda: None)
+    train(training, dataset, plan)
     return training
 
 

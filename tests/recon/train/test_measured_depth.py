@@ -30,7 +30,7 @@ def trained(dataset, start, light, weight: float) -> Training:
     method = settings.composed(dataset, light)
     gaussians = gaussians_at(start, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    train(training, dataset, settings.plan(), log=lambda line: None, save=lambda: None)
+    train(training, dataset, settings.plan())
     return training
 
 

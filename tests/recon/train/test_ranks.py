@@ -21,6 +21,7 @@ from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.monitor import Hooks
 from recon.train.ranks import Ranks, joined
 from recon.train.resume import checkpoint_of
 from recon.train.trainer import train
@@ -45,7 +46,7 @@ def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]
     dataset, lines = load(session), []
     training = begin(dataset)
     for until in (5, PLAN.iterations):
-        train(training, dataset, PLAN, log=lines.append, save=lambda: None, until=until, ranks=ranks)
+        train(training, dataset, PLAN, Hooks(log=lines.append), until=until, ranks=ranks)
     training.gather(ranks)
     write_checkpoint(out / f"{ranks.number}.safetensors", checkpoint_of(training, {}))
     return lines
@@ -125,7 +126,7 @@ def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path)
 def test_a_batch_that_cannot_be_shared_is_refused(toy_dataset: Dataset) -> None:
     plan = Plan(2, DensityRules(700), batch=3)
     with pytest.raises(ValueError, match="batch of 3 views cannot be shared by 2 ranks"):
-        train(begin(toy_dataset), toy_dataset, plan, log=lambda _: None, save=lambda: None, ranks=Ranks(0, 2))
+        train(begin(toy_dataset), toy_dataset, plan, ranks=Ranks(0, 2))
 
 
 def decide_here(ranks: Ranks) -> list[object]:

@@ -20,6 +20,7 @@ from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.monitor import Hooks
 from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
@@ -45,7 +46,11 @@ def begun(toy_dataset):
 def run(training, dataset, plan, until=None):
     lines, saves = [], []
     train(
-        training, dataset, plan, log=lines.append, save=lambda: saves.append(training.iteration), until=until
+        training,
+        dataset,
+        plan,
+        Hooks(log=lines.append, save=lambda: saves.append(training.iteration)),
+        until=until,
     )
     return lines, saves
 
@@ -162,8 +167,7 @@ def test_an_interrupt_saves_between_two_iterations_and_then_stops(begun, toy_dat
             training,
             toy_dataset,
             Plan(50, DensityRules(CAP), log_every=5),
-            log=log,
-            save=lambda: saved.append(training.iteration),
+            Hooks(log=log, save=lambda: saved.append(training.iteration)),
         )
     assert saved == [10]
     assert training.iteration == 10

@@ -30,6 +30,7 @@ from recon.scene.gaussians import Gaussians
 from recon.splat import SplatCamera
 from recon.train import ranks
 from recon.train.densification import DensityRules
+from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from tests.recon.interpreter import quick_interpreter
@@ -118,10 +119,8 @@ def an_iteration(kind: str, corrected: tuple[Refined, ...] = (), glare: float = 
             training,
             dataset,
             Plan(5, DensityRules(COUNT, begin=2.0, end=2.0), log_every=100),
-            log=lambda line: None,
-            save=lambda: None,
+            Hooks(steers=[lambda _: counted.append(counts.copy())]),
             until=4,
-            steers=[lambda _: counted.append(counts.copy())],
         )
         assert not torch.equal(training.gaussians.parameters["means"].detach().cpu(), before)
     first, second = counted

@@ -89,9 +89,9 @@ def test_memory_that_ends_in_a_training_leaves_its_checkpoint(
     train, session = stage.train, tmp_path / "session"
     shutil.copytree(toy, session, ignore=shutil.ignore_patterns("reconstructions"))
 
-    def ends(training, dataset, plan, *, save, **options) -> None:
-        train(training, dataset, plan, save=save, until=1, **options)
-        save()
+    def ends(training, dataset, plan, hooks, **options) -> None:
+        train(training, dataset, plan, hooks, until=1, **options)
+        hooks.save()
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.")
 
     overrides = Overrides(iterations=2, gaussians=60, width=32, refine="none", environment=False)
