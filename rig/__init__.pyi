@@ -3,6 +3,7 @@
 from calib.calibrate import calibrate as calibrate
 from calib.exports.merge_session import Merged as Merged
 from calib.exports.merge_session import merge as merge
+from calib.exports.request import MergeRequest as MergeRequest
 from calib.request import CalibrationRequest as CalibrationRequest
 from capture.capture_rig import capture_rig as capture_rig
 from capture.check.check import CheckReport as CheckReport

@@ -26,7 +26,7 @@ from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.light import Images, radiance_image
 from recon.data.load import load
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.decide.steps.far_field import ROWS, SUGGESTED, SURE
 from recon.splat import SplatCamera
 from recon.start.far_light import far_light, looked_through
@@ -51,7 +51,9 @@ def views_of(light: np.ndarray, poses: Array, focal: float) -> tuple[tuple[View,
         none = np.zeros(downsampled.shape, bool)
         lens = SplatCamera(pose, focal / step, focal / step, width / 2, height / 2, width, height)
         sensor = Sensor("hdr", None, np.eye(3), np.ones((height, width), np.float32), LINEAR)
-        views.append(View("c", number, lens, sensor, (Shot.of("", 1.0, downsampled, none, none, ~none),)))
+        views.append(
+            View("c", number, lens, sensor, (Shot("", 1.0, HeldPlanes(downsampled, none, none, ~none)),))
+        )
         images.append((downsampled, np.ones((height, width), bool)))
     return tuple(views), images
 

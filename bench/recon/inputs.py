@@ -12,7 +12,7 @@ from imaging.merge.bracket import merge_bracket
 from imaging.sensor.cfa import bilinear
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 
 Picture = Callable[[View], tuple[Array32, Mask]]
 
@@ -55,7 +55,7 @@ def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
 def _merged(view: View, picture: Picture) -> View:
     rgb, _ = picture(view)
     everywhere = np.ones(rgb.shape, bool)
-    shot = Shot.of(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
+    shot = Shot(view.shots[0].file, 1.0, HeldPlanes(rgb, ~everywhere, ~everywhere, everywhere))
     plain = np.ones(rgb.shape[:2], np.float32)
     return replace(view, shots=(shot,), sensor=Sensor("hdr", None, np.eye(3), plain, view.sensor.response))
 
@@ -65,7 +65,8 @@ def _merged_mosaic(view: View) -> View:
     light = np.ascontiguousarray(np.nan_to_num(merged.radiance, nan=0.0), np.float32)
     never = np.zeros(light.shape, bool)
     return replace(
-        view, shots=(Shot.of(view.shots[0].file, 1.0, light, never, never, np.isfinite(merged.radiance)),)
+        view,
+        shots=(Shot(view.shots[0].file, 1.0, HeldPlanes(light, never, never, np.isfinite(merged.radiance))),),
     )
 
 

@@ -25,7 +25,7 @@ from imaging.sensor.cfa import Cfa, mosaic
 from imaging.session.calibration import CalibrationRecord, Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.measure.protocols.rawnerf import Reference
 from recon.splat import SplatCamera
 from recon.start.initialisation import start_points
@@ -167,12 +167,12 @@ def _shot(name: str, signal: Array, rng: np.random.Generator) -> Shot:
     codes = np.clip(np.rint(BLACK + noisy * (WHITE - BLACK)), 0, WHITE)
     pixels = np.asarray((codes - BLACK) / (WHITE - BLACK), np.float32)
     never = np.zeros(pixels.shape, bool)
-    return Shot.of(name, 1.0, pixels, codes >= WHITE, never, ~never, NOISE, 1.0)
+    return Shot(name, 1.0, HeldPlanes(pixels, codes >= WHITE, never, ~never), NOISE, 1.0)
 
 
 def _light_shot(light: Array32) -> Shot:
     never = np.zeros(light.shape, bool)
-    return Shot.of("light", 1.0, light, never, never, ~never)
+    return Shot("light", 1.0, HeldPlanes(light, never, never, ~never))
 
 
 def _dataset(views: list[View], kind: Literal["raw", "hdr"], points: Array | None = None) -> PosedViews:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from calib.exports.request import MergeRequest
 from imaging.arguments import checked
-from imaging.choices import ExrStorage, Space
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.plates.merged_view import UNIT, MergedView, merge_view
+from imaging.plates.merged_view import UNIT, MergedView, PlateFormat, merge_view
 from imaging.plates.middle_grey import exposure_factor
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
@@ -26,6 +26,7 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 
 SUMMARY = "merge.json"
+_DEFAULTS = MergeRequest()
 
 
 STOPS_MOST = 60.0
@@ -53,13 +54,10 @@ class Merged:
 def merge(
     session: str | PathLike[str],
     out: str | PathLike[str],
+    request: MergeRequest = _DEFAULTS,
     *,
-    frame: int | None = None,
-    camera: str | None = None,
-    space: Space = "rec709",
-    exr: ExrStorage = "float",
-    exposure: float | None = None,
     on_progress: Progress = unreported,
+    **options: object,
 ) -> Merged:
     """Merge the brackets of the scene into EXR files under `out`.
 
@@ -69,13 +67,9 @@ def merge(
     Args:
         session: Session, or its folder.
         out: Folder of the files.
-        frame: Frame to merge; None: all.
-        camera: Camera to merge; None: all.
-        space: Primaries of the files.
-        exr: Storage of the light in the files, see `imaging.files.exr.write_exr`.
-        exposure: Stops of the values above the light; None: those of the session, which show its median as
-            middle grey.
+        request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         The merged views, and the factor of their values.
@@ -86,6 +80,7 @@ def merge(
             other than Rec.709.
         StorageError: The disk refuses.
     """
+    frame, camera, exposure = request.frame, request.camera, request.exposure
     if exposure is not None and not abs(exposure) <= STOPS_MOST:
         raise InputError(f"light cannot be written {exposure} stops brighter: give -60 to 60.")
     calibration = current_calibration(Path(session))
@@ -108,7 +103,7 @@ def merge(
         factor = 2.0**exposure
     else:
         factor = exposure_factor(opened, calibration, on_progress)
-    results = []
+    plate, results = PlateFormat(request.space, factor, request.exr), []
     parts = [
         (view, out / f"{view}{suffix}.exr", band_shots)
         for view, shots in groups.items()
@@ -116,7 +111,7 @@ def merge(
     ]
     for done, (view, path, shots) in enumerate(parts):
         on_progress("merging", done, len(parts))
-        results.append(merge_view(opened, path, view, shots, calibration, space, factor, exr))
+        results.append(merge_view(opened, path, view, shots, calibration, plate))
     on_progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
     return Merged(out, tuple(results), factor, calibration)

@@ -132,17 +132,25 @@ def view_light(
     return ViewLight(picture, best.noise, clipped, dark, ghost, hidden, shift, warnings)
 
 
+@dataclass(frozen=True)
+class PlateFormat:
+    """Values of a file: primaries, their factor on the light, and their storage."""
+
+    space: Space
+    factor: float
+    storage: ExrStorage = "float"
+
+
 def merge_view(
     session: Session,
     path: Path,
     view: ViewId,
     shots: Sequence[ShotRecord],
     calibration: CalibrationRecord | None,
-    space: Space,
-    factor: float,
-    storage: ExrStorage = "float",
+    plate: PlateFormat,
 ) -> MergedView:
-    """Merge a bracket into a file of light times `factor`; one with the same inputs stays as it is."""
+    """Merge a bracket into a file; one with the same inputs stays as it is."""
+    space, factor, storage = plate.space, plate.factor, plate.storage
     camera = None if calibration is None else calibration.camera(view.camera)
     scales = None if calibration is None else calibration.exposure_scale
     response, k = response_of(session, view.camera, calibration), exposure_scales(session, shots, scales)

@@ -22,7 +22,7 @@ from imaging.sensor.cfa import Cfa
 from imaging.sensor.sensor_calibration import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.data.tone import encode
 
 _DECODED: ContextVar[dict[tuple[object, ...], tuple[Shot, Cfa | None]] | None] = ContextVar(
@@ -73,15 +73,15 @@ class ShotSource:
             photo = read_photo(self.path)
             codes, alpha = np.ascontiguousarray(photo.pixels, np.float32), photo.alpha
             frame = from_codes(codes, k, self.response)
-            masks = frame.saturated, frame.dark, frame.valid
-            shot = Shot.of(self.name, k, codes, *masks, frame.noise, alpha=alpha)
+            planes = HeldPlanes(codes, frame.saturated, frame.dark, frame.valid, alpha)
+            shot = Shot(self.name, k, planes, frame.noise)
             size = _smaller(codes, self.max_width)
             small = shot if size is None else _smaller_photograph(shot, frame.signal, self.response, size)
             return small, None, (codes.shape[0], codes.shape[1])
         image = read_with_alpha(self.path)
         frame = from_light(image.pixels, k)
         never = np.zeros(frame.signal.shape, bool)
-        shot = Shot.of(self.name, k, frame.signal, never, never, frame.valid, alpha=image.alpha)
+        shot = Shot(self.name, k, HeldPlanes(frame.signal, never, never, frame.valid, image.alpha))
         size = _smaller(frame.signal, self.max_width)
         whole = frame.signal.shape[0], frame.signal.shape[1]
         return shot if size is None else _smaller_light(shot, size), None, whole
@@ -194,7 +194,7 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     never = np.zeros(signal.shape, bool)
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
     signal = np.ascontiguousarray(signal)
-    return Shot.of(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
+    return Shot(name, frame.k, HeldPlanes(signal, saturated, never, valid), frame.noise, frame.ceiling), cfa
 
 
 def _even(image: AnyArray) -> AnyArray:

@@ -95,23 +95,6 @@ class Shot:
     ceiling: float | None = None
     band: int | None = None
 
-    @classmethod
-    def of(
-        cls,
-        file: str,
-        k: float,
-        pixels: Array32,
-        saturated: Mask,
-        dark: Mask,
-        valid: Mask,
-        noise: Noise | None = None,
-        ceiling: float | None = None,
-        band: int | None = None,
-        alpha: Array32 | None = None,
-    ) -> "Shot":
-        """A shot in memory."""
-        return cls(file, k, HeldPlanes(pixels, saturated, dark, valid, alpha), noise, ceiling, band)
-
     @property
     def pixels(self) -> Array32:
         """The signal."""

@@ -15,7 +15,7 @@ from imaging.files.opencv_lens import write_opencv_lens
 from imaging.files.tags.exr_colour import INTEROP_ID, UNKNOWN
 from imaging.optics.lens import Lens
 from imaging.plates.lens_maps import redistorting, undistorting, warped, write_stmap
-from imaging.plates.merged_view import merge_view
+from imaging.plates.merged_view import PlateFormat, merge_view
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord
@@ -81,7 +81,7 @@ def _write(
     """The two plates of a view; the lens of its camera, at the size of the plate, goes into `lenses`."""
     name = f"{view.camera}.{view.frame:04d}.exr"
     shot, straight = folder / AS_SHOT / name, folder / PLATES / name
-    merge_view(session, shot, view.id, shots, calibration, "rec709", factor)
+    merge_view(session, shot, view.id, shots, calibration, PlateFormat("rec709", factor))
     image = read_exr(shot)
     light = np.dstack([image.channels[letter] for letter in "RGB"])
     lens = lenses.setdefault(view.camera, view.lens.resized(light.shape[1], light.shape[0]))

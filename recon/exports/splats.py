@@ -11,7 +11,7 @@ from imaging.colour.spaces import srgb_decode
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform
-from recon.result.display_colours import display_colours, steps_after
+from recon.result.display_colours import LitScene, display_colours, steps_after
 from recon.result.environment_files import dome_of
 from recon.result.model import SPLATS
 from recon.result.scene import Scene
@@ -211,17 +211,14 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress, end: f
     cameras: dict[str, list[SplatCamera]] = {"training": [], "validation": [], "test": []}
     for view in scene.views:
         cameras[view.use].append(record.world.camera(view.splat_camera))
+    renderer = replace(scene.renderer, appearance=shown_in_colour(scene.renderer.appearance, record.bands))
     shown = display_colours(
-        scene.gaussians,
+        LitScene(scene.gaussians, renderer, record.degree, factor * record.normaliser, end),
         drawn,
-        replace(scene.renderer, appearance=shown_in_colour(scene.renderer.appearance, record.bands)),
-        record.degree,
-        factor * record.normaliser,
         steps_after(record.iterations),
         fitted=cameras["training"],
         judged=[*cameras["validation"], *cameras["test"]],
         progress=progress,
-        end=end,
     )
     return replace(_splats(scene, drawn, shown.harmonics, False, factor, dome), end=end)
 

@@ -49,38 +49,62 @@ class DisplayColours:
     db: float
 
 
+@dataclass(frozen=True)
+class LitScene:
+    """Linear light that display colours stand for.
+
+    Attributes:
+        gaussians: Of the scene.
+        renderer: Draws them.
+        degree: Of the harmonics.
+        exposure: Factor of the drawn light, of which 1 is shown as white.
+        end: Largest code of a Gaussian; above 1 the formula of sRGB goes on, for viewers that decode colours
+            before they map tones.
+    """
+
+    gaussians: Gaussians
+    renderer: Renderer
+    degree: int
+    exposure: float
+    end: float = 1.0
+
+
 def display_colours(
-    gaussians: Gaussians,
+    scene: LitScene,
     splats: Gaussians,
-    renderer: Renderer,
-    degree: int,
-    exposure: float,
     steps: int,
     *,
     fitted: Sequence[SplatCamera],
     judged: Sequence[SplatCamera],
     progress: Progress,
-    end: float = 1.0,
 ) -> DisplayColours:
-    """Fit display colours to Gaussians of linear light; `exposure` times the drawing of `renderer` is shown,
-    1 as white.
-
-    splats: those that viewers draw in place of `gaussians`, which are among them; the others represent the
-    environment that viewers do not support. end: largest code of a Gaussian; above 1 the formula of sRGB goes
-    on, for viewers that decode colours before they map tones.
+    """Fit display colours to Gaussians of linear light.
 
     Blending display values is another thing than showing blended light: a lamp behind a veil is clipped
     before it is dimmed. So the harmonics of each Gaussian's own display values, least squares over all
     directions, are only the start of a short fit, which brings the drawings of viewers, in turn, near to the
     light of `fitted`; places, sizes and opacities stay what they are. Some viewers clip each Gaussian, so
     constants stay within 0..end. The same scene gives the same colours.
+
+    Args:
+        scene: Light that is to be shown.
+        splats: Gaussians that viewers draw in place of the scene's, which are among them; the others
+            represent the environment that viewers do not support.
+        steps: Of the fit.
+        fitted: Cameras whose drawings are brought near to the light.
+        judged: Cameras whose drawings are compared with it.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Harmonics of the display colours, and how near they come.
     """
-    device = gaussians.parameters["means"].device
+    degree, end, renderer = scene.degree, scene.end, scene.renderer
+    device = scene.gaussians.parameters["means"].device
 
     def codes(directions: Tensor) -> Array:
         with torch.no_grad():
             light = renderer.appearance.colours(splats.parameters, directions.to(device), degree)
-        return np.asarray(srgb_encode(light.double().cpu().numpy() * exposure, end=end))
+        return np.asarray(srgb_encode(light.double().cpu().numpy() * scene.exposure, end=end))
 
     start = torch.from_numpy(fitted_harmonics(codes, len(splats), degree)).float().to(device)
     count = start.shape[1]
@@ -91,7 +115,7 @@ def display_colours(
     viewers = viewers_of(len(splats), end)
 
     def shown(cameras: Sequence[SplatCamera]) -> list[Pair]:
-        return [_shown(gaussians, renderer, degree, exposure, camera, end) for camera in _evenly(cameras)]
+        return [_shown(scene, camera) for camera in _evenly(cameras)]
 
     with torch_on_one_thread():
         pairs = shown(fitted)
@@ -103,14 +127,12 @@ def display_colours(
 
 
 @torch.no_grad()
-def _shown(
-    gaussians: Gaussians, renderer: Renderer, degree: int, exposure: float, camera: SplatCamera, end: float
-) -> Pair:
+def _shown(scene: LitScene, camera: SplatCamera) -> Pair:
     """A camera and the codes of the light that it sees, [H, W, 3]: uint8 of what a display shows, or float32
-    up to `end`.
+    up to `scene.end`.
     """
-    light = renderer(gaussians, camera, degree=degree).image
-    values = light.cpu().numpy()
+    light = scene.renderer(scene.gaussians, camera, degree=scene.degree).image
+    values, exposure, end = light.cpu().numpy(), scene.exposure, scene.end
     codes = displayed(values, exposure) if end == 1 else srgb_encode(values * np.float32(exposure), end=end)
     return camera, torch.from_numpy(codes).to(light.device)
 

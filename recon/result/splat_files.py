@@ -16,7 +16,7 @@ from imaging.session.records import Band
 from recon.data.dataset import Dataset
 from recon.data.world import Vector
 from recon.observe.photographs import Display
-from recon.result.display_colours import display_colours, steps_after
+from recon.result.display_colours import LitScene, display_colours, steps_after
 from recon.result.environment_files import DOME, dome_of
 from recon.result.model import RADIANCE, SPLATS
 from recon.scene.appearance import Appearance, Parameters, Rate
@@ -125,11 +125,8 @@ def write_splats(
         ]
     write_ply(folder / RADIANCE, gaussians, harmonics, [note, *absolute, *place], dataset.world, offset)
     shown = display_colours(
-        training.gaussians,
+        LitScene(training.gaussians, renderer, degree, exposure * light.normaliser),
         drawn,
-        renderer,
-        degree,
-        exposure * light.normaliser,
         steps_after(training.iteration),
         fitted=[view.lens for view in dataset.train],
         judged=[view.lens for view in dataset.held_out],

@@ -15,7 +15,7 @@ from imaging.session.records import ImageKind
 from imaging.stress_case import StressCase
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import light_of, radiance_image
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.data.tone import encode
 from recon.methods import METHODS
 from recon.splat import Limits, SplatCamera, rasterize
@@ -147,7 +147,7 @@ def _shot(light: Array32, sensor: Sensor, k: float, label: float) -> Shot:
     measured = sensor.kind != "hdr"
     dark = pixels <= 1 / 255 if sensor.kind == "ldr" else np.zeros(pixels.shape, bool)
     saturated = (pixels >= 1) & measured
-    return Shot.of("", label, pixels, saturated, dark, np.ones(pixels.shape, bool))
+    return Shot("", label, HeldPlanes(pixels, saturated, dark, np.ones(pixels.shape, bool)))
 
 
 _NOTHING = CalibrationRecord(

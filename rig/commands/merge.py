@@ -8,14 +8,25 @@ import typer
 
 from calib.exports import merge_session
 from calib.exports.panorama import panorama as panoramas
-from imaging.choices import SPACE_NAMES, ExrStorage
+from calib.exports.request import PanoramaRequest
+from imaging.choices import SPACE_NAMES
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
-from rig.options.common import JsonOption, SessionArgument, SpaceOption, WrongUsage
+from rig.options.common import JsonOption, SessionArgument, WrongUsage
+from rig.options.request import Asked, Shown
 from rig.terminal.panorama_result import panorama_result
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
+
+NO_OPTIONS = PanoramaRequest()
+OPTIONS = Asked(
+    frame=Shown(how={"min": 0, "metavar": "N"}),
+    camera=Shown(how={"metavar": "NAME"}),
+    exposure=Shown(how={"min": -60, "max": 60, "metavar": "STOPS"}),
+    width=Shown(how={"metavar": "PX"}),
+    sun=Shown(how={"min": 0, "metavar": "LUX"}),
+)
 
 
 def merge(
@@ -24,28 +35,7 @@ def merge(
     out: Annotated[
         Path, typer.Argument(metavar="OUT", help="The folder for the EXR files; the file of a panorama.")
     ],
-    frame: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Only the frame of this number.")
-    ] = None,
-    camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
-    space: SpaceOption = "rec709",
-    exr: Annotated[
-        ExrStorage,
-        typer.Option(
-            help="Storage of the light: 32-bit floats; half, 16-bit floats; or dwaa, these with lossy "
-            "compression. Standard deviation and mask stay 32-bit floats.",
-        ),
-    ] = "float",
-    exposure: Annotated[
-        float | None,
-        typer.Option(
-            metavar="STOPS",
-            min=-60,
-            max=60,
-            help="Values are the light times 2^STOPS, 0 for the light itself. If it is not given, the one "
-            "exposure of the session counts, which shows its median as middle grey; renders have it too.",
-        ),
-    ] = None,
+    request: Annotated[PanoramaRequest, OPTIONS] = NO_OPTIONS,
     panorama: Annotated[
         bool,
         typer.Option(
@@ -54,22 +44,6 @@ def merge(
             "latitude-longitude EXR of all directions, in cd/m2 where the scale of light is known.",
         ),
     ] = False,
-    width: Annotated[
-        int | None,
-        typer.Option(
-            metavar="PX",
-            help="With --panorama: its columns, twice its rows. [default: as fine as views, 4096 at most]",
-        ),
-    ] = None,
-    sun: Annotated[
-        float | None,
-        typer.Option(
-            metavar="LUX",
-            min=0,
-            help="With --panorama: the illuminance of a card that faces the sun, which gives the light of "
-            "what every exposure saturates.",
-        ),
-    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Merge brackets to linear EXR files.
@@ -86,32 +60,26 @@ def merge(
     """
     if panorama:
         with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
-            merged_map = panoramas.merge_panorama(
-                session, out, frame=frame, camera=camera, space=space, exr=exr, exposure=exposure,
-                width=width, sun=sun, on_progress=status,
-            )  # fmt: skip
+            merged_map = panoramas.merge_panorama(session, out, request, on_progress=status)
         return panorama_result(session, merged_map)
-    if width is not None or sun is not None:
+    if request.width is not None or request.sun is not None:
         raise WrongUsage("--width and --sun are for --panorama: add it, or leave them out", context)
     with (
         running("merge") as status,
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
-        merged = merge_session.merge(
-            session,
-            out,
-            frame=frame,
-            camera=camera,
-            space=space,
-            exr=exr,
-            exposure=exposure,
-            on_progress=status,
-        )
+        merged = merge_session.merge(session, out, request, on_progress=status)
+    return _merge_result(session, out, request, merged)
+
+
+def _merge_result(
+    session: Path, out: Path, request: PanoramaRequest, merged: "merge_session.Merged"
+) -> CommandResult:
     calibration, factor = merged.calibration, merged.exposure_factor
     reused = sum(picture.reused for picture in merged.views)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(merged.views), 'merged picture')}, exposures from {source}"]
-    lines.append(_scale_line(factor, calibration, middle_grey=exposure is None))
+    lines.append(_scale_line(factor, calibration, middle_grey=request.exposure is None))
     if reused:
         lines.append(f"{counted(reused, 'file')} of an earlier run kept")
     lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
@@ -122,14 +90,15 @@ def merge(
             how = f"{how} --only colour --chart` with a view of a ColorChecker in it, and `"
         else:
             how = f"{how}` and `"
+        space, again = SPACE_NAMES[request.space], command_line("rig", "merge", session, out)
         lines.append(
-            f"The colours of {', '.join(uncoloured)} are camera RGB, and no {SPACE_NAMES[space]}: run "
-            f"`{how}{command_line('rig', 'merge', session, out)}` again for {SPACE_NAMES[space]}."
+            f"The colours of {', '.join(uncoloured)} are camera RGB, and no {space}: run "
+            f"`{how}{again}` again for {space}."
         )
     data = {
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",
-        "space": space,
+        "space": request.space,
         "exposure_factor": factor,
         "camera_rgb": uncoloured,
         "files": [_picture_data(picture) for picture in merged.views],

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from imaging.choices import Space
 from imaging.errors import InputError
 
 SessionArgument = Annotated[
@@ -32,10 +31,6 @@ QuietOption = Annotated[
     ),
 ]
 """Every command has it (`rig.cli`)."""
-SpaceOption = Annotated[
-    Space,
-    typer.Option(help="Primaries of the EXR files (written to the header); light is linear in all."),
-]
 RayOption = Annotated[
     str | None,
     typer.Option(

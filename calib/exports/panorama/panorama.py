@@ -18,9 +18,10 @@ from calib.exports.panorama.gathering import Gathering, Map, SeenView
 from calib.exports.panorama.layout import header, solid_angles
 from calib.exports.panorama.seams import Seam, seams
 from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
+from calib.exports.request import PanoramaRequest
 from imaging.arguments import checked
 from imaging.arrays import Array
-from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
+from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage
 from imaging.colour.spaces import XYZ_FROM_REC709, space_from_rec709
 from imaging.compute import memory
 from imaging.errors import InputError
@@ -41,6 +42,7 @@ WIDEST = 4096
 """Columns of a map whose width is not given, at most."""
 _BYTES = 80
 """Memory for each of its texels."""
+_DEFAULTS = PanoramaRequest()
 
 
 @dataclass(frozen=True)
@@ -88,39 +90,29 @@ class Panorama:
 def merge_panorama(
     session: str | PathLike[str],
     out: str | PathLike[str],
+    request: PanoramaRequest = _DEFAULTS,
     *,
-    frame: int | None = None,
-    camera: str | None = None,
-    space: Space = "rec709",
-    exr: ExrStorage = "float",
-    exposure: float | None = None,
-    width: int | None = None,
-    sun: float | None = None,
     on_progress: Progress = unreported,
+    **options: object,
 ) -> Panorama:
     """Merge brackets of views from one place into one map of all directions.
 
     Args:
         session: Calibrated session, or its folder.
         out: EXR file.
-        frame: Frame to merge; None: all.
-        camera: Camera to merge; None: all.
-        space: Primaries.
-        exr: Storage of the light.
-        exposure: Stops of the values above the light; None: cd/m2 where the scale is known, else the light.
-        width: Columns, an even number; None: as fine as the views are, at most WIDEST.
-        sun: Illuminance of a card that faces the brightest clipped region, lx.
+        request: Options; without an exposure, values are cd/m2 where the scale is known, else the light.
         on_progress: Callback for the current step, the steps done, and all of them.
+        options: Options by name, in place of those of `request`.
 
     Returns:
         What was written, and how well views agree.
 
     Raises:
         InputError: There are no poses, the views stand apart, an option cannot be used, a file is damaged,
-            light is too bright for `exr`.
+            light is too bright for the storage.
         StorageError: The disk refuses.
     """
-    session, out = Path(session), Path(out)
+    session, out, space = Path(session), Path(out), request.space
     if out.suffix.lower() != ".exr":
         raise InputError(f"{out} is no EXR file: name the panorama such as sky.exr.")
     opened, calibration = Session.open(session), current_calibration(session)
@@ -130,15 +122,16 @@ def merge_panorama(
         )
     if any(band for shots in brackets(opened.shots("scene")).values() for band in of_one_band(shots)):
         raise InputError(f"{session} was shot through filters: merge its bands without --panorama.")
-    chosen = _chosen(opened, calibration, frame, camera)
+    chosen = _chosen(opened, calibration, request.frame, request.camera)
+    views = [view for view, _ in chosen]
     scale = calibration.luminance
-    absolute = scale is not None and all(view.camera in scale.cameras for view, _ in chosen)
-    if sun is not None and (not absolute or exposure is not None):
+    absolute = scale is not None and all(view.camera in scale.cameras for view in views)
+    if request.sun is not None and (not absolute or request.exposure is not None):
         raise InputError(
             "--sun is an illuminance, and needs the light in cd/m2: leave --exposure out, and run "
             "`rig calibrate --luminance` with a reading of a spot meter first."
         )
-    parallax = _parallax(session, calibration, [view for view, _ in chosen])
+    parallax = _parallax(session, calibration, views)
     if parallax is not None and parallax > MOST_PARALLAX:
         raise InputError(
             f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
@@ -146,10 +139,15 @@ def merge_panorama(
             "draw a probe of a reconstructed scene with `rig render --probe`."
         )
     store.require_writable(out.parent)
-    factor = 2.0**exposure if exposure is not None else scale.value if scale is not None and absolute else 1.0
-    rows = _rows(calibration, [view for view, _ in chosen], width)
-    axes = _axes([view.cam_from_world.matrix() for view, _ in chosen])
-    luminance = XYZ_FROM_REC709[1] @ np.linalg.inv(space_from_rec709(space))
+    factor = 1.0
+    if request.exposure is not None:
+        factor = 2.0**request.exposure
+    elif scale is not None and absolute:
+        factor = scale.value
+    rows = _rows(calibration, views, request.width)
+    axes = _axes([view.cam_from_world.matrix() for view in views])
+
+    # Every view is laid into the map, which keeps light, deviation and mask of each direction.
     gathering, warnings, coloured = Gathering(rows), list[str](), True
     for done, (view, shots) in enumerate(chosen):
         on_progress("merging", done, len(chosen))
@@ -162,52 +160,61 @@ def merge_panorama(
         samples = int(np.clip(np.ceil(1.5 * lens.fx * np.pi / rows), 2, 16))
         gathering.add(SeenView(merged.picture, lens, turn), samples, noise=merged.picture.sigma is not None)
     on_progress("merging", len(chosen), len(chosen))
-    gathered = gathering.result()
-    gathered = Map(
-        gathered.light * np.float32(factor),
-        None if gathered.sigma is None else gathered.sigma * np.float32(factor),
-        gathered.mask,
-    )
+    gathered = _brighter(gathering.result(), factor)
     if gathered.mask.all():
         raise InputError(
             f"{session}: no exposure of any view measures light, all is saturated or black: take shorter or "
             "longer exposures."
         )
+
+    # What every exposure clips has the light that is missing on a card, if that was measured.
+    luminance = XYZ_FROM_REC709[1] @ np.linalg.inv(space_from_rec709(space))
     regions = clipped_regions(gathered, luminance)
     clipped, unseen = [region for region, _ in regions], 0.0
-    if sun is not None:
+    if request.sun is not None:
         if not regions:
             raise InputError(
-                f"--sun {sun:g}: nothing is clipped in the shortest exposures of {session}, so that all "
-                "light is measured: leave --sun out."
+                f"--sun {request.sun:g}: nothing is clipped in the shortest exposures of {session}, so that "
+                "all light is measured: leave --sun out."
             )
         unseen = share_unseen(gathered, clipped[0])
-        gathered, clipped[0] = with_sun(gathered, regions, sun, luminance)
-    names = [view.id for view, _ in chosen]
-    differences = seams(names, gathering.compared, luminance)
-    shown = gathered.mask != NOTHING
-    known = float((shown * solid_angles(rows)).sum() / (4 * np.pi))
+        gathered, clipped[0] = with_sun(gathered, regions, request.sun, luminance)
+    known = float(((gathered.mask != NOTHING) * solid_angles(rows)).sum() / (4 * np.pi))
     panorama = Panorama(
-        out, 2 * rows, len(chosen), factor, absolute and exposure is None, known, differences, tuple(clipped),
-        parallax, unseen, tuple(warnings),
+        out, 2 * rows, len(chosen), factor, absolute and request.exposure is None, known,
+        seams([view.id for view in views], gathering.compared, luminance), tuple(clipped), parallax, unseen,
+        tuple(warnings),
     )  # fmt: skip
+    attributes = _attributes(panorama, SPACE_NAMES[space] if coloured else "camera RGB")
+    attributes |= header(axes)
+    if scale is not None and absolute and coloured:
+        attributes |= white_luminance(scale.value / factor, scale.error / factor)
+    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None, request.exr)
+    return panorama
+
+
+def _brighter(gathered: Map, factor: float) -> Map:
+    """The map with its light times a factor."""
+    times = np.float32(factor)
+    sigma = None if gathered.sigma is None else gathered.sigma * times
+    return Map(gathered.light * times, sigma, gathered.mask)
+
+
+def _attributes(panorama: Panorama, colour: str) -> dict[str, ExrValue]:
+    """Header of the file, without its axes."""
     attributes: dict[str, ExrValue] = {
         "rig:units": "cd/m2" if panorama.absolute else UNIT,
-        EXPOSURE_FACTOR: factor,
+        EXPOSURE_FACTOR: panorama.exposure_factor,
         "rig:mask": f"{BITS}; {RECOVERED} recovered: by a meter, spread evenly",
-        "rig:known": known,
-        "rig:seams": json.dumps([str(seam) for seam in differences]),
-        "rig:colour": SPACE_NAMES[space] if coloured else "camera RGB",
+        "rig:known": panorama.known,
+        "rig:seams": json.dumps([str(seam) for seam in panorama.seams]),
+        "rig:colour": colour,
         "software": f"rig {version('hdr-rig')}",
         **LATLONG,
-        **header(axes),
     }
     if panorama.seam_stops is not None:
         attributes["rig:seamStops"] = panorama.seam_stops
-    if scale is not None and absolute and coloured:
-        attributes |= white_luminance(scale.value / factor, scale.error / factor)
-    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None, exr)
-    return panorama
+    return attributes
 
 
 def _write(

@@ -10,7 +10,7 @@ from imaging.arrays import Array
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
-from rig.report.charts.chart import Series, chart
+from rig.report.charts.chart import AxisStyle, Series, chart
 
 
 def charts(session: Session, record: CalibrationRecord) -> Iterable[tuple[str, str, Markup]]:
@@ -24,10 +24,8 @@ def charts(session: Session, record: CalibrationRecord) -> Iterable[tuple[str, s
             chart(
                 "Estimated over stated exposure",
                 ratios,
-                "stated exposure scale k, s",
-                "estimate − label, stops",
-                x_scale="log",
-                y_zero=True,
+                AxisStyle("stated exposure scale k, s", "log"),
+                AxisStyle("estimate − label, stops", zero=True),
             ),
         )
     if any(any(camera.vignetting) for camera in record.cameras):
@@ -116,8 +114,7 @@ def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str
                 "Uncertainty of the response",
                 errors,
                 "code value",
-                "± stops, 95 %",
-                y_zero=True,
+                AxisStyle("± stops, 95 %", zero=True),
                 shaded=valid,
             ),
         )

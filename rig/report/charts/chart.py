@@ -45,6 +45,16 @@ class Series:
 
 
 @dataclass(frozen=True)
+class AxisStyle:
+    """Label and scale of an axis; zero: it begins at zero or before; whole: ticks are whole numbers."""
+
+    label: str
+    scale: Scale = "linear"
+    zero: bool = False
+    whole: bool = False
+
+
+@dataclass(frozen=True)
 class Axis:
     """One axis: what it shows, between which values, and its ticks."""
 
@@ -63,28 +73,22 @@ class Axis:
         return math.log10(max(value, 1e-300)) if self.scale == "log" else value
 
     @classmethod
-    def around(
-        cls,
-        label: str,
-        values: Sequence[float],
-        scale: Scale = "linear",
-        zero: bool = False,
-        whole: bool = False,
-    ) -> "Axis":
-        """An axis that holds all finite `values`, with some air; from zero, or in whole steps, if asked."""
-        finite = [v for v in values if math.isfinite(v) and (scale == "linear" or v > 0)]
-        low, high = (min(finite), max(finite)) if finite else (0.1 if scale == "log" else 0.0, 1.0)
-        if scale == "log":
-            return cls._decades(label, low, high)
-        if zero:
+    def around(cls, style: AxisStyle, values: Sequence[float]) -> "Axis":
+        """An axis that holds all finite `values`, with some air."""
+        logarithmic = style.scale == "log"
+        finite = [v for v in values if math.isfinite(v) and (v > 0 or not logarithmic)]
+        low, high = (min(finite), max(finite)) if finite else (0.1 if logarithmic else 0.0, 1.0)
+        if logarithmic:
+            return cls._decades(style.label, low, high)
+        if style.zero:
             low, high = min(low, 0.0), max(high, 0.0)
         if high - low < 1e-12 * max(abs(high), abs(low), 1e-12):
             pad = abs(high) * 0.5 or 0.5
-            low, high = low - (0 if zero and low == 0 else pad), high + pad
-        step = nice_step(max((high - low) / 5, 1.0 if whole else 0.0))
+            low, high = low - (0 if style.zero and low == 0 else pad), high + pad
+        step = nice_step(max((high - low) / 5, 1.0 if style.whole else 0.0))
         low, high = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
         count = round((high - low) / step)
-        return cls(label, low, high, tuple(low + index * step for index in range(count + 1)))
+        return cls(style.label, low, high, tuple(low + index * step for index in range(count + 1)))
 
     @classmethod
     def _decades(cls, label: str, low: float, high: float) -> "Axis":
@@ -130,24 +134,29 @@ def tick_text(value: float, axis: Axis) -> str:
 def chart(
     title: str,
     series: Sequence[Series],
-    x_label: str,
-    y_label: str,
+    x: str | AxisStyle,
+    y: str | AxisStyle,
     *,
-    x_scale: Scale = "linear",
-    y_scale: Scale = "linear",
-    x_zero: bool = False,
-    y_zero: bool = False,
-    x_whole: bool = False,
     shaded: tuple[float, float] | None = None,
     level: tuple[float, str] | None = None,
 ) -> Markup:
-    """The series in one frame, as an `<svg>` that scales with the page.
+    """Draw series in one frame.
 
-    shaded: a range of x set off from the rest; level: a horizontal line with a name.
+    Args:
+        title: Heading for screen readers.
+        series: Lines or dots, one colour each.
+        x: Horizontal axis; of a label alone: linear, from where the values begin.
+        y: Vertical axis, likewise.
+        shaded: Range of x set off from the rest.
+        level: Place and name of a horizontal line.
+
+    Returns:
+        An `<svg>` that scales with the page, and its legend.
     """
     extra = [level[0]] if level else []
-    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale, x_zero, x_whole)
-    y_axis = Axis.around(y_label, [v for s in series for v in s.reach()] + extra, y_scale, y_zero)
+    x_style, y_style = (AxisStyle(axis) if isinstance(axis, str) else axis for axis in (x, y))
+    x_axis = Axis.around(x_style, [v for s in series for v in s.x])
+    y_axis = Axis.around(y_style, [v for s in series for v in s.reach()] + extra)
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 
     def x_at(value: float) -> float:
@@ -178,8 +187,8 @@ def chart(
             for x, y in zip(x_values, y_values, strict=True)
             if math.isfinite(x)
             and math.isfinite(y)
-            and (x_scale == "linear" or x > 0)
-            and (y_scale == "linear" or y > 0)
+            and (x_axis.scale == "linear" or x > 0)
+            and (y_axis.scale == "linear" or y > 0)
         ]
 
     for index, line in enumerate(series):
@@ -187,7 +196,7 @@ def chart(
         if len(line.margin):
             pairs = list(zip(line.y, line.margin, strict=True))
             # On a logarithmic axis a band that reaches below zero ends at the frame.
-            least = y_axis.low if y_scale == "log" else -math.inf
+            least = y_axis.low if y_axis.scale == "log" else -math.inf
             low, high = [max(y - m, least) for y, m in pairs], [y + m for y, m in pairs]
             parts.append(_band(placed(line.x, low), placed(line.x, high), colour))
         points = placed(line.x, line.y)

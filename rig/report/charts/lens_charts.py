@@ -10,7 +10,7 @@ from imaging.arrays import Array
 from imaging.optics import lens as optics
 from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, LensError
-from rig.report.charts.chart import COLOURS, Series, chart
+from rig.report.charts.chart import COLOURS, AxisStyle, Series, chart
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
 from rig.terminal.text import number
@@ -84,8 +84,7 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
                     if camera.lens
                 ],
                 "distance from the principal point, px",
-                "moved outwards, px",
-                y_zero=True,
+                AxisStyle("moved outwards, px", zero=True),
             ),
         )
     if residuals.cameras:
@@ -213,8 +212,7 @@ def _histogram(residuals: Residuals) -> Figure:
                 Series(f"Gaussian, σ = {number(sigma)} px", x.tolist(), bell.tolist(), dashed=True),
             ],
             "seen less projected, px",
-            "share per px",
-            y_zero=True,
+            AxisStyle("share per px", zero=True),
         ),
     )
 

@@ -9,7 +9,7 @@ from imaging.session.calibration import CalibrationRecord, ViewCalibration
 from imaging.session.coordinates import SurveyedPoint, length_text
 from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures
-from rig.report.charts.chart import COLOURS, Series, chart
+from rig.report.charts.chart import COLOURS, AxisStyle, Series, chart
 from rig.report.charts.residuals import Residuals
 from rig.report.charts.rig_view import MOST_VIEWS, turntable
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic
@@ -63,10 +63,8 @@ def _figures(
             chart(
                 "Standard error of rotation",
                 _by_camera(turns),
-                "frame",
-                "standard error, °",
-                y_zero=True,
-                x_whole=True,
+                AxisStyle("frame", whole=True),
+                AxisStyle("standard error, °", zero=True),
             ),
         )
     if residuals.views:
@@ -76,10 +74,8 @@ def _figures(
             chart(
                 "Residuals by view",
                 _by_camera(residuals.views),
-                "frame",
-                "rms residual, px",
-                y_zero=True,
-                x_whole=True,
+                AxisStyle("frame", whole=True),
+                AxisStyle("rms residual, px", zero=True),
             ),
         )
     yield Figure(

@@ -9,7 +9,7 @@ import numpy as np
 from imaging.arrays import Array
 from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.calibration import CalibrationRecord
-from rig.report.charts.chart import Series, chart
+from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
 
 MOST_SENSORS = 6
@@ -70,10 +70,8 @@ def _figures(sensors: Sequence[NamedSensor]) -> Iterable[Figure]:
             chart(
                 "Photon transfer",
                 series,
-                "signal above black, DN",
-                "variance, DN²",
-                x_scale="log",
-                y_scale="log",
+                AxisStyle("signal above black, DN", "log"),
+                AxisStyle("variance, DN²", "log"),
             ),
         )
     plotted = [camera for camera in lines if camera.sensor.transfer]
@@ -85,9 +83,8 @@ def _figures(sensors: Sequence[NamedSensor]) -> Iterable[Figure]:
             chart(
                 "Photon transfer, off the line",
                 [_off(camera, lines.index(camera)) for camera in plotted],
-                "signal above black, DN",
+                AxisStyle("signal above black, DN", "log"),
                 "variance off the line, %",
-                x_scale="log",
                 level=(0.0, ""),
             ),
         )
@@ -153,8 +150,7 @@ def _linearity(camera: NamedSensor) -> Figure:
                 )
             ],
             "light, % of what white takes",
-            "signal off the line, %",
-            y_zero=True,
+            AxisStyle("signal off the line, %", zero=True),
         ),
     )
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from recon.trade import Point, Trade, front
-from rig.report.charts.chart import Series, chart
+from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Figure
 from rig.report.metrics import BY_KEY
 
@@ -67,7 +67,7 @@ def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value:
         yield Figure(
             f"{heading} against {name}",
             f"Each dot is a training; higher and further left is better. {_count(best)} on the front.",
-            chart(f"{heading} against {name}", series, label, axis, x_scale="log"),
+            chart(f"{heading} against {name}", series, AxisStyle(label, "log"), axis),
         )
 
 

@@ -15,7 +15,7 @@ from capture.check.warnings import OFF_STOPS, doubted
 from imaging.files import store
 from imaging.optics.exposure import Exposure
 from imaging.session.session import Session
-from rig.report.charts.chart import Series, chart
+from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Tile
 from rig.report.page import environment, now
 from rig.terminal.text import counted
@@ -158,10 +158,8 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
             chart(
                 "Estimated exposure against label",
                 series,
-                "exposure of the label, s (time × ISO / 100 / f²)",
-                "stops",
-                x_scale="log",
-                y_zero=True,
+                AxisStyle("exposure of the label, s (time × ISO / 100 / f²)", "log"),
+                AxisStyle("stops", zero=True),
                 level=(OFF_STOPS, "doubted above")
                 if max(abs(look.off or 0) for look, _ in labelled) > OFF_STOPS / 2
                 else None,
@@ -175,7 +173,7 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
             "Focus",
             "Sharpness: fine/coarse detail ratio of the sharpest exposure of each bracket. It falls where "
             "focus is lost.",
-            chart("Focus by frame", series, "frame", "sharpness", y_zero=True),
+            chart("Focus by frame", series, "frame", AxisStyle("sharpness", zero=True)),
         )
     if report.skews:
         values = [1000 * step.skew for step in report.skews]
@@ -184,7 +182,10 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
             "Skew",
             "Time from the first shutter of a bracket step to the last.",
             chart(
-                "Skew by step", [Series("", range(len(values)), values, dots=True)], "step", "ms", y_zero=True
+                "Skew by step",
+                [Series("", range(len(values)), values, dots=True)],
+                "step",
+                AxisStyle("ms", zero=True),
             ),
         )
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from imaging.files import store
 from recon.result.model import ModelRecord
-from rig.report.charts.chart import Series, chart
+from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Tile
 from rig.report.metrics import BY_KEY, METRICS, at_width, qualified
 from rig.report.sections.calibrated import RungRow, rung_rows
@@ -152,10 +152,8 @@ def _charts(
                         colour=0,
                     ),
                 ],
-                "true light, relative units" if absolute is None else "true light, cd/m²",
-                "relative error, %",
-                x_scale="log",
-                y_scale="log",
+                AxisStyle("true light, relative units" if absolute is None else "true light, cd/m²", "log"),
+                AxisStyle("relative error, %", "log"),
             ),
         )
     log = [
@@ -181,9 +179,8 @@ def _charts(
                             colour=1,
                         )
                     ],
-                    "training time, s",
+                    AxisStyle("training time, s", zero=True),
                     f"PSNR at {model.width} px, dB",
-                    x_zero=True,
                 ),
             )
         yield (
@@ -192,10 +189,8 @@ def _charts(
             chart(
                 "Training loss",
                 [Series("", seconds, [float(row["loss"]) for row in log])],
-                "training time, s",
-                "loss",
-                x_zero=True,
-                y_scale="log" if min(float(row["loss"]) for row in log) > 0 else "linear",
+                AxisStyle("training time, s", zero=True),
+                AxisStyle("loss", "log" if min(float(row["loss"]) for row in log) > 0 else "linear"),
             ),
         )
         yield (
@@ -204,10 +199,8 @@ def _charts(
             chart(
                 "Number of Gaussians",
                 [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
-                "training time, s",
-                "Gaussians",
-                x_zero=True,
-                y_zero=True,
+                AxisStyle("training time, s", zero=True),
+                AxisStyle("Gaussians", zero=True),
             ),
         )
 

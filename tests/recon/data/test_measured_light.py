@@ -5,14 +5,14 @@ import pytest
 
 from imaging.merge.linear_frame import SensorSignalNoise, code_noise
 from imaging.session.calibration import Response
-from recon.data.shot import Shot, measured_light
+from recon.data.shot import HeldPlanes, Shot, measured_light
 
 LINEAR, SRGB = (Response(kind=kind, evidence="a test") for kind in ("linear", "srgb"))
 PLANE, MASK = np.zeros((2, 2), np.float32), np.zeros((2, 2), bool)
 
 
 def shot(**values) -> Shot:
-    return Shot.of("a", 0.5, PLANE, MASK, MASK, ~MASK, **values)
+    return Shot("a", 0.5, HeldPlanes(PLANE, MASK, MASK, ~MASK), **values)
 
 
 def test_of_raw_it_is_where_the_signal_is_three_deviations_and_where_it_saturates() -> None:

@@ -9,7 +9,7 @@ from imaging.sensor.cfa import Cfa
 from recon.data.geometry import project
 from recon.data.load import load
 from recon.data.narrower import narrower
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 
 
 def alike(one, other):
@@ -50,7 +50,7 @@ def mosaic(height, width, valid=None):
     """A shot of nothing but middle grey."""
     mask = np.zeros((height, width), bool)
     pixels = np.full((height, width), 0.5, np.float32)
-    return Shot.of("file", 1.0, pixels, mask, mask, ~mask if valid is None else valid)
+    return Shot("file", 1.0, HeldPlanes(pixels, mask, mask, ~mask if valid is None else valid))
 
 
 def test_what_a_mask_hides_is_hidden_in_a_smaller_mosaic_too_and_a_defect_is_not(toy_dataset):

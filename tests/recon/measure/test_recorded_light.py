@@ -8,7 +8,7 @@ from imaging.merge.linear_frame import SensorSignalNoise
 from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.measure.recorded_light import MOST_SAMPLES, against_photographs, recorded_light
 from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
@@ -25,7 +25,7 @@ def view_of(light, scales, kind="raw", noise=None, **sensor):
         signal = np.minimum((light[..., 0] if kind == "raw" else light) * k, 1).astype(np.float32)
         none = np.zeros(signal.shape, bool)
         ceiling = 1.0 if kind == "raw" else None
-        shots.append(Shot.of("", k, signal, signal >= 1, none, ~none, noise=noise, ceiling=ceiling))
+        shots.append(Shot("", k, HeldPlanes(signal, signal >= 1, none, ~none), noise, ceiling))
     lens = SplatCamera(np.eye(4), 50.0, 50.0, width / 2, height / 2, width, height)
     cfa = Cfa.RGGB if kind == "raw" else None
     built = {"falloff": np.ones((height, width), np.float32)} | sensor

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.observe.bands import BandedLight
 from recon.observe.linear import SIGNAL_MU
 from recon.observe.losses import mu_law
@@ -19,7 +19,7 @@ def shot(band: int, k: float, saturated: bool = False) -> Shot:
     pixels = RNG.uniform(0, 1, SIZE).astype(np.float32)
     valid = np.ones(SIZE, bool)
     valid[0, :2] = False
-    return Shot.of("", k, pixels, np.full(SIZE, saturated), np.zeros(SIZE, bool), valid, band=band)
+    return Shot("", k, HeldPlanes(pixels, np.full(SIZE, saturated), np.zeros(SIZE, bool), valid), band=band)
 
 
 def view(*shots: Shot) -> Any:

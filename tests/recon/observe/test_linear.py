@@ -8,7 +8,7 @@ from imaging.metrics import mu_law
 from imaging.sensor.cfa import BAYER, Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, colour_filters, join, split, through_filter
 from recon.observe.photographs import Display
 from recon.splat import SplatCamera
@@ -37,13 +37,15 @@ def make_view(cfa: Cfa | None, shots: tuple[Shot, ...], kind="raw") -> View:
 
 def make_shot(k: float, pixels: np.ndarray, saturated=None, valid=None) -> Shot:
     none = np.zeros(pixels.shape, bool)
-    return Shot.of(
+    return Shot(
         "file",
         k,
-        pixels.astype(np.float32),
-        none if saturated is None else saturated,
-        none,
-        ~none if valid is None else valid,
+        HeldPlanes(
+            pixels.astype(np.float32),
+            none if saturated is None else saturated,
+            none,
+            ~none if valid is None else valid,
+        ),
     )
 
 

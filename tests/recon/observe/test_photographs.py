@@ -10,7 +10,7 @@ import imaging.compute.threads as threads
 from imaging.colour.spaces import srgb_encode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
 from recon.observe.targets import Targets
@@ -50,7 +50,7 @@ def make_view(curve: ToneCurve, image: torch.Tensor, trusted: tuple[float, float
     for k in SCALES:
         codes = np.rint(curve.predict(image, empty, k).detach().numpy() * 255).astype(np.float32) / 255
         low, high = (codes <= trusted[0], codes >= trusted[1])
-        shots.append(Shot.of("file", k, codes, high, low, np.ones(codes.shape, bool)))
+        shots.append(Shot("file", k, HeldPlanes(codes, high, low, np.ones(codes.shape, bool))))
     return View("cam", 0, lens, empty.sensor, tuple(shots))
 
 
@@ -232,7 +232,7 @@ def developed_views(height: int, width: int) -> tuple[Display, View]:
     for k in (0.2, 0.5, 1.4):
         codes = (rng.integers(0, 256, (height, width, 3)) / np.float32(255)).astype(np.float32)
         valid = rng.random(codes.shape) > 0.1
-        shots.append(Shot.of("file", k, codes, codes > 0.995, codes < 0.005, valid))
+        shots.append(Shot("file", k, HeldPlanes(codes, codes > 0.995, codes < 0.005, valid)))
     falloff = rng.uniform(0.5, 1.1, (height, width)).astype(np.float32)
     response = Response(kind="srgb", evidence="test")
     sensor = Sensor("ldr", None, np.eye(3), falloff, response, (1.2, 1.0, 0.7))

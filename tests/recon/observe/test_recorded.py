@@ -16,7 +16,7 @@ from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import ShotSource, read_shot
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.measure import views
 from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
@@ -79,7 +79,7 @@ def test_a_clipped_pixel_of_a_smaller_image_bounds_the_light():
     recorded = np.full((4, 4, 3), 0.5, np.float32)
     saturated, never = np.zeros((2, 4, 4, 3), bool)
     saturated[:2] = True
-    shot = Shot.of("a", 1.0, recorded, saturated, never, ~never, ceiling=0.9)
+    shot = Shot("a", 1.0, HeldPlanes(recorded, saturated, never, ~never), ceiling=0.9)
     above, below = (torch.where(torch.from_numpy(saturated), value, 0.5) for value in (3.0, 0.4))
     assert shot_psnr(above, shot) == PSNR_CAP
     assert shot_psnr(below, shot) == pytest.approx(-10 * np.log10(0.1**2 / 2), abs=1e-4)
@@ -99,7 +99,7 @@ def test_the_same_error_gives_the_same_figures_whatever_is_masked(kind):
         never = np.zeros_like(valid)
         # What is behind the mask is nothing like the model.
         pixels = np.where(valid, truth, 1 - truth).astype(np.float32)
-        shot = Shot.of("a", 1.0, pixels, never, never, valid, ceiling=1.0 if kind == "raw" else None)
+        shot = Shot("a", 1.0, HeldPlanes(pixels, never, never, valid), ceiling=1.0 if kind == "raw" else None)
         observation = Display(LINEAR, 1.0) if kind == "ldr" else LinearLight(1.0)
         results.append(figures(view_of([shot], kind), observation, model))
     (row, live), *masked = results
@@ -113,7 +113,10 @@ def test_the_same_error_gives_the_same_figures_whatever_is_masked(kind):
 
 def test_a_shot_that_is_masked_altogether_has_no_figure():
     truth, never = np.full((16, 16, 3), 0.5, np.float32), np.zeros((16, 16, 3), bool)
-    shots = [Shot.of("a", 1.0, truth, never, never, ~never), Shot.of("b", 2.0, truth, never, never, never)]
+    shots = [
+        Shot("a", 1.0, HeldPlanes(truth, never, never, ~never)),
+        Shot("b", 2.0, HeldPlanes(truth, never, never, never)),
+    ]
     row, live = figures(view_of(shots, "ldr"), Display(LINEAR, 1.0), truth + np.float32(0.1))
     assert row["ldr_psnr_oe"] == pytest.approx(20, abs=1e-4)
     assert live == pytest.approx(20, abs=1e-4)

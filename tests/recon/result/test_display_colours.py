@@ -7,13 +7,14 @@ import pytest
 import torch
 
 from imaging.colour.spaces import srgb_decode
+from imaging.progress import unreported
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result import display_colours as module
 from recon.result.display import displayed
-from recon.result.display_colours import display_colours
+from recon.result.display_colours import LitScene, display_colours
 from recon.result.model import read_model
 from recon.result.scene import open_scene
 from recon.result.viewers import MOST_CODE, playcanvas, viewers_of
@@ -54,9 +55,13 @@ def lamps() -> tuple[Gaussians, Renderer]:
 def fitted(lamps, steps=100, exposure=0.5):
     gaussians, renderer = lamps
     return display_colours(
-        gaussians, gaussians, renderer, 2, exposure, steps, fitted=[CAMERAS[i] for i in (0, 1, 2, 4, 5, 6)],
-        judged=[CAMERAS[3]], progress=lambda *_: None,
-    )  # fmt: skip
+        LitScene(gaussians, renderer, 2, exposure),
+        gaussians,
+        steps,
+        fitted=[CAMERAS[i] for i in (0, 1, 2, 4, 5, 6)],
+        judged=[CAMERAS[3]],
+        progress=unreported,
+    )
 
 
 def test_other_programs_draw_the_display_of_the_light_as_near_as_is_stated(lamps, tmp_path):
@@ -78,14 +83,14 @@ def test_other_programs_draw_the_display_of_the_light_as_near_as_is_stated(lamps
 
 def test_codes_above_white_are_the_light_that_a_tone_map_is_given(lamps):
     gaussians, renderer = lamps
-    fit = {"fitted": CAMERAS, "judged": (), "progress": lambda *_: None}
+    fit = {"fitted": CAMERAS, "judged": (), "progress": unreported}
     with torch.no_grad():
         light = renderer(gaussians, CAMERAS[3], degree=2).image.numpy() * 0.5
     bright = (light > 1.5) & (light < 20)
     assert bright.mean() > 0.02
     off = {}
     for end in (1.0, MOST_CODE):
-        colours = display_colours(gaussians, gaussians, renderer, 2, 0.5, 100, end=end, **fit)
+        colours = display_colours(LitScene(gaussians, renderer, 2, 0.5, end), gaussians, 100, **fit)
         model = Gaussians({name: gaussians.parameters[name] for name in GEOMETRY})
         model.parameters |= {
             "sh_dc": torch.from_numpy(colours.harmonics[:, :1]).float(),
@@ -119,7 +124,12 @@ def test_light_of_display_values_stays_what_it_is():
     gaussians = Gaussians({**places, **appearance.start(colours)})
     renderer = Renderer(appearance, Limits.gsplat())
     shown = display_colours(
-        gaussians, gaussians, renderer, 0, 1.0, 0, fitted=CAMERAS[:1], judged=(), progress=lambda *_: None
+        LitScene(gaussians, renderer, 0, 1.0),
+        gaussians,
+        0,
+        fitted=CAMERAS[:1],
+        judged=(),
+        progress=unreported,
     )
     assert shown.harmonics.shape == (12, 1, 3)
     codes = shown.harmonics[:, 0] * 0.28209479177387814 + 0.5

@@ -18,7 +18,7 @@ from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import Light
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.methods.method import Method
 from recon.observe import targets
 from recon.observe.linear import LinearLight, Observation
@@ -54,7 +54,7 @@ def make_view(kind: Any, glare: float) -> View:
     none = np.zeros(shape, bool)
     alpha = None if kind == "raw" else np.ones((SIZE, SIZE), np.float32)
     shots = tuple(
-        Shot.of(f"{k}", k, rng.uniform(0.1, 0.9, shape).astype(np.float32), none, none, ~none, alpha=alpha)
+        Shot(f"{k}", k, HeldPlanes(rng.uniform(0.1, 0.9, shape).astype(np.float32), none, none, ~none, alpha))
         for k in (0.5, 1.0)
     )
     motion = np.eye(4)

@@ -16,6 +16,7 @@ from rig.report.charts.chart import (
     TOP,
     WIDTH,
     Axis,
+    AxisStyle,
     Series,
     chart,
     nice_step,
@@ -36,7 +37,7 @@ def test_steps_are_one_two_five(step: float, nice: float) -> None:
 
 
 def test_an_axis_holds_its_values_and_its_ticks() -> None:
-    axis = Axis.around("x", [0.13, 0.97])
+    axis = Axis.around(AxisStyle("x"), [0.13, 0.97])
     assert axis.low <= 0.13
     assert axis.high >= 0.97
     assert axis.ticks == pytest.approx((0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
@@ -45,12 +46,12 @@ def test_an_axis_holds_its_values_and_its_ticks() -> None:
 
 def test_an_axis_of_equal_values_has_room() -> None:
     for value in (0.0, -3.0, 7.0):
-        axis = Axis.around("x", [value, value])
+        axis = Axis.around(AxisStyle("x"), [value, value])
         assert axis.low < value < axis.high
 
 
 def test_a_logarithmic_axis_places_decades_evenly() -> None:
-    axis = Axis.around("x", [0.02, 30.0], "log")
+    axis = Axis.around(AxisStyle("x", "log"), [0.02, 30.0])
     assert (axis.low, axis.high) == pytest.approx((0.01, 100.0))
     assert axis.place(1.0, 0.0, 100.0) == pytest.approx(50.0)
 
@@ -70,7 +71,7 @@ def test_a_logarithmic_axis_places_decades_evenly() -> None:
 def test_a_logarithmic_axis_of_a_few_decades_is_no_longer_than_it_has_to_be(
     values: list[float], ends: tuple[float, float], first: str, last: str
 ) -> None:
-    axis = Axis.around("x", values, "log")
+    axis = Axis.around(AxisStyle("x", "log"), values)
     assert (axis.low, axis.high) == pytest.approx(ends)
     assert (axis.ticks[0], axis.ticks[-1]) == pytest.approx(ends)
     assert (tick_text(axis.ticks[0], axis), tick_text(axis.ticks[-1], axis)) == (first, last)
@@ -78,20 +79,20 @@ def test_a_logarithmic_axis_of_a_few_decades_is_no_longer_than_it_has_to_be(
 
 
 def test_a_logarithmic_axis_of_less_than_a_decade_has_ticks_enough() -> None:
-    axis = Axis.around("x", [0.0204, 0.0391], "log")
+    axis = Axis.around(AxisStyle("x", "log"), [0.0204, 0.0391])
     assert [tick_text(tick, axis) for tick in axis.ticks] == ["0.02", "0.03", "0.04", "0.05"]
 
 
 def test_a_logarithmic_axis_takes_the_largest_and_the_least_numbers() -> None:
-    axis = Axis.around("x", [5e-324, 1.7e308], "log")
+    axis = Axis.around(AxisStyle("x", "log"), [5e-324, 1.7e308])
     assert len(axis.ticks) > 2
     assert all(0.0 <= axis.place(value, 0.0, 100.0) <= 100.0 for value in axis.ticks)
-    svg_of(chart("t", [Series("", [5e-324, 1.7e308], [1, 2])], "x", "y", x_scale="log"))
+    svg_of(chart("t", [Series("", [5e-324, 1.7e308], [1, 2])], AxisStyle("x", "log"), "y"))
 
 
 def test_nothing_to_draw_is_still_a_chart() -> None:
     for scale in ("linear", "log"):
-        svg = svg_of(chart("empty", [Series("", [], [])], "x", "y", x_scale=scale, y_scale=scale))
+        svg = svg_of(chart("empty", [Series("", [], [])], AxisStyle("x", scale), AxisStyle("y", scale)))
         assert {"x", "y"} <= {part.text for part in svg.iter()}
         assert not [part for part in svg.iter() if "dots" in part.get("class", "")]
 

@@ -8,7 +8,7 @@ import imaging.compute.threads as threads
 from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.shot import Shot
+from recon.data.shot import HeldPlanes, Shot
 from recon.observe.linear import SIGNAL_MU, LinearLight
 from recon.splat import SplatCamera
 
@@ -27,7 +27,7 @@ def make_view(cfa: Cfa | None, height: int, width: int, whole: bool = False) -> 
         saturated, valid = rng.random(shape) < 0.2, rng.random(shape) < 0.9
         none = np.zeros(shape, bool)
         shots.append(
-            Shot.of("file", k, pixels, none if whole else saturated, none, ~none if whole else valid)
+            Shot("file", k, HeldPlanes(pixels, none if whole else saturated, none, ~none if whole else valid))
         )
     falloff = rng.uniform(0.6, 1.1, (height, width)).astype(np.float32)
     sensor = Sensor("raw", cfa, matrix, falloff, Response(kind="linear", evidence="test"))
