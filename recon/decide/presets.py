@@ -6,7 +6,9 @@ Nothing heavy is imported, so that the help of a command can show it.
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
+TrainedMethod = Literal["nh-3dgs", "hdr-gs", "vanilla"]
+"""The methods of `recon.methods.METHODS`."""
+MethodName = Literal["auto", TrainedMethod]
 """auto: by what the session holds (`recon.decide.steps.method_choice`)."""
 QualityName = Literal["draft", "standard", "best"]
 """The smallest first."""

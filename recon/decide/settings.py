@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Literal
 
 from imaging.record import Record
 from imaging.session.calibration import StatedPart
@@ -10,7 +9,7 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.cost.budget import Budget, Unit
 from recon.decide.overrides import Overrides
-from recon.decide.presets import QUALITIES, START_SHARE, downwards
+from recon.decide.presets import QUALITIES, START_SHARE, QualityName, TrainedMethod, downwards
 from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.methods.method import Method
@@ -22,8 +21,8 @@ from recon.train.training import Plan
 class Settings(Record):
     """Settings of a training besides the session: the same settings and seed give the same bytes."""
 
-    method: Literal["nh-3dgs", "hdr-gs", "vanilla"]
-    quality: Literal["draft", "standard", "best"]
+    method: TrainedMethod
+    quality: QualityName
     seed: int
     iterations: int
     """Iterations as planned at the start; a budget in seconds was turned into this number from the speed

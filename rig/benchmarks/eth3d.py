@@ -6,8 +6,13 @@ images as `CAMERA/FILE`; the cameras of a rig name their files of a moment alike
 
 from pathlib import Path
 
+from calib.calibrate import calibrate
+from capture.imports.layouts.colmap import pose_of_image, read_model
+from capture.imports.photos import import_photos
+from capture.imports.request import ImportRequest
 from imaging.errors import CalibrationError, InputError
 from imaging.progress import Progress
+from recon.measure.protocols import eth3d
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
 
 
@@ -20,10 +25,6 @@ def _models(folder: Path) -> list[Path]:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from calib.calibrate import calibrate
-    from capture.imports.layouts.colmap import pose_of_image, read_model
-    from recon.measure.protocols import eth3d
-
     place = _models(scene)[0]
     true = {
         eth3d.name_of(image.name): pose_of_image(image, place).matrix()
@@ -43,9 +44,6 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 def _import(images: Path, session: Path, progress: Progress) -> None:
     """A session of the photographs, whose folders are cameras; of a rig where these name all files alike."""
-    from capture.imports.photos import import_photos
-    from capture.imports.request import ImportRequest
-
     named = {frozenset(file.name for file in camera.iterdir()) for camera in images.iterdir()}
     request = ImportRequest(
         layout="photos", cameras="folder", bracket=1, together="order" if len(named) == 1 else "never"

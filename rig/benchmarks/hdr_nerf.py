@@ -2,19 +2,17 @@
 
 from pathlib import Path
 
+from capture.imports.layouts import hdr_nerf
 from imaging.progress import Progress
+from recon.measure.evaluate import evaluate
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained
 
 
 def _is_scene(folder: Path) -> bool:
-    from capture.imports.layouts import hdr_nerf
-
     return hdr_nerf.is_one(folder)
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.measure.evaluate import evaluate
-
     imported(scene, session, "hdr-nerf", progress)
     curved(session, progress)
     folder = trained(session, "hdr-gs", choices, progress)

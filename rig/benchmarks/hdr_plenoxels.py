@@ -2,7 +2,12 @@
 
 from pathlib import Path
 
+from capture.imports.layouts import llff
+from imaging.files import store
 from imaging.progress import Progress
+from imaging.session.records import SplitRecord
+from imaging.session.session import SPLIT, Session
+from recon.measure.protocols import hdr_plenoxels
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 EVERY = 4
@@ -10,14 +15,10 @@ EVERY = 4
 
 
 def _is_scene(folder: Path) -> bool:
-    from capture.imports.layouts import llff
-
     return llff.is_one(folder)
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.measure.protocols import hdr_plenoxels
-
     imported(scene, session, "llff", progress)
     _hold_out(session)
     folder = trained(session, "auto", choices, progress)
@@ -25,10 +26,6 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 
 def _hold_out(session: Path) -> None:
-    from imaging.files import store
-    from imaging.session.records import SplitRecord
-    from imaging.session.session import SPLIT, Session
-
     if (session / SPLIT).exists():
         return
     shots = Session.open(session).shots("scene")

@@ -2,20 +2,18 @@
 
 from pathlib import Path
 
+from capture.imports.layouts import hdr_pretrain as layout
 from imaging.progress import Progress
+from recon.measure.evaluate import evaluate
+from recon.measure.protocols import hdr_pretrain
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained
 
 
 def _is_scene(folder: Path) -> bool:
-    from capture.imports.layouts import hdr_pretrain
-
-    return hdr_pretrain.is_one(folder)
+    return layout.is_one(folder)
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.measure.evaluate import evaluate
-    from recon.measure.protocols import hdr_pretrain
-
     imported(scene, session, "hdr-pretrain", progress)
     curved(session, progress)
     folder = trained(session, "hdr-gs", choices, progress)

@@ -1,20 +1,23 @@
 """Common parts of the protocols of data sets: scenes that are found, done once each, and a table."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calib.calibrate import calibrate
+from calib.request import CalibrationRequest
+from capture.imports.layouts import read_layout
+from capture.imports.photos import import_photos
+from capture.imports.request import ImportRequest, LayoutName
 from imaging.errors import InputError, RigError
 from imaging.files import store
 from imaging.progress import Progress
+from imaging.session.calibration import read_calibration
+from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName, QualityName
 from recon.decide.request import TrainingRequest
-
-if TYPE_CHECKING:
-    from capture.imports.request import LayoutName
+from recon.reconstruct import reconstruct
 
 Figures = dict[str, float]
 
@@ -115,10 +118,6 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
 
     InputError where the scene lists a photograph that is not there: its figures would be of another set.
     """
-    from capture.imports.layouts import read_layout
-    from capture.imports.photos import import_photos
-    from capture.imports.request import ImportRequest
-
     if not (session / "calibration" / "calibration.json").is_file():
         given = read_layout(scene, layout)
         if given is not None and given.missing:
@@ -130,19 +129,12 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
 
 def curved(session: Path, progress: Progress) -> None:
     """Measure the response of a session's cameras by its brackets, unless that was done."""
-    from calib.calibrate import calibrate
-    from calib.request import CalibrationRequest
-    from imaging.session.calibration import read_calibration
-
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
         calibrate(session, CalibrationRequest(only="response"), on_progress=progress)
 
 
 def trained(session: Path, method: MethodName, choices: Choices, progress: Progress) -> Path:
     """The folder of a scene, trained as was asked for."""
-    from recon.decide.overrides import Overrides
-    from recon.reconstruct import reconstruct
-
     return reconstruct(
         session,
         TrainingRequest(

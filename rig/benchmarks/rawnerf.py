@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from imaging.progress import Progress
+from recon.measure.protocols import rawnerf
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 MERGED = "hdrplus_test/merged.dng"
@@ -13,8 +14,6 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.measure.protocols import rawnerf
-
     imported(scene, session, "rawnerf", progress)
     folder = trained(session, "nh-3dgs", choices, progress)
     return rawnerf.measure(folder, scene / MERGED)

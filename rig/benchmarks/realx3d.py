@@ -2,19 +2,17 @@
 
 from pathlib import Path
 
+from capture.imports.layouts import realx3d as layout
 from imaging.progress import Progress
+from recon.measure.protocols import realx3d
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 
 def _is_scene(folder: Path) -> bool:
-    from capture.imports.layouts import realx3d
-
-    return realx3d.is_one(folder)
+    return layout.is_one(folder)
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from recon.measure.protocols import realx3d
-
     imported(scene, session, "realx3d", progress)
     folder = trained(session, "auto", choices, progress)
     place = scene.resolve()

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import typer
 
 from recon.decide.presets import QualityName
-from rig import benchmarks
 from rig.benchmarks import protocol as papers
+from rig.benchmarks import protocols
 from rig.options.common import JsonOption, SeedOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
@@ -39,7 +39,7 @@ def bench(
     Example: rig bench rawnerf scenes/ --quality best
     """
     with running("bench") as status:
-        chosen = benchmarks.protocols()[protocol]
+        chosen = protocols.PROTOCOLS[protocol]
         place = out or Path(f"bench-{protocol}")
         choices = papers.Choices(quality, seed, views)
         outcome = papers.run_scenes(chosen, papers.scenes_in(chosen, data), place, choices, status)

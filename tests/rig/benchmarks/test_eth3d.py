@@ -68,7 +68,7 @@ def test_a_rig_of_which_nothing_is_placed_scores_nothing(rig, tmp_path, monkeypa
     def refused(*_, **__):
         raise CalibrationError("No view can be placed.")
 
-    monkeypatch.setattr("calib.calibrate.calibrate", refused)
+    monkeypatch.setattr("rig.benchmarks.eth3d.calibrate", refused)
     scene = eth3d_scene(tmp_path / "terrains")
     if not alike:  # a moment of which a camera has no file
         next((scene / "images" / RIG[0]).iterdir()).unlink()
