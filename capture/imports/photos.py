@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from capture.bracket.deviation import deviates
-from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
+from capture.imports.copying import Place, append_plans, begin_or_continue, copy_all, take_back
 from capture.imports.given.depths import Depths, depths_asked, depths_note
 from capture.imports.given.given_calibration import FILE as CALIBRATION
 from capture.imports.given.given_calibration import check_sizes, has_poses, write_given, write_truth
 from capture.imports.given.given_split import write_split
 from capture.imports.given.masks import masks_asked, masks_note
+from capture.imports.import_plans import places_of, plans_of
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given
 from capture.imports.originals import FOREIGN, Original, survey
@@ -25,14 +24,12 @@ from capture.imports.sorting.pixel_shift import put_together
 from capture.imports.sorting.strays import without_strays
 from capture.imports.video.video import is_video, take_frames
 from capture.record.new_session import folder_made
-from capture.record.shot_files import ShotId
 from imaging.arguments import checked
 from imaging.errors import InputError, PartialError
 from imaging.files import store
-from imaging.optics.exposure import Exposure
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
-from imaging.session.records import PlanRecord
+from imaging.session.records import Band, PlanRecord
 from imaging.session.session import TURNTABLE
 
 _DEFAULTS = ImportRequest()
@@ -129,34 +126,8 @@ def import_photos(
     if given is not None:
         check_sizes(given, surveyed.originals)
         notes = [_layout_note(given, request.layout), *given.notes, *_absent(given), *notes]
-    labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
-    sorted_series, guesses = sort_into_cameras(
-        folder,
-        surveyed.originals,
-        request.cameras,
-        labels,
-        frozenset(band.name.casefold() for band in filters),
-        turn=depths is None and not filters,
-    )
-    if request.pixel_shift:
-        if given is not None:
-            raise InputError("pixel shift is read of folders of photographs: add --layout photos.")
-        sorted_series, shift_notes = put_together(sorted_series)
-        guesses += shift_notes
-    numbered, why = (
-        frames_in_time(
-            sorted_series,
-            request.bracket,
-            request.together,
-            band_of,
-            filters,
-            ordered=request.cameras == "folder",
-        )
-        if given is None or filters
-        else frames_of_layout(sorted_series, given, request.bracket, request.together)
-    )
-    guesses += why
+    numbered, guesses = _numbered(folder, request, given, surveyed.originals, filters, band_of)
     covers = (
         dict(surveyed.masks)
         if given is None
@@ -171,12 +142,12 @@ def import_photos(
     deep = _depths(given, paths, folder, depths)
     if deep:
         notes.append(depths_note(deep, len(paths)))
-    places: list[Place] = []
     plans: list[PlanRecord] = []
+    places: list[Place] = []
     for entry in numbered:
-        new_plans = _plans(entry, band_of)
+        new_plans = plans_of(entry, band_of)
         plans.extend(new_plans)
-        places.extend(_places(entry, new_plans, covers, deep, band_of))
+        places.extend(places_of(entry, new_plans, covers, deep, band_of))
     records = tuple(entry.camera for entry in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
@@ -210,6 +181,43 @@ def import_photos(
         guesses=(*notes, *guesses),
         missing=(*unreadable, *unread),
     )
+
+
+def _numbered(
+    folder: Path,
+    request: ImportRequest,
+    given: Given | None,
+    originals: Sequence[Original],
+    filters: Sequence[Band],
+    band_of: Mapping[Path, str],
+) -> tuple[list[Numbered], list[str]]:
+    """Sort photographs into cameras, frames and brackets, as the layout names them or by what they show.
+
+    Returns:
+        The brackets of each camera, and a sentence for each guess.
+    """
+    labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
+    series, guesses = sort_into_cameras(
+        folder,
+        originals,
+        request.cameras,
+        labels,
+        frozenset(band.name.casefold() for band in filters),
+        turn=request.depths is None and not filters,
+    )
+    if request.pixel_shift:
+        if given is not None:
+            raise InputError("pixel shift is read of folders of photographs: add --layout photos.")
+        series, notes = put_together(series)
+        guesses += notes
+    if given is None or filters:
+        by_folder = request.cameras == "folder"
+        numbered, why = frames_in_time(
+            series, request.bracket, request.together, band_of, filters, ordered=by_folder
+        )
+    else:
+        numbered, why = frames_of_layout(series, given, request.bracket, request.together)
+    return numbered, guesses + why
 
 
 def _layout_note(given: Given, asked: LayoutName | None) -> str:
@@ -253,59 +261,8 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
 
 
-def _plans(entry: Numbered, band_of: Mapping[Path, str]) -> list[PlanRecord]:
-    """One plan for each length of bracket; through filters all brackets go in one order."""
-    plans = []
-    for size in sorted({len(bracket) for bracket in entry.brackets.values()}):
-        mine = {frame: bracket for frame, bracket in entry.brackets.items() if len(bracket) == size}
-        first = next(iter(mine.values()))
-        plans.append(
-            PlanRecord(
-                plan=f"{ORIGIN}-{entry.camera.name}-{size}",
-                kind="scene",
-                created=datetime.now(UTC),
-                bracket=tuple(_agreed([bracket[step] for bracket in mine.values()]) for step in range(size)),
-                frames=tuple(mine),
-                cameras=(entry.camera.name,),
-                reason=entry.why,
-                bands=tuple(band_of[original.path] for original in first) if band_of else (),
-            )
-        )
-    return plans
-
-
-def _agreed(originals: Sequence[Original]) -> Exposure | None:
-    """The exposure that all of them have; None where they differ or one is unknown."""
-    readable = [original.exposure for original in originals if original.picture is not None]
-    first = readable[0] if readable else None
-    same = first is not None and all(other is not None and not deviates(other, first) for other in readable)
-    return first if same else None
-
-
 def _depths(given: Given | None, photos: list[Path], folder: Path, asked: Path | None) -> Depths:
     """Depth maps of the requested folder, else those that the layout names."""
     if asked is not None:
         return depths_asked(photos, folder, asked)
     return {} if given is None else {photo.path: photo.depth for photo in given.photos if photo.depth}
-
-
-def _places(
-    entry: Numbered,
-    plans: Sequence[PlanRecord],
-    masks: Mapping[Path, Path],
-    depths: Depths,
-    band_of: Mapping[Path, str],
-) -> list[Place]:
-    plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
-    return [
-        Place(
-            original,
-            ShotId(entry.camera.name, frame, step),
-            plan_of[frame],
-            masks.get(original.path),
-            band_of.get(original.path),
-            depths.get(original.path),
-        )
-        for frame, bracket in entry.brackets.items()
-        for step, original in enumerate(bracket)
-    ]

@@ -7,7 +7,8 @@ from drivers.camera import CameraIdentity
 from drivers.gige.registers import CAN_RESEND, CAN_SCHEDULE, CONTROL, URL_SIZE, Bootstrap
 from drivers.sim.genicam import xml
 from drivers.sim.genicam.acquisition import ACTION
-from drivers.sim.genicam.description import Feature, Transport, zipped
+from drivers.sim.genicam.description import Transport, zipped
+from drivers.sim.genicam.features import Feature
 from drivers.sim.genicam.memory import XML, FeatureMemory
 from drivers.sim.genicam.quirks import Quirk, in_folder
 
