@@ -110,6 +110,7 @@ def reconstruct(
     if budget is not None and budget.unit == "s" and countdown is None:
         countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
     with joined() as ranks:
+        # What takes seconds to refuse is refused before photographs are read.
         store.require_writable(session / shelf)
         names = (request.name,) if request.name else (default_name(one, quality, budget) for one in METHODS)
         there = any((session / shelf / one / MODEL).is_file() for one in names)
@@ -134,6 +135,7 @@ def reconstruct(
             loaded = load(session, max_width=width, progress=on_progress, examine=examine)
             return overrides.subset(loaded)
 
+        # `examine` sees the first view of each camera, and says what memory and time the others would take.
         dataset = read(overrides.width or QUALITIES[quality].width)
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
@@ -144,6 +146,7 @@ def reconstruct(
                 f"the colour of {', '.join(missing)} is not known: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
+        # The name of the scene follows from the method, and its folder from the name.
         chosen, reasons = method_for(dataset, request.method)
         asked = asked_for(dataset, chosen, request, processes=ranks.count)
         name = request.name or default_name(chosen, quality, budget)
@@ -151,6 +154,7 @@ def reconstruct(
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         device = trusted(device, on_message, on_progress, alone=ranks.count == 1)
+        # A time may be too short for the preset: then each smaller one is tried, with its own width.
         sizes = (asked,) if countdown is None else asked.downwards(len(dataset.train))
         if checkpoint is not None:  # it goes on at the size that it began with
             began = Settings.model_validate(checkpoint.facts["settings"]).max_width

@@ -44,6 +44,7 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
     sensors: dict[int, int] = {}
     lenses: dict[int, int] = {}
     width = 0
+    # Columns: six for each frame and mounted camera that may move, then the terms of lenses that are free.
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         moved = [(frames, image.frame_id, 6)]
@@ -55,6 +56,7 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
             if number not in columns:
                 columns[number] = width
                 width += count
+    # Rows: two for each observation, image by image, so that each block has one camera and one frame.
     table = observations(reconstruction)
     blocks: list[Any] = []
     parts: list[tuple[Array, Array]] = []

@@ -145,6 +145,7 @@ def _joined(
     rig_errors: dict[str, PoseError] = {}
     places: list[BoardPlace] = []
     misses, outliers = [], [group.refused for group in groups if group.refused]
+    # Groups of cameras that never saw the board together are independent measurements of one rig.
     for group in good:
         solved, doubt = group.solved, group.doubt
         assert solved is not None
@@ -183,6 +184,7 @@ def _joined(
         places += places_of(solved)
         misses.append(solved.misses)
         outliers += _named(solved)
+    # Misses of all groups make one figure, since one board and one person were behind them.
     every = np.concatenate(misses)
     evidence = BoardEvidence(
         board=board,
@@ -194,6 +196,7 @@ def _joined(
         outliers=tuple(outliers),
         places=tuple(sorted(places, key=lambda place: (place.frame, place.cameras))),
     )
+    # Lenses that are not sure enough serve as a first guess of structure from motion alone.
     sure_lenses, lens_rung = _sure_lenses(lenses, lens_errors)
     sure_rig, rig_rung = _sure_rig(lenses, rig_errors)
     rungs = [rung for group in good for rung in group.rungs] + [lens_rung] + [rig_rung] * bool(mounted)

@@ -99,6 +99,7 @@ def _model(
     names = sorted(start.cam_from_rig)
     number = {name: index + 1 for index, name in enumerate(names)}
     rig = pycolmap.Rig(rig_id=1)
+    # COLMAP wants a camera that stands still in the rig: the one nearest to its origin.
     reference = min(names, key=lambda name: float(np.abs(start.cam_from_rig[name] - np.eye(4)).max()))
     for name in [reference, *(name for name in names if name != reference)]:
         camera = camera_of(start.lenses[name])
@@ -134,6 +135,7 @@ def _model(
             model.add_image(image)
             rows.append((view, image_of[view], corners.ids, corners.points))
         model.register_frame(place)
+    # Every corner of the board is a point of the scene, whose place in it is known.
     tracks: dict[int, list[Any]] = {}
     for _, index, ids, _ in rows:
         for place, corner in enumerate(ids.tolist()):

@@ -62,11 +62,13 @@ def bootstrap(
 
     taken: how `solved` was found. No errors are known where all frames together give no rig.
     """
+    # The richest lens that was tried: a simpler one would be sure of what it cannot express.
     free = richest(taken)
     try:
         middle = solve(board, corners, solved, free)
     except CalibrationError:
         return Uncertainty({}, {}, {}, {}, {}, draws=0, failed=DRAWS)
+    # Frames are drawn whole: corners of one picture err together, by the bend of the board and by blur.
     rng = np.random.default_rng(seed)
     frames = sorted({view.frame for view in corners})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
@@ -85,6 +87,7 @@ def bootstrap(
         boards = {place: middle.rig_from_board[frame] for place, frame in enumerate(chosen.tolist())}
         if {view.camera for view in again} != set(solved.cam_from_rig):
             continue  # a camera that none of the drawn frames shows has nothing to vary by
+        # From the solution of all frames, each draw needs a few steps only.
         start = Solved(middle.lenses, middle.cam_from_rig, boards, np.zeros(0), [])
         try:
             drawn = solve(board, again, start, free)

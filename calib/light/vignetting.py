@@ -69,16 +69,19 @@ def estimate(
     count = len(cameras)
     none = Terms((), gains=False)
     nothing = Falloff(dict.fromkeys(cameras, (0.0, 0.0, 0.0)), dict.fromkeys(cameras, 1.0), ())
+    # Too few tracks cannot be split into regions to fit on and regions to judge by.
     _, tracks_of = np.unique(tracks.point, return_inverse=True)
     if len(np.unique(tracks_of)) < FEWEST_TRACKS or len(np.unique(tracks.region)) < FOLDS:
         reason = f"fewer than {FEWEST_TRACKS} scene points are seen well in several views"
         return Falloff(
             nothing.vignetting, nothing.gain, (Rung(name="vignetting", taken=False, reason=reason),)
         )
+    # Lenses of one model are alike, so their cameras begin with one falloff.
     groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
     shared = tuple(groups[models[name]] for name in cameras)
     terms, rungs, noticed = none, list[Rung](), NOTICED
     both = Terms(shared, gains=comparable and count > 1 and "gain" not in without)
+    # Sheen brightens views from one side as falloff would: where there is any, more is asked of a change.
     if (shines := _shines(tracks, both, count)) is not None:
         rung, sides = shines
         rungs.append(rung)
@@ -115,6 +118,7 @@ def estimate(
         if rung.taken:
             terms = wanted
 
+    # The larger effect first: what it explains is no longer there for the other to be mistaken for.
     taller = {
         "vignetting": (replace(none, lenses=shared), "one falloff for each camera model"),
         "camera_gain": (replace(none, gains=True), "a sensitivity for each camera"),
@@ -127,6 +131,7 @@ def estimate(
     for name in sorted(taller, key=lambda name: -_gain(tracks, none, taller[name][0], count)[0]):
         trial, what = taller[name]
         climb(name, Terms(terms.lenses or trial.lenses, terms.gains or trial.gains), what)
+    # A falloff of its own has to predict the held-out tracks of a camera better than that of its model.
     if terms.lenses and count > len(groups):
         climb("vignetting_each_camera", Terms(tuple(range(count)), terms.gains), "a falloff for each camera")
     fitted = fit_terms(tracks, terms, count)

@@ -64,6 +64,7 @@ def measure_scale(
     known: list[float] = []
     lights: list[AreaLight] = []
     views: list[tuple[ViewId, ...]] = []
+    # A reading is of an area that somebody pointed at, or of the chart's white patch.
     for reading in readings:
         if reading.view is not None and reading.area is not None:
             light = area_light(session, record, reading.view, reading.area)
@@ -75,6 +76,7 @@ def measure_scale(
             light, white = chart_light(session, record)
             lights.append(light)
             known.append(reading.known(white))
+    # Cameras that were never compared may differ by their gains, which widens the error.
     cameras = _cameras(session, record, {view.camera for shown in views for view in shown})
     apart = GAIN_UNKNOWN if not _compared(record) and len(cameras) > 1 else 0.0
     errors = [

@@ -73,6 +73,7 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
     Views from one place have their turns instead.
     """
     known, threads, progress = inputs.known, inputs.threads, inputs.progress
+    # Errors of features are some pixels of a large picture, and no less than half of that in a small one.
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
     database = pycolmap.Database.open(":memory:")
@@ -84,6 +85,7 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
     }
     pairs = matched(inputs, database, models, max_error)
     steps = Steps(inputs.unfinished, inputs.cache_key(cameras))
+    # Views from one place have no depth: they end here, with turns instead of poses.
     if not inputs.turntable:
         turned = turned_views(
             inputs.features, pairs, {**cameras, **known.lenses}, known.lenses, inputs.focal_known, max_error
@@ -101,8 +103,10 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
             {models[name].camera_id: why_fixed for name, why_fixed in inputs.focal.items() if name in models}
         ),
     )
+    # Rigs are tied before lenses climb: what a rig explains needs no further term.
     joined, tied = _tied(inputs, steps, database, first, free, max_error, metric)
     reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
+    # Where noise allows, points are placed by their patches, which err by less than features do.
     if inputs.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
 
         def aligned() -> Done:
@@ -114,6 +118,7 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
         (reconstruction,), typical = done.models, done.rest["typical"]
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(NO_START.format(first.main.pairs))
+    # A focal length that the scene does not determine is held at the files' before terms are chosen by it.
     free, focal_rungs = settle_focal(
         reconstruction,
         free,
@@ -122,6 +127,7 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
         {models[name].camera_id: name for name in models},
         inputs.focal,
     )
+    # Stated places come last: a board or a ruler is more exact, and has made the unit the metre.
     if not metric:
         places, stated_rung = align_to_places(reconstruction, inputs.stated)
         if places and tied.uncut is not None:

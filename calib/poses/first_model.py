@@ -139,11 +139,13 @@ class _Placing:
         apart: frozenset[str] = frozenset()
         if reconstruction is not None:
             apart = cameras_apart(inputs.rigs, pairs, views_of(reconstruction))
+        # Cameras that no match joins are placed by themselves later, and joined by their rig.
         if apart:
             names -= apart
             pairs, views = self._of(names)
         matched = {view for pair in pairs for view in pair}
         known = frozenset(inputs.focal_known)
+        # A walk ahead has no views side by side: it may begin without, as far as the files give the lens.
         rungs: tuple[Rung, ...] = ()
         if placed(reconstruction) < PLACED * len(matched) and known.issuperset(names):
             held = known & names
@@ -154,6 +156,7 @@ class _Placing:
                 reconstruction = another
             else:
                 held = frozenset()
+        # Views that match may still have no place: the other mapper is believed where both agree on turns.
         rival, hanging = None, set[ViewId]()
         if placed(reconstruction) < MOST * len(matched):
             images = [view.image_name for view in views] if len(views) < len(inputs.features) else []
@@ -171,6 +174,7 @@ class _Placing:
                 hanging = set()
         if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
             raise CalibrationError(NO_START.format(len(pairs)))
+        # Only now is what contradicts itself left out: any mapper places look-alikes somewhere.
         settled = resolve_contradictions(
             reconstruction,
             Matches(

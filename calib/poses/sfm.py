@@ -96,6 +96,7 @@ def solve(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> SceneModel:
                 inputs.known,
                 [name for name in rig if name not in adjusted.by_motion],
             )
+    # Errors of lenses that were held are those of their files, which are not known.
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, inputs.progress)
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)

@@ -57,9 +57,11 @@ def measure_emva(
     if dark is not None:
         hot, noisy = defects.in_the_dark(dark)
     usable = ~(hot | noisy)
+    # Hot and noisy sites are left out of the levels that all others share.
     level = _level(frames, nominal, usable)
     plateau = flats.plateau(frames.flats, level.black, usable)
     top = (nominal.white if plateau is None else plateau.level) - float(level.black.mean())
+    # Dead sites show in light alone, and only below the plateau where all sites are alike.
     lit = _brightest(frames.flats, level.black, HIGHEST * top)
     if lit is not None:
         dead = defects.in_light(lit, level.black) & ~hot
@@ -68,6 +70,7 @@ def measure_emva(
     points = _points(frames, level.black, usable, HIGHEST * top)
     usable_points = points.part((points.freedom > 0) & (points.variance > 0))
     white = nominal.white - float(level.black.mean())
+    # The sensor is straightened before its gain is fitted: a bend looks like another gain at each level.
     shared = flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)
     line = straightness(shared, float(level.black_error.mean()) / white)
     if line is not None and not line.linear:

@@ -77,6 +77,7 @@ def meter(
         for name in failed:
             looks.pop(name, None)
 
+    # Outwards from the middle, in steps as wide as the range of one frame.
     stops = [exposure.stops for exposure in exposures]
     first = int(np.argmin(np.abs(np.array(stops) - (stops[0] + stops[-1]) / 2)))
     low = high = first
@@ -84,14 +85,17 @@ def meter(
     if not looks:
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
     spacing = min(look.spacing for look in looks.values())
+    # Downwards until no camera clips: only then is its brightest light measured.
     while low > 0 and any(look.clips(exposures[low]) for look in looks.values()):
         low = _away(stops, low, -spacing)
         probe(exposures[low])
+    # Upwards until the darkest light of every camera stands clear of the noise.
     while high < len(stops) - 1 and any(not look.lit(exposures[high]) for look in looks.values()):
         high = _away(stops, high, spacing)
         probe(exposures[high])
     if not looks:
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
+    # A camera that saw nothing is named and left out; the others can still be planned for.
     metered = [name for name in cameras if name in looks]  # in the rig's order, not in that of the answers
     targets = [target for name in metered for target in looks[name].targets(name)]
     _must_be_seen(targets, looks, exposures[low], exposures[high])

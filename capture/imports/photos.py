@@ -110,6 +110,7 @@ def import_photos(
         for path in (request.exposures, request.masks, request.depths, request.bands)
     )
     _check_folders(folder, out, request.bracket)
+    # What a layout states is taken in place of guesses; without one, the files speak for themselves.
     name = request.layout or detect(folder)
     given = read_layout(folder, name)
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
@@ -120,6 +121,7 @@ def import_photos(
         remaining, strays = without_strays(surveyed.originals)
         surveyed = replace(surveyed, originals=remaining)
     lost = () if given is None else given.missing
+    # Refused before anything is sorted, so that the sentence names files and not brackets.
     if not any(original.picture for original in surveyed.originals):
         raise _nothing_usable(folder, surveyed.originals, lost)
     notes = [*surveyed.notes, *strays]
@@ -133,6 +135,7 @@ def import_photos(
         if given is None
         else {photo.path: photo.mask for photo in given.photos if photo.mask}
     )
+    # Masks and depth maps that were asked for by hand come before those of the layout.
     paths = [original.path for original in surveyed.originals]
     if masks is not None:
         covers, mask_note = masks_asked(paths, folder, masks)
@@ -149,6 +152,7 @@ def import_photos(
         plans.extend(new_plans)
         places.extend(places_of(entry, new_plans, covers, deep, band_of))
     records = tuple(entry.camera for entry in numbered)
+    # The file that is written last makes a session; a killed import lacks it and is completed.
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
         session, begun_here = begin_or_continue(out, records, plans, places, last, filters)

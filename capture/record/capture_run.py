@@ -180,10 +180,12 @@ class CaptureRun:
         for shot_id in self.planned:
             if shot_id.frame == frame and shot_id.step in steps and shot_id not in self.done:
                 pending.setdefault(shot_id.step, []).append(shot_id.camera)
+        # Shutters are compared in steps that all cameras take; a repeat by one says nothing of the others.
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
         first: dict[int, _First] = {}
         acceptance: Acceptance[ShotId, SavedShot] = Acceptance()
         alone = self._plan.cameras[0] if len(self._plan.cameras) == 1 and not self._leader else None
+        # Failures are taken again after the whole bracket, so that one camera does not stop the others.
         for attempt in range(RETRIES + 1):
             failed: dict[int, list[str]] = {}
             bracketed = alone if not attempt and len(pending) == len(steps) else None
@@ -201,6 +203,7 @@ class CaptureRun:
                         self._failed(shot_id, outcome)
                     failed.setdefault(step.number, []).append(name)
             pending = failed
+        # Where further attempts failed, a frame whose metadata disagree is better than none.
         for shot_id in [ShotId(name, frame, step) for step, names in pending.items() for name in names]:
             if shot_id in acceptance.doubtful:
                 self._book(shot_id, acceptance.doubtful[shot_id], first.get(shot_id.step), threads)

@@ -162,12 +162,14 @@ def write_exr(
             header[name] = np.ascontiguousarray(value, np.float32)
         else:
             header[name] = float(value) if isinstance(value, int | float | np.number) else value
+    # OpenEXR asks for some attributes to be the same in every part.
     shared = {name: value for name, value in header.items() if name == _OF_ALL_PARTS}
     if storage == "dwaa":
         header |= _DWAA
     parts = {LIGHT: (header, light)} | {
         name: ({INTEROP_ID: DATA, **shared}, planes) for name, planes in (data or {}).items()
     }
+    # Only light may be lossy: masks and deviations are numbers that others compute with.
     stored = {
         name: (
             attributes_of,
@@ -180,6 +182,7 @@ def write_exr(
     }
     if len({plane.shape for _, planes in stored.values() for plane in planes.values()}) != 1:
         raise ValueError("the channels of an EXR have one shape")
+    # One part is a plain file, which more programs open than they do multi-part ones.
     if data:
         image = OpenEXR.File(
             [

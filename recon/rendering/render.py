@@ -91,6 +91,7 @@ def render(
     for layer in request.layers:
         if layer not in LAYERS:
             raise InputError(f"There is no layer {layer!r:.60}: choose from {', '.join(LAYERS)}.")
+    # The disk is tried before a scene is opened and drawn, which takes longer.
     store.require_writable(out)
     scene = open_scene(folder)
     _check_space(scene, request.space)
@@ -103,6 +104,7 @@ def render(
     files, pictures, mosaics, empty = [], [], [], []
     store.make_folder(out)
     title = path.name if path else "views"
+    # Films are written while frames are drawn: a path has more of them than memory holds.
     with ExitStack() as stack:
         film: Video | None = None
         hdr_films: list[HdrVideo | HlgVideo] = []

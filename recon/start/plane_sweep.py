@@ -81,6 +81,7 @@ def plane_sweep(
     """
     chosen = spread(views, most)
     everyone = range(len(views))
+    # Logarithms of light: a patch correlates as well in the shade as in the sun.
     logs, lit = [], {}
     for index, (view, (image, _)) in enumerate(zip(views, images, strict=True)):
         logs.append(_log_image(image, view))
@@ -98,6 +99,7 @@ def plane_sweep(
         bounds = _reach(views[index], near, views) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
+    # Steps of the golden ratio have views from everywhere whenever the time ends.
     swept: dict[int, tuple[Array32, Array32]] = {}
     order = sorted(chosen, key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
@@ -105,6 +107,7 @@ def plane_sweep(
             progress("sweeping depth", done, len(chosen))
             if depth_map is not None:
                 swept[index] = depth_map
+    # Depth is trusted where two views say the same; the rest is filled in from what is trusted around it.
     depths = {index: swept[index][0] for index in sorted(swept)}
     centres = {index: _coarse_centres(views[index], *depth.shape[::-1]) for index, depth in depths.items()}
     directions = {index: rays(views[index].lens, at) for index, at in centres.items()}

@@ -71,6 +71,7 @@ def train_point(
     if folder.exists():  # what a killed sweep left, whose processor time is unknown
         shutil.rmtree(folder)
     dataset = measuring(session, trade.width)
+    # Kernels are compiled before the clock runs: it is training that is compared.
     warm_up(watched, training_device())
     try:
         used = time.process_time()

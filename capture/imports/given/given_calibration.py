@@ -70,11 +70,13 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         for place in places
         if (place.plan, *place.shot_id) in shots
     ]
+    # Photographs of a bracket are one view; layouts that list each have a pose of each.
     posed: dict[ViewId, GivenPhoto] = {}
     for place, _ in taken:
         photo = photo_of[place.original.path]
         if photo.cam_from_world is not None:
             posed.setdefault(place.shot_id.view, photo)
+    # The layout's own points are kept, where it has some; else the model has the poses alone.
     lenses = _lenses(taken, photo_of)
     names = {place.original.path: shot.view.image_name for place, shot in taken if shot.view in posed}
     model = _with_points(given, names) or _model_of(posed, lenses, given)
@@ -89,6 +91,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         for view, photo in sorted(posed.items())
         if photo.cam_from_world is not None
     )
+    # What no layout states, noise and colour, is as the files say until it is measured.
     every = {shot.view for _, shot in taken}
     stated = _stated(session, [shot for _, shot in taken])
     record = CalibrationRecord(
@@ -119,6 +122,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
             *([colour_rung([raw.camera_from_rec709 for raw in stated.values()])] if stated else []),
         ),
     )
+    # Model and record appear together: the record is what makes a session calibrated.
     with store.replacing(session.folder / "calibration") as part:
         part.mkdir()
         (part / "colmap").mkdir()

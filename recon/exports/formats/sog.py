@@ -63,6 +63,7 @@ def packed_splats(splats: Splats, floor: float, progress: Progress = unreported)
     scale_book = codebook(log_scales)
     scale_codes = nearest(log_scales, scale_book)
     files["scales.webp"] = _filled(scale_codes, 255)
+    # Colours are coded in stops: by their values, most of the 256 entries would be of bright light.
     stops = _Stops(floor)
     constants = 0.5 + C0 * splats.harmonics[:, 0]
     book = codebook(stops.of(constants))
@@ -85,15 +86,18 @@ def packed_splats(splats: Splats, floor: float, progress: Progress = unreported)
     }
     pictures = {name: _webp(_picture(pixels)) for name, pixels in files.items()}
     harmonics = colour_book.astype(np.float64)[colour_codes][:, None]
+    # The other harmonics share a palette of shapes, as the format has it.
     if splats.degree:
         rest, entry, shapes = _pack_rest(splats, stops, progress)
         meta["shN"] = entry
         pictures |= {name: _webp(shape) for name, shape in shapes.items()}
         harmonics = np.concatenate([harmonics, rest], axis=1)
+    # Pictures are compressed already; a fixed date gives the same bytes each time.
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_STORED) as out:
         for name, data in {"meta.json": json.dumps(meta).encode(), **pictures}.items():
             out.writestr(zipfile.ZipInfo(name, _DATE), data)
+    # What is in the file differs from the scene by its codes; the loss is measured on these.
     held = replace(
         splats,
         means=means.held,
