@@ -9,7 +9,7 @@ from typing import Literal
 
 from calib.boards.measure import MeasuredBoard
 from calib.colour import unfiltered
-from calib.colour.recorded import with_balance, with_charts, with_development
+from calib.colour.colour_record import with_balance, with_charts, with_development
 from calib.evidence import Evidence
 from calib.measures import Measures
 from calib.place_views import Placement

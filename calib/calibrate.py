@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from os import PathLike
 
 from calib.assemble import assemble, with_part
-from calib.colour.recorded import rebalanced
+from calib.colour.colour_record import rebalanced
 from calib.data.unfinished import Unfinished
 from calib.evidence import Evidence, gather, with_board
-from calib.exports import pictures
+from calib.exports import training_pictures
 from calib.exports.output import write_calibration
 from calib.luminance.measure import RUNG, scaled
 from calib.measures import MEASURES, require_usable
@@ -138,10 +138,10 @@ def _pictures(
     evidence: Evidence, record: CalibrationRecord, placement: Placement, light: SceneLight
 ) -> Iterator[tuple[ViewId, Bytes]]:
     """Each view in colour, at the size at which its features were found, all of one exposure."""
-    factor = pictures.exposure(light.brightness)
+    factor = training_pictures.exposure(light.brightness)
     drawn = in_processes(
         processes(evidence.views),
-        pictures.picture,
+        training_pictures.picture,
         [
             (
                 evidence.session,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from calib.boards.measure import MeasuredBoard, measure_board
 from calib.colour import unfiltered
+from calib.colour.colour_record import charts_of
 from calib.colour.measure import Charts, measure_charts
-from calib.colour.recorded import charts_of
 from calib.data.views import View, scene_views
 from calib.light import radiometry
 from calib.light.radiometry import Radiometry, light_of
@@ -17,7 +17,7 @@ from calib.request import CalibrationRequest, LightPart
 from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor
-from calib.survey.control import Control, control_of, read_control
+from calib.survey.control_points import Control, control_of, read_control
 from calib.survey.onto import Target, read_target
 from imaging.errors import CalibrationError, InputError
 from imaging.progress import Progress

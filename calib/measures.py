@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from calib.colour import unfiltered
-from calib.colour.recorded import CHART_RUNGS
+from calib.colour.colour_record import CHART_RUNGS
 from calib.light.radiometry import LIGHT_RUNGS
 from calib.request import CalibrationRequest, LightPart, Part
 from calib.sensor.rungs import NAMES

@@ -19,7 +19,7 @@ from calib.poses.resolution import CHECK, DOUBTS, Contradicted
 from calib.poses.rigs.known_rig import KnownRig
 from calib.poses.rigs.rig_placement import place_by_rig
 from calib.survey.locate import located
-from calib.survey.stated import stated_places
+from calib.survey.stated_positions import stated_places
 from calib.turntable.angles import with_angles
 from calib.view_images import ViewSummary
 from imaging.errors import CalibrationError

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.colour.recorded import balance
+from calib.colour.colour_record import balance
 from calib.colour.white_balance import Balance
 from calib.evidence import Evidence
 from calib.light import each_photograph, tracks, vignetting
+from calib.light.constant_settings import stated_by
 from calib.light.each_photograph import Development
 from calib.light.photograph_sights import sights_of
-from calib.light.stated import stated_by
 from calib.light.vignetting import Falloff
 from calib.place_views import Placement
 from calib.request import ASKED

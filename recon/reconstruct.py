@@ -34,18 +34,18 @@ from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
-from recon.result.place import default_name, place_for
+from recon.result.training_folder import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
-from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.gpu_check import trusted
 from recon.train.half_size import UNTIL
 from recon.train.interrupt import Interrupted
 from recon.train.monitor import Hooks, Shown, no_viewer
 from recon.train.ranks import joined
-from recon.train.resume import light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Steer, Training
+from recon.train.training_checkpoint import light_in, restored
+from recon.train.training_device import training_device
 from recon.train.warm_up import warm_up
 
 _DEFAULTS = TrainingRequest()

@@ -25,7 +25,7 @@ from capture.check import developed_ratios
 from capture.check.check import check
 from capture.check.exposure_estimates import ExposureEstimate, estimates, meant, raw_edges
 from capture.imports.photos import import_photos
-from capture.pictures import reduced
+from capture.pictures import reduced_pictures
 from drivers.camera import CameraFile
 from drivers.sim.camera import camera, shutter
 from drivers.sim.camera.camera import Body, SimulatedCamera
@@ -75,7 +75,7 @@ def wrong_shutters(seed: int) -> Callable[[Body, int, Exposure], tuple[Exposure,
     return applied
 
 
-def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.ReducedPicture]:
+def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced_pictures.ReducedPicture]:
     """The bracket as `rig check` sees it."""
     reduced_shots = []
     for label in labels:
@@ -85,9 +85,9 @@ def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.R
         frame = device.collect()
         if isinstance(frame, CameraFile):
             codes = imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255
-            reduced_shots.append(reduced.of_photo(np.asarray(codes, np.float32)))
+            reduced_shots.append(reduced_pictures.of_photo(np.asarray(codes, np.float32)))
         else:
-            reduced_shots.append(reduced.of_raw(from_raw(frame, 1.0), frame.cfa))
+            reduced_shots.append(reduced_pictures.of_raw(from_raw(frame, 1.0), frame.cfa))
     return reduced_shots
 
 
@@ -112,7 +112,7 @@ def brackets(
 
 
 def _raw(
-    taken: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
+    taken: Sequence[Sequence[reduced_pictures.ReducedPicture]], labels: Sequence[Exposure]
 ) -> list[list[ExposureEstimate | None]]:
     scale = np.log([label.scale for label in labels])
     linear = [[one.linear for one in bracket if one.linear is not None] for bracket in taken]
@@ -120,7 +120,7 @@ def _raw(
 
 
 def _developed(
-    taken: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
+    taken: Sequence[Sequence[reduced_pictures.ReducedPicture]], labels: Sequence[Exposure]
 ) -> list[list[ExposureEstimate | None]]:
     patches = [[one.patches for one in bracket if one.patches is not None] for bracket in taken]
     codes = [developed_ratios.codes_of(one, meant(labels)) for one in patches]

@@ -27,7 +27,7 @@ from capture.check.check import check
 from capture.connected_rig import Unattended, connected_source
 from capture.nodes.cluster import ray_links
 from capture.nodes.joining import joined_as
-from capture.nodes.place import VARIABLE, NodeSettings, place_of
+from capture.nodes.node_settings import VARIABLE, NodeSettings, place_of
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest, RigRequest

@@ -22,7 +22,7 @@ from imaging.colour.spaces import srgb_decode
 from imaging.session.paths import find_reconstruction
 from recon.exports.export import export
 from recon.exports.loss import stops_between
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.result.display import displayed
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera

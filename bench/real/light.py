@@ -28,11 +28,11 @@ from bench.recon.auto_exposure import CASES, photographed
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
-from calib.colour.recorded import with_development
+from calib.colour.colour_record import with_development
 from calib.data.views import scene_views
 from calib.light import each_photograph
+from calib.light.constant_settings import NOTHING
 from calib.light.each_photograph import Development
-from calib.light.stated import NOTHING
 from capture.imports.photos import import_photos
 from capture.imports.request import ImportRequest
 from imaging import metrics
@@ -42,7 +42,7 @@ from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from recon.decide.request import TrainingRequest
-from recon.observe.recorded import as_recorded
+from recon.observe.shot_comparison import as_recorded
 from recon.reconstruct import reconstruct
 from recon.result.opened import open_model
 

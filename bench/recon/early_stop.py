@@ -23,12 +23,12 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from recon.decide.presets import QUALITIES, MethodName
 from recon.decide.request import TrainingRequest
-from recon.measure.views import measured
+from recon.measure.view_figures import measured
 from recon.reconstruct import reconstruct
 from recon.result.opened import open_model
 from recon.trade.point import MEASURES, measuring, train_point
-from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 from recon.trade.sweep import trade_sweep
+from recon.trade.trade_record import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 
 METHODS: dict[str, MethodName] = {name: name for name in get_args(MethodName)}
 PRESETS = ("standard", "best")

@@ -30,7 +30,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
-from recon.train.device import training_device
+from recon.train.training_device import training_device
 from recon.train.warm_up import warm_up
 
 SCENES = ("lego", "demo")

@@ -11,7 +11,7 @@ import torch
 from recon.splat import Limits, SplatCamera
 from recon.splat.cpu.rasterizer import Lease, _Tables
 from recon.splat.cpu.tiles import ID_BITS
-from recon.splat.render import RenderCall
+from recon.splat.raster_types import RenderCall
 
 TILE = 16
 

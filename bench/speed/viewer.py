@@ -35,8 +35,8 @@ from bench.support.trial import session
 from recon.result.model import CHECKPOINT
 from recon.result.scene import open_scene
 from recon.scene.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from rig.view.pages.cameras import pose
-from rig.view.serving.start import up_of
+from rig.view.pages.browser_cameras import pose
+from rig.view.serving.start_view import up_of
 
 WIDTH, HEIGHT = 640, 360
 PERIOD = 0.02

@@ -20,7 +20,7 @@ from recon.data.shot import Shot
 from recon.decide.presets import START_SHARE
 from recon.measure.truth import true_radiance
 from recon.methods.method import Method
-from recon.observe.recorded import shot_psnr
+from recon.observe.shot_comparison import shot_psnr
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free
 from calib.adjustment.jacobian import linearise
-from calib.adjustment.reduced import built_terms, reduced
+from calib.adjustment.reduced_curvature import built_terms, reduced
 
 CHANGE = 0.1
 """Relative change of the focal length whose effect is measured."""

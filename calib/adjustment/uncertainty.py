@@ -26,7 +26,7 @@ from calib.adjustment.bundle_adjustment import Free, is_fisheye
 from calib.adjustment.focal_priors import HOLDS
 from calib.adjustment.jacobian import Linear, is_reference, linearise
 from calib.adjustment.place_priors import variance as variance_of_place
-from calib.adjustment.reduced import built_terms, reduced
+from calib.adjustment.reduced_curvature import built_terms, reduced
 from imaging.arrays import Array, Integers
 from imaging.optics.lens import BROWN_TERMS, FISHEYE_TERMS
 from imaging.progress import Progress

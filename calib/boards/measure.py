@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.boards import ladder, rig, start, uncertainty
+from calib.boards import first_guess, ladder, rig, uncertainty
 from calib.boards.corners import Corners, find_all
 from calib.data.previews import luminance
 from calib.data.views import View, read_view, views_of
@@ -121,7 +121,7 @@ def solve_group(
     """Everything about cameras that are mounted together."""
     names = tuple(sizes)
     try:
-        begun = start.first_guess(board, corners, sizes)
+        begun = first_guess.first_guess(board, corners, sizes)
         inliers, solved = rig.drop_outliers(board, corners, begun, ladder.RICHEST)
         free, rungs = ladder.climb(board, inliers, solved, progress)
         if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
-from calib.boards.start import Start
+from calib.boards.first_guess import Start
 from calib.poses.rigs.known_rig import camera_of
 from imaging.arrays import Array, Integers
 from imaging.errors import CalibrationError

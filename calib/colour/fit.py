@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from calib.colour.reference import NEUTRAL
+from calib.colour.chart_values import NEUTRAL
 from imaging.arrays import Array, Mask
 from imaging.colour.difference import delta_e, lab
 

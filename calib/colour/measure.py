@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.colour.chart import NO_FALLOFF, DetectedChart, Missed, best, locate
+from calib.colour.chart_detection import NO_FALLOFF, DetectedChart, Missed, best, locate
+from calib.colour.chart_values import EDITION, chart
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
-from calib.colour.reference import EDITION, chart
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor

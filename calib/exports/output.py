@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from calib.exports.formats import write_exports
-from calib.exports.pictures import PointColours
+from calib.exports.training_pictures import PointColours
 from calib.poses.sfm import SceneModel
 from imaging.arrays import Bytes
 from imaging.files import store

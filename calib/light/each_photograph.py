@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib.light.constant_settings import NOTHING, Stated
 from calib.light.photograph_sights import HUBER, PhotographSights, residual_of, shared, solved
-from calib.light.stated import NOTHING, Stated
 from calib.light.tracks import LUMINANCE
 from calib.light.vignetting import NOTICED_IN_SHEEN, by_side
 from calib.request import ASKED, LightPart

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from calib.data.views import View
-from calib.light import exposures
+from calib.light import exposure_scales
 from calib.light.curves import response
 from calib.light.curves.codes import Patches, Samples, patches, sample
 from calib.light.curves.track_codes import sample_tracks
@@ -47,13 +47,13 @@ class Radiometry:
 
 def measure_light(session: Session, views: Sequence[View], progress: Progress) -> Radiometry:
     """Exposures and responses of every camera, from overlapping exposures where there are any."""
-    scale = exposures.labelled(views)
+    scale = exposure_scales.labelled(views)
     responses: dict[str, Response] = {}
     rungs: list[Rung] = []
     measured = False
     raw = [view for view in views if view.camera.kind == "raw"]
     if raw:
-        estimated = exposures.estimate(session, raw, progress)
+        estimated = exposure_scales.estimate(session, raw, progress)
         scale |= estimated.scale
         for name in {view.camera.name for view in raw}:
             responses[name] = _linear(estimated.linearity.get(name), estimated.powers.get(name))

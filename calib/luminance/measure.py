@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.light.vignetting import NOTICED, NOTICED_IN_SHEEN
 from calib.luminance.area import AreaLight, area_light
-from calib.luminance.chart import chart_light, chart_views
+from calib.luminance.chart_greys import chart_light, chart_views
 from calib.luminance.scale import Comparison, combined
 from imaging.errors import CalibrationError
 from imaging.session.calibration import CalibrationRecord

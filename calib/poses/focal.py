@@ -7,7 +7,7 @@ from typing import Any
 from calib.adjustment.bundle_adjustment import Free, adjust
 from calib.adjustment.focal_evidence import CHANGE, DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
-from calib.adjustment.reduced import BUILT
+from calib.adjustment.reduced_curvature import BUILT
 from calib.sensor.focal_length import FocalLength
 from imaging.session.calibration import FOCAL_UNDETERMINED
 from imaging.session.records import Rung

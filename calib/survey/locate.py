@@ -7,7 +7,7 @@ from calib.data.features import Features
 from calib.data.views import View
 from calib.poses.sfm import SceneModel
 from calib.survey import gps, onto, placing
-from calib.survey.control import Control
+from calib.survey.control_points import Control
 from calib.survey.gps import GpsFit
 from calib.survey.marks import find_markers, joined
 from calib.survey.onto import Target, place_onto

@@ -11,9 +11,9 @@ from capture.bracket.deviation import deviates, stops_apart
 from capture.check.companions import companion_problems, developed_problems
 from capture.check.examine import Read, examine_all
 from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
+from capture.check.picture_warnings import warnings
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
-from capture.check.warnings import warnings
 from capture.pictures.read import PictureFacts
 from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from capture.pictures.reduced import PatchCodes
+from capture.pictures.reduced_pictures import PatchCodes
 from imaging.arrays import Array, Mask
 from imaging.colour.spaces import srgb_decode
 from imaging.merge.ratios import LABEL_SIGMA, Ratio

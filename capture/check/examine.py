@@ -14,7 +14,7 @@ from capture.check import developed_ratios, focus, motion
 from capture.check.exposure_estimates import ExposureEstimate, estimates, meant, raw_edges
 from capture.check.findings import ProblemKind, ShotLook
 from capture.pictures.read import Examined, PictureFacts, examine
-from capture.pictures.reduced import ReducedPicture
+from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.arrays import Mask
 from imaging.errors import InputError
 from imaging.files import store

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from capture.pictures.reduced import ReducedPicture
+from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.arrays import Array32, Mask
 
 BLURS = (0.7, 1.4, 2.8)

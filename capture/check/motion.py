@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.pictures.reduced import ReducedPicture
+from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.arrays import Array, Array32, Mask
 
 DARKEST, BRIGHTEST = 0.02, 0.9

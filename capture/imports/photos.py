@@ -17,8 +17,8 @@ from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given
 from capture.imports.originals import FOREIGN, Original, survey
 from capture.imports.request import ImportRequest, LayoutName
-from capture.imports.sorting.bands import bands_of, read_band_list
-from capture.imports.sorting.cameras import sort_into_cameras
+from capture.imports.sorting.band_list import bands_of, read_band_list
+from capture.imports.sorting.camera_sorting import sort_into_cameras
 from capture.imports.sorting.frame_numbering import Numbered, frames_in_time, frames_of_layout
 from capture.imports.sorting.pixel_shift import put_together
 from capture.imports.sorting.strays import without_strays

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from capture.nodes.node import Assignment, Node
-from capture.nodes.place import place_of, settings_here
+from capture.nodes.node_settings import place_of, settings_here
 from capture.nodes.remote import NodeLost
 from capture.nodes.token import ASKS, MODE, ask_for_token, has_token, token_file
 from imaging.errors import CaptureError, InputError

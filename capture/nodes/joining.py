@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from capture.nodes.cluster import HEAD, require_answer, require_ray, resource_of
-from capture.nodes.place import VARIABLE, NodeSettings
+from capture.nodes.node_settings import VARIABLE, NodeSettings
 from capture.nodes.token import MODE, OpenDoor, ask_for_token, make_token
 from imaging.errors import CaptureError, InputError
 

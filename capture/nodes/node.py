@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from capture.nodes.place import Place
+from capture.nodes.node_settings import Place
 from capture.rigfile.network_address import NetworkAddress, gige_hosts, ptpip_places
 from drivers.camera import (
     Camera,

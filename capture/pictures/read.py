@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture.pictures import reduced
-from capture.pictures.reduced import ReducedPicture
+from capture.pictures import reduced_pictures
+from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.arrays import Array32, Mask
 from imaging.colour.spaces import balanced, srgb_encode
 from imaging.errors import InputError
@@ -85,14 +85,16 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
         frame = from_raw(content, 1.0)
         picture = _of_mosaic(content, frame)
         masked = without(frame, _fitting(counts, picture))
-        small = reduced.of_raw(masked, content.cfa) if _large(picture) else None
+        small = reduced_pictures.of_raw(masked, content.cfa) if _large(picture) else None
         return Examined(picture, small, of_raw(frame, content))
     picture = _shares(path, content)
     if isinstance(content, Photo):
-        small = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
+        small = (
+            reduced_pictures.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
+        )
         return Examined(picture, small, of_photo(content.pixels))
     light = content.pixels
-    small = reduced.of_light(light, _fitting(counts, picture)) if _large(picture) else None
+    small = reduced_pictures.of_light(light, _fitting(counts, picture)) if _large(picture) else None
     return Examined(picture, small, of_light(light))
 
 

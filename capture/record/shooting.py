@@ -12,7 +12,7 @@ from capture.bracket.planner import BracketPlan
 from capture.record.capture_run import CaptureResult, finished, planned_shots
 from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import record
-from capture.record.resume import continued, must_be_the_same
+from capture.record.resumed_plan import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
 from capture.record.source import Source
 from capture.request import CaptureRequest

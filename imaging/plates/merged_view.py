@@ -32,8 +32,8 @@ from imaging.merge.ghosts import TOLERANCE, without_ghosts
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, Picture, picture_of
-from imaging.plates.exposures import exposure_scales, response_of
-from imaging.plates.warnings import warnings_of
+from imaging.plates.bracket_advice import warnings_of
+from imaging.plates.bracket_exposures import exposure_scales, response_of
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session

@@ -10,7 +10,7 @@ from imaging.colour.spaces import XYZ_FROM_REC709
 from imaging.errors import InputError
 from imaging.files.photo import is_photo
 from imaging.merge.linear_frame import LinearFrame, read_linear
-from imaging.plates.exposures import exposure_scales, response_of
+from imaging.plates.bracket_exposures import exposure_scales, response_of
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.falloff import falloff

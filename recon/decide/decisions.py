@@ -19,8 +19,8 @@ from recon.decide.evidence import Evidence, Run
 from recon.decide.plan import TrainingPlan
 from recon.decide.settings import Settings
 from recon.decide.steps.corrections import corrections_for
+from recon.decide.steps.depth_weight import depth_for
 from recon.decide.steps.far_field import environment_for
-from recon.decide.steps.measured_depth import depth_for
 from recon.decide.steps.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.steps.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials

@@ -12,7 +12,7 @@ from recon.data.light import Images, Light, light_of, radiance_images
 from recon.data.measured_depth import DepthFit
 from recon.decide.cost.countdown import Countdown
 from recon.decide.settings import Settings
-from recon.decide.steps.measured_depth import depth_fit
+from recon.decide.steps.depth_weight import depth_fit
 from recon.train.ranks import Ranks
 
 

@@ -11,14 +11,14 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports import cameras
+from recon.exports import view_cameras
 from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
 from recon.exports.loss import Loss, loss_of
-from recon.exports.place import place_of
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ExportRequest, FormatName
 from recon.exports.splats import sound
+from recon.exports.target_coordinates import place_of
 from recon.result.scene import Scene, open_scene
 from recon.result.viewers import MOST_CODE
 
@@ -52,7 +52,7 @@ FORMATS: dict[FormatName, Format] = {
     ),
     "points": Format(ply.write_points, (), linear=True, only="are linear light"),
     "mesh": Format(mesh.write, (), linear=True, only="is linear light"),
-    "cameras": Format(cameras.write, (), linear=True, only="have no light"),
+    "cameras": Format(view_cameras.write, (), linear=True, only="have no light"),
 }
 
 

@@ -18,14 +18,14 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports.cameras import write_cameras
 from recon.exports.formats import nuke, usd
 from recon.exports.hand_over_page import page
 from recon.exports.job import Job, lens_note
 from recon.exports.loss import Loss, loss_of
-from recon.exports.place import pinhole, place_of
 from recon.exports.plates import AS_SHOT, LENSES, PLATES, Plates, write_plates
 from recon.exports.splats import sound
+from recon.exports.target_coordinates import pinhole, place_of
+from recon.exports.view_cameras import write_cameras
 from recon.rendering.light_files import header_of, seen_by, write_light
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT

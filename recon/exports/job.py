@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from imaging.progress import Progress
-from recon.exports.place import Place, bent_px
 from recon.exports.splats import Splats, display_splats, exposure_factor, linear_splats
+from recon.exports.target_coordinates import Place, bent_px
 from recon.result.scene import Scene
 
 

@@ -16,8 +16,8 @@ from imaging.arrays import Array, Array32
 from imaging.colour.spaces import srgb_decode
 from imaging.progress import Progress
 from recon.exports.canvas import canvas, manners_of
-from recon.exports.place import pinhole
 from recon.exports.splats import Splats
+from recon.exports.target_coordinates import pinhole
 from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.result.scene import Scene

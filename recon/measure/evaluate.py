@@ -21,7 +21,7 @@ from recon.measure.evaluation import Evaluation
 from recon.measure.pace import views_in_time
 from recon.measure.perceptual import compare_pictures
 from recon.measure.truth import calibration_errors, has_truth, response_rmse
-from recon.measure.views import measured, reference_light
+from recon.measure.view_figures import measured, reference_light
 from recon.observe.mixed import Mixed
 from recon.observe.photographs import ToneCurve
 from recon.result.model import SPLATS, read_model
@@ -52,7 +52,7 @@ def evaluate(
     truth use one peak, the truth's maximum over the held-out views, and `_aligned` ones a single scale for
     all of them; PSNRs are means over views, stops_median and relative_error_by_decade (of aligned radiance)
     pool their values. Without truth, errors in stops are against the held-out photographs
-    (`recon.measure.recorded_light`). `rig.report.metrics` explains the names.
+    (`recon.measure.recorded_light`). `rig.report.metric_words` explains the names.
 
     Args:
         folder: SESSION/reconstructions/NAME, or a session for its newest.

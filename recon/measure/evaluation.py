@@ -1,4 +1,4 @@
-"""Results of an evaluation, as in `metrics.json`; `rig.report.metrics` explains the names."""
+"""Results of an evaluation, as in `metrics.json`; `rig.report.metric_words` explains the names."""
 
 from typing import Any, Literal
 

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from recon.data.dataset import Dataset, View
 from recon.data.light import Light
-from recon.observe.bands import BandedLight
+from recon.observe.band_observation import BandedLight
 from recon.observe.calibrated_curves import tone_curve
 from recon.observe.linear import LinearLight, Observation
 from recon.observe.photographs import ToneCurve

@@ -18,8 +18,8 @@ from recon.result.model import CHECKPOINT, ModelRecord, read_model, read_own_cal
 from recon.result.scene import Scene, scene_of
 from recon.scene.checkpoint import read_checkpoint
 from recon.splat import SplatCamera
-from recon.train.resume import light_in, restored
 from recon.train.training import Training
+from recon.train.training_checkpoint import light_in, restored
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,8 @@ from recon.result.model import (
     Use,
 )
 from recon.result.splat_files import offset_of, write_splats
-from recon.train.device import device_name
 from recon.train.training import Training
+from recon.train.training_device import device_name
 
 
 def write_scene(

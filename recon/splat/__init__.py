@@ -14,8 +14,8 @@ from recon.splat.camera import SplatCamera
 from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.limits import CHANNELS_MOST, Limits
 from recon.splat.moved import DELTA, moved
+from recon.splat.raster_types import RasterInputs, Render, SplatStats
 from recon.splat.reference import rasterize_reference
-from recon.splat.render import RasterInputs, Render, SplatStats
 
 __all__ = ["Limits", "Render", "SplatCamera", "SplatStats", "rasterize"]
 

@@ -12,7 +12,7 @@ from torch.utils.checkpoint import checkpoint
 from recon.splat.camera import SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST, Limits
 from recon.splat.moved import view_of
-from recon.splat.render import RasterInputs, Render
+from recon.splat.raster_types import RasterInputs, Render
 
 _CHUNK = 1 << 20
 """Pixel-Gaussian pairs held at a time (8 MB a temporary)."""

@@ -18,12 +18,12 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.load import load
 from recon.decide.request import TrainingRequest
-from recon.measure.views import measured
+from recon.measure.view_figures import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from recon.result.opened import open_model
-from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
-from recon.train.device import training_device
+from recon.trade.trade_record import FOLDER, Choice, Point, Trade, key_of
+from recon.train.training_device import training_device
 from recon.train.warm_up import warm_up
 
 

@@ -21,10 +21,20 @@ from recon.decide.cost.memory_need import forecast
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.steps.method_choice import chosen_method
-from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import OutOfTime, measuring, train_apart, train_point
-from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
-from recon.train.device import gpus
+from recon.trade.sweep_order import STANDARD, Session, expected_seconds, neighbours, planned
+from recon.trade.trade_record import (
+    FOLDER,
+    TRADE,
+    Choice,
+    Measure,
+    Point,
+    Trade,
+    code_hash,
+    key_of,
+    read_trade,
+)
+from recon.train.training_device import gpus
 
 
 @checked

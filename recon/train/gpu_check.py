@@ -26,8 +26,8 @@ from imaging.progress import Progress, unreported
 from recon.splat import Limits, Render, SplatCamera, SplatStats
 from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.moved import DELTA, moved
-from recon.splat.render import RasterInputs
-from recon.train.device import device_name
+from recon.splat.raster_types import RasterInputs
+from recon.train.training_device import device_name
 
 COUNT, WIDTH, HEIGHT = 500, 96, 64
 DIMMEST, BRIGHTEST = 1e-4, 1e4

@@ -10,8 +10,8 @@ import torch
 from imaging.metrics import PSNR_CAP
 from recon.data.dataset import View
 from recon.methods.method import Method
-from recon.observe.recorded import psnr_of, shot_psnr
 from recon.observe.refinement import Refinement
+from recon.observe.shot_comparison import psnr_of, shot_psnr
 from recon.scene.gaussians import Gaussians, Renderer
 from recon.train.ranks import Ranks
 

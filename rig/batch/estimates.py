@@ -14,8 +14,8 @@ from recon.decide.cost.duration import BEGIN, Work
 from recon.decide.presets import QUALITIES
 from recon.methods import METHODS
 from recon.result.model import MODEL
-from recon.result.place import default_name
-from rig.batch.plan import BatchPlan, PlannedScene
+from recon.result.training_folder import default_name
+from rig.batch.batch_plan import BatchPlan, PlannedScene
 
 FEATURES = 1600
 """px of the longer side at which a calibration looks for features, and shows a view."""

@@ -6,7 +6,7 @@ from imaging.compute.workers import Task, Workers
 from imaging.session.session import Session
 from recon.decide.cost.memory_need import forecast
 from recon.result.model import SPLATS
-from rig.batch.plan import PlannedScene
+from rig.batch.batch_plan import PlannedScene
 
 CALIBRATION = 420_000_000
 """Bytes of the process itself. With the next two the peaks of five sessions are met or exceeded."""

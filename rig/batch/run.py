@@ -13,8 +13,8 @@ from imaging.errors import RigError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from rig.batch import forecasts
-from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Cost, Ended, run
+from rig.batch.batch_plan import BatchPlan, PlannedScene
+from rig.batch.command_processes import Cost, Ended, run
 from rig.batch.result import EXPORTS, BatchResult, BatchRow, Step, outcome
 from rig.batch.storage import Place
 

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from imaging.errors import InputError
 from imaging.files import store
-from rig.batch.plan import BatchPlan
+from rig.batch.batch_plan import BatchPlan
 from rig.batch.result import BatchResult, BatchRow
 
 

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from rig.batch import batch_plan as plans
+from rig.batch import command_processes, run, shards
 from rig.batch import estimates as estimating
-from rig.batch import plan as plans
-from rig.batch import processes, run, shards
 from rig.batch import result as results
 from rig.options.common import CoresOption, JsonOption, RayOption
 from rig.report.pages import batch as batch_page
@@ -73,7 +73,7 @@ def batch(
     if dry_run:
         return _estimated(estimating.estimates(read))
     with running("batch") as status:
-        with processes.begun(workers, ray, cores) as several:
+        with command_processes.begun(workers, ray, cores) as several:
             result = run.carry_out(read, several, on_progress=status, on_message=status.say)
         return _batch_result(result, batch_page.batch_report(result), None)
 

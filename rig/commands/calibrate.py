@@ -12,9 +12,9 @@ from imaging.compute.free_share import free_share, if_so
 from imaging.errors import PartialError
 from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
-from rig.options.board import EXAMPLE, BoardText, board_text
+from rig.options.board_text import EXAMPLE, BoardText, board_text
 from rig.options.common import JsonOption, SessionArgument
-from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
+from rig.options.luminance_readings import HELP, ReadingText, reading_text, readings_of
 from rig.options.request import Asked, Shown
 from rig.report.pages import calibration as calibration_page
 from rig.terminal.calibration_result import cameras_result, poses_result

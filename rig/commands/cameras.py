@@ -8,7 +8,7 @@ import typer
 from capture.rigfile import network_address
 from drivers import discovery
 from rig.cameras.usb_bus import open_bus, open_network
-from rig.options.cameras import CameraOption, addresses_of
+from rig.options.camera_addresses import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted

@@ -10,11 +10,11 @@ from capture.rigfile import network_address
 from drivers import conformance, discovery, host
 from imaging import stress_case
 from imaging.errors import InputError
-from recon.train import device as devices
 from recon.train import gpu_check
+from recon.train import training_device as devices
 from rig import stability as stresses
 from rig.cameras.usb_bus import open_bus, open_network
-from rig.options.cameras import addresses_of
+from rig.options.camera_addresses import addresses_of
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
 from rig.terminal import progress

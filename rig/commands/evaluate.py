@@ -13,7 +13,7 @@ from imaging.session.paths import find_reconstruction, session_of
 from recon.data import pixels
 from recon.measure import evaluate as evaluating
 from rig.options.common import JsonOption, ReconstructionsArgument
-from rig.report.metrics import METRICS, at_width, qualified
+from rig.report.metric_words import METRICS, at_width, qualified
 from rig.report.pages import reconstruction as reconstruction_page
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running

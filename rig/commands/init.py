@@ -11,7 +11,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.session import records
 from rig.cameras.usb_bus import open_bus, open_network
-from rig.options.cameras import CameraOption, addresses_of
+from rig.options.camera_addresses import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, counted

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from capture.nodes import joining, place, token
+from capture.nodes import joining, node_settings, token
 from capture.nodes import node as nodes
 from capture.nodes.request import NodeRequest
 from imaging.files import store
 from rig.commands.simulate import Address, address
-from rig.options.cameras import CameraOption, addresses_of
+from rig.options.camera_addresses import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.options.request import Asked, Shown
 from rig.terminal.failures import Stopped
@@ -64,7 +64,7 @@ def node(
     """
     with ExitStack() as stack:
         with running("node") as status:
-            settings = place.settings_of(
+            settings = node_settings.settings_of(
                 name=name,
                 disk=(DISK / name if disk is None else disk).expanduser().absolute(),
                 addresses=addresses_of(camera, None),
@@ -72,7 +72,7 @@ def node(
             )
             store.require_writable(settings.disk)
             status("looking for cameras", 0, 0)
-            with closing(nodes.Node(place.place_of(settings), nodes.Assignment(()))) as here:
+            with closing(nodes.Node(node_settings.place_of(settings), nodes.Assignment(()))) as here:
                 report = here.report()
             for one in report.strangers:
                 status.say(f"{one.serial}  {one.make} {one.model}")

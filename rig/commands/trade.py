@@ -9,7 +9,7 @@ import typer
 from imaging.compute import workers as pools
 from imaging.errors import InputError
 from recon.decide.cost import budget as budgets
-from rig.batch import processes
+from rig.batch import command_processes
 from rig.options.common import CoresOption, JsonOption, RayOption, SeedOption, SessionArgument
 from rig.report.pages import trade as trade_page
 from rig.terminal.progress import StatusLine
@@ -62,7 +62,7 @@ def trade(
         if ray is None:
             return run_trade(session, status, limit.amount, workers, seed)
 
-        with processes.begun(workers, ray, cores) as cluster:
+        with command_processes.begun(workers, ray, cores) as cluster:
             return run_trade(session, status, limit.amount, cluster, seed)
 
 

@@ -151,7 +151,7 @@ def status_line(stream: TextIO) -> Iterator[StatusLine]:
         yield SilentStatusLine(stream)
         return
     if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
-        from rig.terminal.live import (
+        from rig.terminal.live_line import (
             live_status_line,  # brings rich's progress bars, which a log does not need
         )
 

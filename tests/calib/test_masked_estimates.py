@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from calib.data.views import scene_views
-from calib.light import exposures, radiometry
+from calib.light import exposure_scales, radiometry
 from calib.light.curves.codes import patches, sample
 from calib.sensor import brackets
 from calib.view_images import summarise
@@ -63,7 +63,7 @@ def ratio_errors(folder: Path) -> tuple[np.ndarray, float]:
     """ln of the ratios of the exposures over the true ones, and the standard error that is told."""
     session = Session.open(folder)
     views = scene_views(session)
-    estimated = exposures.estimate(session, views, unreported)
+    estimated = exposure_scales.estimate(session, views, unreported)
     logs = np.log([[estimated.scale[shot.file] for shot in view.shots] for view in views]) - np.log(TRUE)
     (rung,) = [rung for rung in estimated.rungs if rung.name == "exposure_ratios"]
     assert rung.standard_error is not None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.batch.plan import BatchPlan
+from rig.batch.batch_plan import BatchPlan
 from rig.batch.shards import shard_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "batch.md").read_text()

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from calib.adjustment import focal_evidence, lens_ladder, place_priors, uncertainty
-from calib.light import exposures
+from calib.light import exposure_scales
 from calib.light.curves import response_band
 from calib.sensor import linearity
 from imaging.merge import bracket, ratios
@@ -92,7 +92,7 @@ def test_words_for_numbers_are_those_of_the_code() -> None:
     assert "at most a quarter at once" in FLOWING
     assert LEARNED["fixed"] == 1 / 5
     assert "first fifth" in FLOWING
-    assert exposures.LABEL_SIGMA == ratios.LABEL_SIGMA
+    assert exposure_scales.LABEL_SIGMA == ratios.LABEL_SIGMA
 
 
 def test_formulas_are_those_of_the_code() -> None:

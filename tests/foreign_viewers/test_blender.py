@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recon.exports.export import export
-from recon.exports.place import pinhole, place_of
+from recon.exports.target_coordinates import pinhole, place_of
 from recon.result.scene import Scene
 from tests.foreign_viewers.python_programs import BLENDER, needs_blender, run
 from tests.foreign_viewers.wall import HEIGHT, WIDTH

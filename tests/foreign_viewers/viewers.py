@@ -18,7 +18,7 @@ from PIL import Image
 
 from imaging.arrays import Array, Bytes
 from imaging.optics.pose import OPENGL_FROM_OPENCV
-from recon.exports.place import place_of
+from recon.exports.target_coordinates import place_of
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 

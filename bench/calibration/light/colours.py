@@ -17,7 +17,7 @@ import colour
 import numpy as np
 
 from bench.support.record import arguments, deliver, machine, words
-from calib.colour.chart import DetectedChart, Missed, best, locate
+from calib.colour.chart_detection import DetectedChart, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, held_out
 from imaging.arrays import Array
 from imaging.colour.difference import delta_e

@@ -9,7 +9,7 @@ import numpy as np
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import Original
 from capture.imports.request import Together
-from capture.imports.sorting.bands import split_by_band
+from capture.imports.sorting.band_list import split_by_band
 from capture.imports.sorting.clock_matching import listed, match_frames
 from capture.imports.sorting.grouping import Bracket, PhotoSeries, split_into_brackets
 from imaging.session.records import Band, CameraRecord

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.genicam.features import LINES, Feature
+from drivers.sim.genicam.feature_registers import LINES, Feature
 from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.usb.timeline import Timeline
 from imaging.optics.exposure import Exposure

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drivers.genicam.chunks import ByteOrder
 from drivers.sim.genicam import xml
-from drivers.sim.genicam.features import CHUNK_EXPOSURE, LINES, SETS, THROUGHPUT, Feature
+from drivers.sim.genicam.feature_registers import CHUNK_EXPOSURE, LINES, SETS, THROUGHPUT, Feature
 
 
 @dataclass(frozen=True)

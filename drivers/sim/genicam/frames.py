@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.genicam.chunks import join_chunks
 from drivers.genicam.pixels import BY_CODE, FORMATS, PixelFormat
-from drivers.sim.genicam.features import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
+from drivers.sim.genicam.feature_registers import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
 from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.genicam.pixels import pack
 from imaging.sensor.cfa import Cfa, Tile

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Container, Mapping
 
 from drivers.genicam.chunks import ByteOrder
-from drivers.sim.genicam.features import LINES, READ_ONLY, Feature
+from drivers.sim.genicam.feature_registers import LINES, READ_ONLY, Feature
 from drivers.u3v.gencp import Status
 
 FEATURES, XML = 0x10000, 0x100000

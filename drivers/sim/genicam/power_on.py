@@ -6,7 +6,7 @@ from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.genicam import frames
 from drivers.sim.genicam.description import Transport, describe
-from drivers.sim.genicam.features import SETS, THROUGHPUT, Feature
+from drivers.sim.genicam.feature_registers import SETS, THROUGHPUT, Feature
 from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.genicam.quirks import Quirk, altered
 from drivers.sim.genicam.register_checks import Checks

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.sim.genicam.features import LINES, SETS, THROUGHPUT, Feature
+from drivers.sim.genicam.feature_registers import LINES, SETS, THROUGHPUT, Feature
 from drivers.sim.genicam.memory import Denied, FeatureMemory, width
 from drivers.u3v.gencp import Status
 

@@ -14,7 +14,7 @@ from drivers.gige.registers import DISCOVERY_SIZE, FIRE_TEST, LATCH, Bootstrap
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.genicam import frames
 from drivers.sim.genicam.acquisition import ACTION, Acquisition
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.sim.genicam.lines import Oscillator
 from drivers.sim.genicam.memory import Denied
 from drivers.sim.genicam.power_on import checks_of, description_of, power_on

@@ -8,7 +8,7 @@ from drivers.gige.registers import CAN_RESEND, CAN_SCHEDULE, CONTROL, URL_SIZE, 
 from drivers.sim.genicam import xml
 from drivers.sim.genicam.acquisition import ACTION
 from drivers.sim.genicam.description import Transport, zipped
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.sim.genicam.memory import XML, FeatureMemory
 from drivers.sim.genicam.quirks import Quirk, in_folder
 

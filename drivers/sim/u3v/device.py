@@ -12,7 +12,7 @@ from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.genicam import frames
 from drivers.sim.genicam.acquisition import Acquisition
 from drivers.sim.genicam.description import Transport
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.sim.genicam.lines import Oscillator, Wire
 from drivers.sim.genicam.memory import Denied
 from drivers.sim.genicam.power_on import checks_of, description_of, power_on

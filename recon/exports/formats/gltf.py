@@ -17,8 +17,8 @@ from imaging.arrays import AnyArray
 from imaging.files import store
 from imaging.files.exr import EXPOSURE_FACTOR
 from recon.exports.job import Job, Written
-from recon.exports.place import Place
 from recon.exports.splats import Splats
+from recon.exports.target_coordinates import Place
 
 EXTENSION = "KHR_gaussian_splatting"
 _FLOAT, _BYTE = 5126, 5121

@@ -28,8 +28,8 @@ from recon.exports.formats.codebook import codebook, nearest
 from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.loss import floor_of
-from recon.exports.place import pinhole
 from recon.exports.splats import Splats
+from recon.exports.target_coordinates import pinhole
 from recon.result.display import in_colour
 from recon.result.first_look import Beginning, beginning, shot_at
 from recon.result.model import SceneView

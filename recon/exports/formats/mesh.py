@@ -20,7 +20,7 @@ from recon.exports.formats.ply import vertex_comments
 from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.result.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.model import SceneView

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imaging.optics.pose import world_from_opengl
-from recon.exports.place import Place
+from recon.exports.target_coordinates import Place
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 

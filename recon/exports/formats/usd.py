@@ -17,8 +17,8 @@ from imaging.files import store
 from imaging.files.exr import write_exr
 from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
-from recon.exports.place import Place
 from recon.exports.splats import Splats, exposure_factor
+from recon.exports.target_coordinates import Place
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene

@@ -17,7 +17,7 @@ from recon.splat.cpu.project_backward import project_backward
 from recon.splat.limits import T_LEAST
 from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
-from recon.splat.render import RasterInputs, Render, RenderCall
+from recon.splat.raster_types import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD, Entries, Lists, Projected, shape_size
 
 _LINE = 64

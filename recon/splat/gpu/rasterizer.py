@@ -18,7 +18,7 @@ from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
 from recon.splat.limits import T_LEAST
 from recon.splat.parameters import parameters
-from recon.splat.render import RasterInputs, Render, RenderCall
+from recon.splat.raster_types import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD
 
 _WIDE, _HIGH, _RECORD = projection.WIDE.value, projection.HIGH.value, projection.RECORD.value

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from recon.trade import Point, Trade, front
 from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Figure
-from rig.report.metrics import BY_KEY
+from rig.report.metric_words import BY_KEY
 
 Value = Callable[[Point], float]
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from capture.check.check import CheckReport
 from capture.check.examine import label
 from capture.check.findings import Problem, ShotLook
-from capture.check.warnings import OFF_STOPS, doubted
+from capture.check.picture_warnings import OFF_STOPS, doubted
 from imaging.files import store
 from imaging.optics.exposure import Exposure
 from imaging.session.session import Session

@@ -14,7 +14,7 @@ from imaging.session.session import Session
 from recon.decide.presets import START_SHARE
 from recon.observe.losses import Photometric
 from recon.trade import Point, Trade, front, read_trade
-from recon.trade.records import FOLDER
+from recon.trade.trade_record import FOLDER
 from rig.report.charts.topic import Figure, Table, Tile, plus_minus
 from rig.report.charts.trade_charts import PRESETS, comparable, costs, figures, is_preset
 from rig.report.page import Page, now, write_page

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
-from capture.check.warnings import lost_highlights
+from capture.check.picture_warnings import lost_highlights
 from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord

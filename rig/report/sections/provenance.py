@@ -98,7 +98,7 @@ def _commands(
         yield f"rig calibrate {name}"
     if model is not None:
         from recon.decide.cost.budget import Budget
-        from recon.result.place import default_name
+        from recon.result.training_folder import default_name
 
         chosen = model.settings
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"

@@ -13,7 +13,7 @@ from imaging.files import store
 from recon.result.model import ModelRecord
 from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Tile
-from rig.report.metrics import BY_KEY, METRICS, at_width, qualified
+from rig.report.metric_words import BY_KEY, METRICS, at_width, qualified
 from rig.report.sections.calibrated import RungRow, rung_rows
 from rig.terminal.text import counted, duration, number, size
 

@@ -1,6 +1,6 @@
 """A training that goes on in another process, shown as it goes; and the session or the scene around it.
 
-Both meet in the scene's folder (`recon.result.live`): the page asks for a snapshot, looks at it when it is
+Both meet in the scene's folder (`recon.result.live_scene`): the page asks for a snapshot, shows it when it is
 there, and asks again. Once the training is over the finished scene takes its place.
 """
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from imaging.errors import RigError
 from imaging.session.lock import is_held
-from recon.result.live import SNAPSHOT, Snapshot, ask, read_snapshot
+from recon.result.live_scene import SNAPSHOT, Snapshot, ask, read_snapshot
 from recon.result.model import CHECKPOINT, LOG, MODEL, ModelRecord
 from recon.result.scene import Scene, open_scene
 from rig.terminal.text import number
@@ -134,7 +134,7 @@ def _alike(one: Scene, other: Scene) -> bool:
 
 
 def _final(training: Path) -> Path:
-    """Return where the scene of a training is in the end (`recon.result.place`)."""
+    """Return where the scene of a training is in the end (`recon.result.training_folder`)."""
     return training.with_name(_name(training))
 
 

@@ -11,11 +11,11 @@ from imaging.arrays import Array, Bytes
 from imaging.errors import RigError
 from imaging.session.paths import session_of
 from recon.result.model import SceneView
-from rig.view.pages.cameras import pose
+from rig.view.pages.browser_cameras import pose
 from rig.view.pictures.look import Look
 from rig.view.pictures.painter import Painter
 from rig.view.pictures.photographs import Photographs
-from rig.view.serving.start import Start, height_angle, overview
+from rig.view.serving.start_view import Start, height_angle, overview
 
 LENGTH = 0.06
 """Length of a camera, in units of the scene."""

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from recon.result.first_look import shot_at
 from recon.result.scene import Scene, open_scene
-from rig.view.pages.cameras import start_of
+from rig.view.pages.browser_cameras import start_of
 from rig.view.pages.page import ScenePage
 from rig.view.pictures.look import Look, first_look
 from rig.view.pictures.painter import Painter
 from rig.view.serving.server import Viewer
-from rig.view.serving.start import Start
+from rig.view.serving.start_view import Start
 
 
 def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:

@@ -13,7 +13,7 @@ import viser
 
 from imaging.arrays import Bytes
 from imaging.errors import RigError
-from rig.view.pages.cameras import splat_camera
+from rig.view.pages.browser_cameras import splat_camera
 from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.pages.frusta import Frusta
 from rig.view.pictures.layers import LAYERS, TRUST, picture_of
@@ -21,7 +21,7 @@ from rig.view.pictures.look import CURVES, Look, coloured, stops
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
 from rig.view.serving.frame import Frame, marked
-from rig.view.serving.start import Start, point, stand, start_at, up_of
+from rig.view.serving.start_view import Start, point, stand, start_at, up_of
 from rig.view.serving.state import State
 from rig.view.serving.window import Window
 

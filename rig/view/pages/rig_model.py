@@ -11,7 +11,7 @@ from imaging.optics.lens import Lens
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 from rig.report.charts.residuals import read_residuals
-from rig.view.serving.start import Start, overview, start_at, up_of
+from rig.view.serving.start_view import Start, overview, start_at, up_of
 
 MOST_POINTS = 100_000
 WORST = 12

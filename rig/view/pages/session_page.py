@@ -17,7 +17,7 @@ from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look, first_look
 from rig.view.pictures.photographs import Photograph, Photographs, in_words, labelled, sheet
 from rig.view.serving.frame import Frame
 from rig.view.serving.server import Viewer
-from rig.view.serving.start import height_angle, pose_of, stand
+from rig.view.serving.start_view import height_angle, pose_of, stand
 from rig.view.serving.state import State
 from rig.view.serving.window import Window
 

@@ -17,7 +17,7 @@ from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
 from recon.result.first_look import shot_at
 from rig.view.pictures.look import Look, first_look
-from rig.view.serving.start import Start, start_at, up_of
+from rig.view.serving.start_view import Start, start_at, up_of
 
 
 @dataclass(frozen=True, eq=False)

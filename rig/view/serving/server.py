@@ -16,7 +16,7 @@ from rig.view.pictures.look import Look
 from rig.view.serving.access import LOCAL, Access, guarded
 from rig.view.serving.first import FirstPicture
 from rig.view.serving.frame import Frame
-from rig.view.serving.start import NARROW, Start, stand
+from rig.view.serving.start_view import NARROW, Start, stand
 from rig.view.serving.state import State, said_state
 from rig.view.serving.window import HERE, Window, css_width, on_hdr_screen
 

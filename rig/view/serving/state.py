@@ -13,7 +13,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from recon.result.first_look import MOST_STOPS
 from rig.view.pictures.look import TONE_MAPS, Look
-from rig.view.serving.start import Start
+from rig.view.serving.start_view import Start
 
 ELEMENT = "rig-state"
 """Element of the page whose title is the state."""

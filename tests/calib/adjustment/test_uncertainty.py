@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.adjustment import reduced, uncertainty
+from calib.adjustment import reduced_curvature, uncertainty
 from calib.adjustment.bundle_adjustment import Free, adjust, opencv_parameters, set_model
 from calib.adjustment.jacobian import TERMS, linearise
 from imaging.files.colmap import pycolmap
@@ -214,8 +214,8 @@ def test_a_term_that_no_view_tells_is_as_lenses_are_built(model: Any) -> None:
     stated = uncertainty.standard_errors(few, Free(), NOISE, unreported)
     assert stated is not None
     for terms in stated.lenses.values():
-        assert terms["cx"] < 1.5 * reduced.BUILT["cx"] * 640
-        assert terms["p1"] < 1.5 * reduced.BUILT["p1"]
+        assert terms["cx"] < 1.5 * reduced_curvature.BUILT["cx"] * 640
+        assert terms["p1"] < 1.5 * reduced_curvature.BUILT["p1"]
     few.delete_point3D(min(few.points3D))
     assert uncertainty.standard_errors(few, Free(), NOISE, unreported) is None
 

@@ -9,8 +9,8 @@ from calib.adjustment.bundle_adjustment import opencv_parameters, set_model
 from calib.adjustment.fisheye import may_be_fisheye, nearest_terms
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
+from calib.boards.first_guess import first_guess
 from calib.boards.measure import DISAGREE, solve_group
-from calib.boards.start import first_guess
 from calib.poses.rigs.known_rig import camera_of
 from imaging.optics.lens import Lens
 from imaging.progress import unreported

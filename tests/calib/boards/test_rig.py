@@ -5,8 +5,8 @@ import pytest
 
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
+from calib.boards.first_guess import first_guess
 from calib.boards.measure import DISAGREE, places_of, solve_group
-from calib.boards.start import first_guess
 from drivers.sim.camera.lens import project
 from imaging.arrays import Array
 from imaging.errors import CalibrationError

@@ -4,8 +4,8 @@ import colour
 import numpy as np
 import pytest
 
+from calib.colour.chart_values import EDITION, chart
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
-from calib.colour.reference import EDITION, chart
 from imaging.colour.difference import delta_e, lab
 from imaging.colour.spaces import XYZ_FROM_REC709
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.colour.recorded import balance, with_balance
+from calib.colour.colour_record import balance, with_balance
 from calib.data.views import read_view, scene_views
 from calib.light.tracks import colour_at, light
 from calib.sensor.metadata import CameraSensor

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from calib.colour.chart import DetectedChart
+from calib.colour.chart_detection import DetectedChart
+from calib.colour.chart_values import chart
+from calib.colour.colour_record import charts_of, rebalanced
 from calib.colour.fit import ChartPatches
 from calib.colour.measure import Charts, colours
-from calib.colour.recorded import charts_of, rebalanced
-from calib.colour.reference import chart
 from calib.data.views import View
 from calib.luminance.area import LUMINANCE
 from imaging.colour.difference import delta_e

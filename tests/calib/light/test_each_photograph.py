@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
+from calib.light.constant_settings import Stated
 from calib.light.each_photograph import Development, estimate
 from calib.light.photograph_sights import PhotographSights
-from calib.light.stated import Stated
 from imaging.session.view_id import ViewId
 
 VIEWS = [ViewId(frame, "cam") for frame in range(12)]

@@ -22,7 +22,7 @@ from imaging.session.calibration import read_calibration
 from imaging.session.records import SessionRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from rig.options.board import board_text
+from rig.options.board_text import board_text
 from tests.calib.conftest import make_session
 
 HEIGHT, WIDTH = 120, 160

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.survey.control import read_control
+from calib.survey.control_points import read_control
 from calib.survey.marks import read_marks
 from calib.survey.points import ENU, read_survey
 from imaging.errors import InputError

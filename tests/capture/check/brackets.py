@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture.pictures.reduced import ReducedPicture, of_raw
+from capture.pictures.reduced_pictures import ReducedPicture, of_raw
 from drivers.sim.camera.response import develop
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.arrays import Array, Bytes

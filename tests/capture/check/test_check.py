@@ -5,7 +5,7 @@ import pytest
 
 from capture.check.check import CheckReport, check, repair
 from capture.check.findings import ShotLook
-from capture.check.warnings import warnings
+from capture.check.picture_warnings import warnings
 from capture.imports.photos import import_photos
 from capture.record.recorder import record
 from imaging.errors import InputError

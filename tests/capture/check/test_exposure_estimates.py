@@ -5,7 +5,7 @@ import pytest
 
 from capture.check import developed_ratios
 from capture.check.exposure_estimates import estimates, meant, raw_edges
-from capture.pictures import reduced
+from capture.pictures import reduced_pictures
 from imaging.merge.ratios import Ratio
 from imaging.optics.exposure import Exposure
 
@@ -56,7 +56,7 @@ def test_a_label_far_off_the_others_does_not_pull_them_along():
 
 def test_large_frames_are_averaged_in_blocks_with_the_same_ratios(monkeypatch):
     truth = wrongly(1)
-    monkeypatch.setattr(reduced, "ENOUGH", 20_000)
+    monkeypatch.setattr(reduced_pictures, "ENOUGH", 20_000)
     frames = [seen_raw(scene(1, 320, 480), one, 1).linear for one in truth]
     assert frames[0].signal.size <= 20_000
     estimated = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
@@ -93,7 +93,7 @@ def test_an_estimate_that_is_no_better_than_the_label_is_not_made():
 
 def developed_estimates(truth: list[Exposure], seed: int):
     patches = [
-        reduced.of_photo(photo(scene(seed, 320, 480), one, seed).astype(np.float32) / 255).patches
+        reduced_pictures.of_photo(photo(scene(seed, 320, 480), one, seed).astype(np.float32) / 255).patches
         for one in truth
     ]
     codes = developed_ratios.codes_of(patches, meant(LABELS))
@@ -124,12 +124,14 @@ def test_the_frame_around_a_scan_tells_no_exposure():
     pictures = [photo(scene(5, 320, 480), one, 5) for one in truth]
     for picture in pictures:
         picture[:60] = 120
-    patches = [reduced.of_photo(picture.astype(np.float32) / 255).patches for picture in pictures]
+    patches = [reduced_pictures.of_photo(picture.astype(np.float32) / 255).patches for picture in pictures]
     codes = developed_ratios.codes_of(patches, meant(LABELS))
     estimated = estimates(LABELS, developed_ratios.edges(codes, developed_ratios.curves([codes])))
     assert np.abs(trendless(departures(estimated, truth))).max() < 0.01
 
 
 def test_two_exposures_tell_nothing_of_a_curve_and_its_ratio():
-    patches = [reduced.of_photo(photo(scene(0), one).astype(np.float32) / 255).patches for one in LABELS[:2]]
+    patches = [
+        reduced_pictures.of_photo(photo(scene(0), one).astype(np.float32) / 255).patches for one in LABELS[:2]
+    ]
     assert developed_ratios.curves([developed_ratios.codes_of(patches, meant(LABELS[:2]))]) is None

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from capture.check import focus, motion
-from capture.pictures import reduced
-from capture.pictures.reduced import ReducedPicture
+from capture.pictures import reduced_pictures
+from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.optics.exposure import Exposure
 
 from .brackets import blurred, photo, scene, seen_raw, shifted
@@ -16,7 +16,7 @@ LONG, SHORT = Exposure(time=1 / 4), Exposure(time=1 / 32)
 def picture(light, exposure=LONG, seed=0, kind="raw") -> ReducedPicture:
     if kind == "raw":
         return seen_raw(light, exposure, seed)
-    return reduced.of_photo(photo(light, exposure, seed).astype(np.float32) / 255)
+    return reduced_pictures.of_photo(photo(light, exposure, seed).astype(np.float32) / 255)
 
 
 def sharpness(light, exposure=LONG, kind="raw") -> float | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from capture.nodes.node import Assignment, Node
-from capture.nodes.place import Place
+from capture.nodes.node_settings import Place
 from capture.nodes.remote import NodeLost
 from drivers.clock import Clock
 from drivers.sim.bus_rig import BusRig

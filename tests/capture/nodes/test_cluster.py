@@ -17,7 +17,7 @@ from capture.connected_rig import Unattended
 from capture.nodes.cluster import RayLink, ray_links, resource_of
 from capture.nodes.joining import joined_as
 from capture.nodes.node import Assignment
-from capture.nodes.place import VARIABLE, NodeSettings
+from capture.nodes.node_settings import VARIABLE, NodeSettings
 from capture.nodes.remote import NodeLost
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot

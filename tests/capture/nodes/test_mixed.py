@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.check.check import check
 from capture.connected_rig import Unattended
 from capture.nodes.node import Node
-from capture.nodes.place import NodeSettings, place_of
+from capture.nodes.node_settings import NodeSettings, place_of
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source

@@ -16,7 +16,7 @@ from drivers.gige import control as control_module
 from drivers.gige.control import ControlChannel
 from drivers.gige.gvcp import PORT, Answer, Code, Command
 from drivers.gige.registers import Bootstrap
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from imaging.errors import CameraError
 
 from .fakes import own_address

@@ -7,7 +7,7 @@ from drivers.camera import Camera
 from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.pixels import BY_CODE, BY_NAME
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.u3v import U3vCamera, find_cameras
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import open_session

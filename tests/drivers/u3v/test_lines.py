@@ -12,7 +12,7 @@ from capture.bracket.single_exposure import expose
 from capture.record.recorder import record
 from drivers.errors import CameraRefused, CameraTimeout
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.sim.genicam.lines import Wire
 from drivers.sim.rigs import simulate
 from drivers.sim.u3v.device import U3vDevice

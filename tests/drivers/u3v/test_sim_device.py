@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import CameraRefused
 from drivers.genicam.settings import set_exposure
-from drivers.sim.genicam.features import Feature
+from drivers.sim.genicam.feature_registers import Feature
 from drivers.sim.u3v import device
 from drivers.sim.u3v.device import CONTROL_OUT, PACKET, STREAM_IN
 from drivers.sim.u3v.memory import _MANIFEST, _SBRM, _SIRM

@@ -12,7 +12,7 @@ from pxr import Gf, Usd, UsdGeom
 from imaging.errors import InputError, ReconstructionError
 from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.exports.export import export
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.rendering.render import camera_path, render
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene

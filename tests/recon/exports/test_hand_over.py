@@ -10,7 +10,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from imaging.errors import InputError
 from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.result.scene import open_scene
 from tests.rig.report.pages import Page, assert_self_contained
 

@@ -18,7 +18,7 @@ from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.measure.truth import true_radiance
-from recon.measure.views import measured
+from recon.measure.view_figures import measured
 from recon.reconstruct import reconstruct
 from recon.rendering.render import render
 from recon.result.model import read_model

@@ -24,9 +24,9 @@ from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat.moved import moved
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from recon.train.training_checkpoint import checkpoint_of, light_in, restored
 
 EXPOSURE_ERROR, VIGNETTING_ERROR = 0.05, (0.2, 0.1, -0.05)
 

@@ -12,7 +12,7 @@ from pxr import Gf, Usd, UsdGeom, UsdVol
 from imaging.errors import InputError, ReconstructionError
 from imaging.session.paths import SPLAT_FILES
 from recon.exports.export import export
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.measure.evaluate import evaluate
 from recon.rendering.render import render
 from recon.result.scene import Scene, open_scene

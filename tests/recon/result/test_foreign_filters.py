@@ -11,7 +11,7 @@ import pytest
 from imaging.errors import InputError
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 from recon.scene import spz

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
-from recon.splat.render import RasterInputs
+from recon.splat.raster_types import RasterInputs
 from tests.recon.interpreter import quick_interpreter
 
 if not torch.cuda.is_available():

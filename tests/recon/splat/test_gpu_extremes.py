@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from recon.splat import Limits, Render, SplatCamera
-from recon.splat.render import RasterInputs
+from recon.splat.raster_types import RasterInputs
 
 pytest.importorskip("triton", reason="Triton is for Linux")
 

@@ -16,7 +16,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
-from recon.trade.records import key_of
+from recon.trade.trade_record import key_of
 
 TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best": Quality(30, 300, 64)}
 module = importlib.import_module("recon.trade.sweep")

@@ -15,10 +15,10 @@ from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
 from recon.train.live_curve import Moment, chosen_views, period
 from recon.train.monitor import Hooks
-from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from recon.train.training_checkpoint import checkpoint_of, light_in, restored
 
 CAP = 300
 

@@ -14,9 +14,9 @@ from recon.start.initialisation import gaussians_at, start_points
 from recon.train import half_size, trainer
 from recon.train.densification import DensityRules
 from recon.train.half_size import begins_halved, halves
-from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from recon.train.training_checkpoint import checkpoint_of, light_in, restored
 
 CAP = 600
 

@@ -21,9 +21,9 @@ from recon.scene.gaussians import Gaussians
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.monitor import Hooks
-from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from recon.train.training_checkpoint import checkpoint_of, light_in, restored
 
 CAP = 900
 

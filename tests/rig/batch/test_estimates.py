@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.batch.batch_plan import BatchPlan, PlannedScene
 from rig.batch.estimates import Estimate, estimates
-from rig.batch.plan import BatchPlan, PlannedScene
 
 SMALL = {"gaussians": 300, "iterations": 30, "width": 64}
 

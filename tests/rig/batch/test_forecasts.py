@@ -10,7 +10,7 @@ from imaging.errors import InputError
 from imaging.session.session import Session
 from recon.result.model import SPLATS
 from rig.batch import forecasts
-from rig.batch.plan import PlannedScene
+from rig.batch.batch_plan import PlannedScene
 
 
 def test_a_calibration_grows_with_photographs_and_their_size(toy: Path, tmp_path: Path) -> None:

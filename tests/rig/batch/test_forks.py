@@ -13,7 +13,7 @@ from typing import IO
 import pytest
 
 from imaging.compute.workers import LocalWorkers, Share, Task
-from rig.batch.processes import Ended, run
+from rig.batch.command_processes import Ended, run
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="forks of a server, on Linux alone")
 

@@ -18,8 +18,8 @@ from imaging.errors import InputError
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.trade import Choice, trade_sweep
-from rig.batch import processes
-from rig.batch.processes import RayWorkers, run
+from rig.batch import command_processes
+from rig.batch.command_processes import RayWorkers, run
 
 pytest.importorskip("ray")
 
@@ -128,7 +128,7 @@ def of_nodes(monkeypatch: pytest.MonkeyPatch, *nodes: dict[str, float]) -> None:
     def joined(address: str) -> Iterator[Any]:
         yield SimpleNamespace(nodes=lambda: listed, remote=lambda function: None)
 
-    monkeypatch.setattr(processes, "joined", joined)
+    monkeypatch.setattr(command_processes, "joined", joined)
 
 
 def test_room_is_that_of_the_nodes_that_can_train(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,9 @@ import pytest
 from imaging.compute.workers import Share, Task
 from imaging.errors import InputError
 from imaging.files import store
-from rig.batch import forecasts, processes
-from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Cost, Ended, begun, run
+from rig.batch import command_processes, forecasts
+from rig.batch.batch_plan import BatchPlan, PlannedScene
+from rig.batch.command_processes import Cost, Ended, begun, run
 from rig.batch.run import carry_out
 
 COSTS = {"calibrate": Cost(8.0, 30), "reconstruct": Cost(4.0, 70), "export": Cost(2.0, 10)}
@@ -145,7 +145,7 @@ echo '{{"words": "'"$*"'", "room": "'"$RIG_MEMORY"'", "gpu": "'"$CUDA_VISIBLE_DE
 """
     )
     path.chmod(0o755)
-    monkeypatch.setattr(processes.sys, "executable", str(path))
+    monkeypatch.setattr(command_processes.sys, "executable", str(path))
     return lives
 
 
@@ -181,7 +181,7 @@ print("{{}}")
 """
     )
     path.chmod(0o755)
-    monkeypatch.setattr(processes.sys, "executable", str(path))
+    monkeypatch.setattr(command_processes.sys, "executable", str(path))
     ended = run(Share(serves=True), ["check", "S"])
     assert (ended.code, ended.attempts) == (0, 2)
     assert ended.cost.processor_seconds == pytest.approx(1.2, abs=0.25)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from imaging.errors import InputError
-from rig.batch.plan import BatchPlan, PlannedScene
+from rig.batch.batch_plan import BatchPlan, PlannedScene
 from rig.batch.result import BatchResult, BatchRow
 from rig.batch.shards import merged, shard_of
 

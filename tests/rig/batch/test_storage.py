@@ -15,8 +15,8 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.session.session import Session
 from rig.batch import estimates, forecasts, storage
-from rig.batch.plan import BatchPlan, read_plan
-from rig.batch.processes import Ended
+from rig.batch.batch_plan import BatchPlan, read_plan
+from rig.batch.command_processes import Ended
 from rig.batch.result import BatchResult
 from rig.batch.run import carry_out
 

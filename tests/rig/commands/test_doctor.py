@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from drivers.conformance import EXAMINATIONS
-from recon.train import device, gpu_check
+from recon.train import gpu_check, training_device
 
 from .refusals import assert_refused
 
@@ -60,8 +60,8 @@ def test_what_cannot_be_examined(rig, arguments: list[str], says: str, tmp_path:
 def test_the_kernels_of_a_gpu_are_examined(
     rig, result: gpu_check.GpuCheck, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device, "training_device", lambda: torch.device("cuda", 0))
-    monkeypatch.setattr(device, "device_name", lambda which: "GeForce")
+    monkeypatch.setattr(training_device, "training_device", lambda: torch.device("cuda", 0))
+    monkeypatch.setattr(training_device, "device_name", lambda which: "GeForce")
     monkeypatch.setattr(gpu_check, "examined", lambda which: result)
     _, out, _ = rig("doctor", "--json")
     (finding,) = (one for one in json.loads(out)["findings"] if one["name"] == "training")

@@ -12,8 +12,8 @@ import pytest
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
-from recon.trade.plan import Session, planned
-from recon.trade.records import Choice, Point, Trade
+from recon.trade.sweep_order import Session, planned
+from recon.trade.trade_record import Choice, Point, Trade
 from rig.report.charts.trade_charts import figures
 from rig.report.pages.trade import trade_off, trade_report
 from tests.rig.report.pages import Page, assert_self_contained

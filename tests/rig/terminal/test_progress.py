@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from rig.terminal.live import live_status_line
+from rig.terminal.live_line import live_status_line
 from rig.terminal.progress import PlainStatusLine, status_line
 from rig.terminal.stage import Stage
 

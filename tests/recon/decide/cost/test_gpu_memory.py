@@ -22,7 +22,7 @@ from recon.decide.request import TrainingRequest
 from recon.decide.settings import asked_for
 from recon.result.model import CHECKPOINT, MODEL
 from recon.splat import Limits, SplatCamera
-from recon.splat.render import RasterInputs
+from recon.splat.raster_types import RasterInputs
 
 GPU = torch.device("cuda", 0)
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from imaging.progress import unreported
 from recon.exports.export import export
 from recon.exports.formats.gltf import EXTENSION
-from recon.exports.place import place_of
 from recon.exports.splats import Splats, display_splats, linear_splats
+from recon.exports.target_coordinates import place_of
 from recon.result.scene import Scene, open_scene
 from recon.scene.ply import write_ply
 from tests.gltf_validator import issues_of, needs_gltf_validator

@@ -15,8 +15,8 @@ from PIL import Image
 from imaging.errors import ReconstructionError
 from recon.exports.export import export
 from recon.exports.loss import drawn, stops_between
-from recon.exports.place import pinhole
 from recon.exports.splats import linear_splats
+from recon.exports.target_coordinates import pinhole
 from recon.result.model import SceneShot
 from recon.result.scene import Scene, open_scene
 from rig.view.pages.opening import look_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from recon.exports.export import export
-from recon.exports.place import pinhole
+from recon.exports.target_coordinates import pinhole
 from recon.result.scene import Scene
 from rig.view.pages.opening import look_of
 from rig.view.pictures.look import Look

@@ -11,8 +11,8 @@ from imaging.errors import InputError
 from imaging.files.exr import read_exr
 from recon.exports.formats.usd import COLOUR_SPACE, write_usd
 from recon.exports.loss import drawn
-from recon.exports.place import place_of
 from recon.exports.splats import Splats, linear_splats
+from recon.exports.target_coordinates import place_of
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 
@@ -122,7 +122,7 @@ def test_the_way_up_of_the_photographs_becomes_y(scene: Scene, tmp_path: Path) -
 
 def test_cameras_see_what_the_views_saw(scene: Scene, tmp_path: Path) -> None:
     """Points through the frustum of OpenUSD fall on the pixels of the view, its distortion left out."""
-    from recon.exports.place import pinhole
+    from recon.exports.target_coordinates import pinhole
 
     stage = written(scene, tmp_path / "scene.usda")
     to_world = UsdGeom.Xformable(stage.GetPrimAtPath("/World")).GetLocalTransformation()

@@ -15,7 +15,7 @@ from imaging.files.store import replace_folder
 from imaging.session.lock import held
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.result.live import SNAPSHOT, WANTED, read_snapshot
+from recon.result.live_scene import SNAPSHOT, WANTED, read_snapshot
 from recon.result.scene import Scene, open_scene
 from rig.commands.view import _followed
 from rig.view.pages.follow import Follower

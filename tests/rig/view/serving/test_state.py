@@ -8,7 +8,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from rig.view.pictures.look import Look
-from rig.view.serving.start import Start
+from rig.view.serving.start_view import Start
 from rig.view.serving.state import State
 from rig.view.serving.window import state_of
 

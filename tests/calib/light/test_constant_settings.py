@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.data.views import scene_views
-from calib.light.stated import Stated, stated_by
+from calib.light.constant_settings import Stated, stated_by
 from capture.imports.photos import import_photos
 from imaging.files.photo import encode_jpeg
 from imaging.optics.exposure import Exposure

@@ -13,7 +13,7 @@ from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.result.place import default_name
+from recon.result.training_folder import default_name
 from recon.train.interrupt import Interrupted
 
 

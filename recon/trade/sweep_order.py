@@ -11,7 +11,7 @@ from recon.data.dataset import Dataset
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.trade.point import front
-from recon.trade.records import Choice, Point
+from recon.trade.trade_record import Choice, Point
 
 MOST_NEIGHBOURS = 12
 SAFETY = 1.2

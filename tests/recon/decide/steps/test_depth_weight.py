@@ -20,7 +20,7 @@ from recon.decide.decisions import decide
 from recon.decide.evidence import Evidence
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.decide.steps.measured_depth import START, TERM, USUAL, depth_fit, depth_for, tried
+from recon.decide.steps.depth_weight import START, TERM, USUAL, depth_fit, depth_for, tried
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
 
@@ -106,7 +106,7 @@ def test_poses_without_points_have_a_sweep_tell_the_unit(session_copy, unit, sca
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):
     for name in ("TRIAL_LOOKS", "TRIAL_GAUSSIANS"):
-        monkeypatch.setattr(f"recon.decide.steps.measured_depth.{name}", {"TRIAL_LOOKS": 2}.get(name, 200))
+        monkeypatch.setattr(f"recon.decide.steps.depth_weight.{name}", {"TRIAL_LOOKS": 2}.get(name, 200))
     weight, rung = tried(toy_long, settings(), (0.1, 0.5), unreported)
     # Nobody measured any depth here, and all three trainings are one.
     assert (weight, rung.gain, rung.standard_error, rung.taken) == (0.0, 0.0, 0.0, False)

@@ -14,7 +14,7 @@ from calib.adjustment.focal_priors import FocalPrior
 from calib.adjustment.place_priors import StatedPlace
 from calib.poses.places import align_to_places
 from calib.sensor.focal_length import focal_length
-from calib.survey.stated import gimbal_turn, places_of
+from calib.survey.stated_positions import gimbal_turn, places_of
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import read_metadata
 from imaging.sensor.mosaic import FrameMetadata, GpsPosition

@@ -16,7 +16,7 @@ from recon.data.light import Images, kept_images
 from recon.data.shot import Shot
 from recon.measure.recorded_light import RecordedLight, against_photographs, recorded_light
 from recon.measure.truth import has_truth, true_radiance
-from recon.observe.recorded import as_recorded, shot_psnr
+from recon.observe.shot_comparison import as_recorded, shot_psnr
 from recon.result.opened import Opened
 
 DISPLAY_PEAK = 1000.0

@@ -6,7 +6,7 @@ import pytest
 
 from imaging.errors import InputError
 from imaging.session.session import SESSION
-from rig.batch.plan import read_plan
+from rig.batch.batch_plan import read_plan
 
 
 def plan(folder: Path, text: str) -> Path:

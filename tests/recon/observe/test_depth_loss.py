@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from recon.observe.measured_depth import SURE, MeasuredDepth
+from recon.observe.depth_loss import SURE, MeasuredDepth
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatCamera

@@ -6,7 +6,7 @@ import typer
 from imaging.errors import InputError
 from imaging.request import FORGET
 from imaging.session.view_id import ViewId
-from rig.options.luminance import ERROR, EXAMPLE, ReadingText, reading_text, readings_of
+from rig.options.luminance_readings import ERROR, EXAMPLE, ReadingText, reading_text, readings_of
 
 
 def test_a_spot_reading_has_a_view_an_area_and_an_error() -> None:

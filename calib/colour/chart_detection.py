@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from calib.colour.chart_values import COLUMNS, NEUTRAL, PATCHES, chart
 from calib.colour.fit import ChartPatches, ColourModel, fit
-from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
 from imaging.arrays import Array, Bytes, Floats, Mask
 from imaging.colour.difference import delta_e
 from imaging.colour.spaces import srgb_encode

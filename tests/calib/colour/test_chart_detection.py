@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.colour.chart import DetectedChart, Missed, best, judge, locate, measure_patches
+from calib.colour.chart_detection import DetectedChart, Missed, best, judge, locate, measure_patches
+from calib.colour.chart_values import chart
 from calib.colour.fit import ChartPatches, ColourModel, held_out, of_camera
-from calib.colour.reference import chart
 from imaging.colour.spaces import camera_from_rec709
 from imaging.files.raw import read_raw
 from imaging.merge.bracket import Merged, merge_bracket

@@ -12,7 +12,7 @@ from imaging.session.lock import is_held
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.result.live import SNAPSHOT, WANTED, Snapshots, ask, read_snapshot
+from recon.result.live_scene import SNAPSHOT, WANTED, Snapshots, ask, read_snapshot
 from recon.result.model import CHECKPOINT, read_model
 from recon.scene.checkpoint import read_checkpoint
 
@@ -70,7 +70,7 @@ def test_snapshots_take_a_small_share_of_the_time(tmp_path, monkeypatch):
     def written(path, checkpoint):
         now[0] += 0.5
 
-    monkeypatch.setattr("recon.result.live.write_checkpoint", written)
+    monkeypatch.setattr("recon.result.live_scene.write_checkpoint", written)
     monkeypatch.setattr(Snapshots, "_checkpoint", lambda self: None)
     assert not snapshots.wanted()
     ask(tmp_path)
@@ -96,7 +96,7 @@ def test_a_disk_that_refuses_a_snapshot_ends_no_training(tmp_path, monkeypatch):
     def full(path, checkpoint):
         raise StorageError("full")
 
-    monkeypatch.setattr("recon.result.live.write_checkpoint", full)
+    monkeypatch.setattr("recon.result.live_scene.write_checkpoint", full)
     monkeypatch.setattr(Snapshots, "_checkpoint", lambda self: None)
     Snapshots(tmp_path, None, None).write()
     with pytest.raises(StorageError, match=r"live\.wanted could not be written"):

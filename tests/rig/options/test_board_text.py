@@ -8,7 +8,7 @@ import capture.rigfile.template
 import drivers.sim.scene.board
 from imaging.errors import InputError
 from imaging.session.records import Board
-from rig.options.board import EXAMPLE, board_text
+from rig.options.board_text import EXAMPLE, board_text
 
 
 def test_the_example_everywhere_is_the_board_that_simulated_cameras_see() -> None:

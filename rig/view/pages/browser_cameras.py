@@ -12,7 +12,7 @@ from imaging.arrays import Array
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.serving.start import Start, pose_of, start_at, up_of
+from rig.view.serving.start_view import Start, pose_of, start_at, up_of
 
 
 class BrowserCamera(Protocol):

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from imaging.session.paths import find_reconstruction
 from recon.data.geometry import project
 from recon.result.scene import open_scene
-from rig.view.pages.cameras import pose, splat_camera, start_of
+from rig.view.pages.browser_cameras import pose, splat_camera, start_of
 from rig.view.serving.first import FirstPicture
-from rig.view.serving.start import height_angle
+from rig.view.serving.start_view import height_angle
 
 
 @dataclass

@@ -6,7 +6,7 @@ import pytest
 
 from capture.check.repair import repair
 from capture.imports.photos import import_photos
-from capture.imports.sorting.bands import bands_of, read_band_list
+from capture.imports.sorting.band_list import bands_of, read_band_list
 from imaging.errors import InputError
 from imaging.session.records import Band
 from imaging.session.session import Session

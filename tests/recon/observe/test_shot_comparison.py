@@ -17,10 +17,10 @@ from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import ShotSource, read_shot
 from recon.data.shot import HeldPlanes, Shot
-from recon.measure import views
+from recon.measure import view_figures
 from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
-from recon.observe.recorded import shot_psnr
+from recon.observe.shot_comparison import shot_psnr
 from recon.splat import SplatCamera
 from recon.train.live_curve import held_out_psnr
 from recon.train.ranks import Ranks
@@ -45,7 +45,7 @@ def figures(view, observation, image) -> tuple[dict, float]:
     )
     dataset = SimpleNamespace(reported=(view,), trained_at=lambda k: True)
     row: dict = {}
-    views._against_shots(SimpleNamespace(training=training, dataset=dataset), drawn.image, view, row)
+    view_figures._against_shots(SimpleNamespace(training=training, dataset=dataset), drawn.image, view, row)
     return row, held_out_psnr(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
 
 

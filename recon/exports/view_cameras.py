@@ -21,8 +21,8 @@ from imaging.progress import unreported
 from recon.exports.formats.ply import SOLID, offset_line
 from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
-from recon.exports.place import Place
 from recon.exports.splats import display_splats, linear_splats
+from recon.exports.target_coordinates import Place
 from recon.rendering.camera_files import OFFSET
 from recon.result.display import in_colour, picture
 from recon.result.model import SceneView

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from recon.data.shot import HeldPlanes, Shot
-from recon.observe.bands import BandedLight
+from recon.observe.band_observation import BandedLight
 from recon.observe.linear import SIGNAL_MU
 from recon.observe.losses import mu_law
 

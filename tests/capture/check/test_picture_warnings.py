@@ -5,7 +5,7 @@ import pytest
 
 from capture.check.check import check
 from capture.check.findings import CheckReport
-from capture.check.warnings import doubted
+from capture.check.picture_warnings import doubted
 from imaging.optics.exposure import Exposure
 
 from .brackets import Studio, blurred, scene, shifted

@@ -7,9 +7,9 @@ import pytest
 
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
-from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import behind, front
-from recon.trade.records import Choice, Point
+from recon.trade.sweep_order import STANDARD, Session, expected_seconds, neighbours, planned
+from recon.trade.trade_record import Choice, Point
 
 RICH = Session(width=1280, views=40, exposures=5)
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from calib.colour.reference import COLUMNS, NEUTRAL
+from calib.colour.chart_values import COLUMNS, NEUTRAL
 from calib.luminance.area import LUMINANCE, AreaLight, area_light
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
