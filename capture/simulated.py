@@ -91,6 +91,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         bands=in_order(rig.settings.wheel),
         wheel=tuple(band.name for band in rig.settings.wheel),
         turntable=rig.turntable,
+        lamps=rig.lamps,
     )
     try:
         yield source

@@ -25,8 +25,8 @@ EXIT_CODES = (
 )
 
 COMMANDS = (
-    "demo", "init", "capture", "import", "check", "calibrate", "merge", "reconstruct", "evaluate", "explain",
-    "render", "export", "view", "trade", "batch", "bench", "simulate", "node", "cameras", "doctor",
+    "demo", "init", "capture", "import", "check", "calibrate", "merge", "normals", "reconstruct", "evaluate",
+    "explain", "render", "export", "view", "trade", "batch", "bench", "simulate", "node", "cameras", "doctor",
 )  # fmt: skip
 """Functions of their names, in modules of their names; `import` is a word of Python's."""
 KEYWORDS = {"import": "importing"}

@@ -21,7 +21,7 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord, SessionRecord
-from imaging.session.session import TURNTABLE, Session
+from imaging.session.session import LAMPS, TURNTABLE, Session
 
 Say = Callable[[str], None]
 
@@ -64,6 +64,8 @@ def shoot(
             session = session or begin(out, identity)
             if source.turntable is not None and request.kind == "scene":
                 store.write_json(out / TURNTABLE, source.turntable.model_dump(mode="json"))
+            if source.lamps is not None and request.kind == "scene":
+                store.write_json(out / LAMPS, source.lamps.model_dump(mode="json"))
             session.append_plan(plan)
         assert session is not None
         done = finished(session, plan)

@@ -12,6 +12,7 @@ from drivers.clock import Clock
 from imaging.choices import Subject
 from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
+from imaging.session.lamps import LampsRecord
 from imaging.session.records import Band, Board, CameraRecord, PlanRecord
 from imaging.session.session import Session
 from imaging.session.turntable import TurntableRecord
@@ -75,6 +76,8 @@ class Source:
 
     turntable: TurntableRecord | None = None
     """Angles of the turntable at the frames of a scene; None without one."""
+    lamps: LampsRecord | None = None
+    """Lamps of a light dome, one for each frame of a scene; None without one."""
 
     def close(self) -> None:
         """Let go of the cameras."""

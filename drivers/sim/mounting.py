@@ -2,7 +2,7 @@
 
 The plate's cameras stand half an arc step apart, so that all views together form two even rows. One camera
 on a nodal head turns about its entrance pupil instead, in a level row and two that look up and down. Before
-a turntable the plate stands still.
+a turntable and over a light dome the plate stands still.
 """
 
 import math
@@ -32,6 +32,10 @@ TURN_SPREAD = 0.2
 """Standard error of the stops of a turntable, degrees."""
 _STAND = (0.55, -0.28, 0.50)
 """Place of the first camera before a turntable, m."""
+LAMP_SPREAD = 0.003
+"""Relative standard error of the light of a dome's lamp."""
+_OVER_DOME = (0.0, -0.5, 0.0)
+"""Place of the first camera before the relief in a dome, m."""
 LensKind = Literal["normal", "fisheye"]
 _BASELINE = (0.22, 0.36)  # m between the cameras of the plate, across and up
 
@@ -127,6 +131,16 @@ def before_turntable(seed: int, frames: int, frame: int) -> Array:
     room_from_world = np.eye(4)
     room_from_world[:2, :2] = (math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))
     return np.asarray(look_at(_STAND, MIDDLE, 0.01) @ room_from_world)
+
+
+def lamp_factor(seed: int, frame: int) -> float:
+    """Factor by which the lamp at a frame of a light dome is brighter than is stated."""
+    return 1.0 + float(generator(seed, "lamp", frame).normal(0.0, LAMP_SPREAD))
+
+
+def over_dome(seed: int, frames: int, frame: int) -> Array:
+    """Pose of a rig that looks at the relief in a light dome, float64 [4, 4]."""
+    return look_at(_OVER_DOME, (0.0, 0.0, 0.0))
 
 
 def mounts(

@@ -3,27 +3,29 @@
 import threading
 from collections.abc import Callable
 from dataclasses import fields, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from drivers.camera import Camera
-from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
+from drivers.sim.camera.camera import MAKE, Body, SimulatedCamera
 from drivers.sim.camera.filters import behind
-from drivers.sim.camera.sensor import SensorModel
 from drivers.sim.mounting import (
+    LAMP_SPREAD,
     TURN_SPREAD,
     Mount,
     before_turntable,
     head_from_world,
+    lamp_factor,
     mounts,
+    over_dome,
     rig_from_world,
     table_turn,
 )
-from drivers.sim.rig_settings import RIGS, RigSettings
+from drivers.sim.rig_settings import RIGS, RigSettings, built_sensor, nominal_sensor
 from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from drivers.sim.scene.court import court_scene
+from drivers.sim.scene.dome import brightness, dome_scene, lamp_places
 from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
@@ -33,7 +35,8 @@ from imaging.arrays import Array, Array32
 from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.optics.exposure import Exposure
-from imaging.sensor.cfa import as_tile
+from imaging.optics.lens import rays
+from imaging.session.lamps import LampsRecord
 from imaging.session.records import CameraRecord
 from imaging.session.turntable import TurntableRecord
 
@@ -88,7 +91,7 @@ class SimulatedRig:
         self.bracket = RAW_BRACKET if settings.kind == "raw" else LDR_BRACKET
         if settings.scene == "court":
             self.bracket = NODAL_BRACKET
-        self.scene = _scene(settings)
+        self.scene = _scene(settings, seed)
         self.mounts: tuple[Mount, ...] = tuple(
             replace(
                 mount,
@@ -197,10 +200,8 @@ class SimulatedRig:
         return np.asarray(held @ self._rig_from_world(0))
 
     def _rig_from_world(self, frame: int) -> Array:
-        placed = {"court": head_from_world, "turntable": before_turntable}.get(
-            self.settings.scene, rig_from_world
-        )
-        return placed(self.seed, self.frames, frame)
+        placed = {"court": head_from_world, "turntable": before_turntable, "dome": over_dome}
+        return placed.get(self.settings.scene, rig_from_world)(self.seed, self.frames, frame)
 
     @property
     def turntable(self) -> TurntableRecord | None:
@@ -210,11 +211,27 @@ class SimulatedRig:
         stated = {frame: 360.0 * frame / self.frames for frame in range(self.frames)}
         return TurntableRecord(reason="the simulated turntable", degrees=stated, spread=TURN_SPREAD)
 
+    @property
+    def lamps(self) -> LampsRecord | None:
+        """Lamps of the dome, one for each frame but the last, which has none; None without a dome."""
+        if self.settings.scene != "dome":
+            return None
+        places = dict(enumerate(lamp_places()[: self.frames]))
+        lens = self.mounts[0].optics.lens
+        left, right = rays(lens, ((0.0, lens.height / 2), (lens.width, lens.height / 2)))
+        return LampsRecord(
+            reason="the simulated dome",
+            places={frame: places.get(frame) for frame in range(self.frames)},
+            brightness={frame: brightness(frame) for frame in places},
+            across=float(self.cam_from_world(0, 0)[2, 3] * (right[0] / right[2] - left[0] / left[2])),
+            spread=LAMP_SPREAD,
+        )
+
     def scene_at(self, frame: int) -> Scene:
         """The scene of a frame, in the axes of the poses: of a turntable the room turns about the things."""
-        if self.settings.scene != "turntable":
+        if self.settings.scene not in ("turntable", "dome"):
             return self.scene
-        return _scene(self.settings, table_turn(self.seed, self.frames, frame))
+        return _scene(self.settings, self.seed, frame)
 
     def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> Array32:
         """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
@@ -241,13 +258,13 @@ class SimulatedRig:
 
     def _body(self, mount: Mount) -> Body:
         settings = self.settings
-        nominal = _nominal(settings)
+        nominal = nominal_sensor(settings)
         return Body(
             seed=self.seed,
             serial=mount.serial,
             kind=settings.kind,
             optics=mount.optics,
-            sensor=replace(_unit(nominal, mount, settings.effects), **settings.sensor),
+            sensor=replace(built_sensor(nominal, mount, settings.effects), **settings.sensor),
             nominal=nominal,
             cfa=mount.cfa,
             camera_from_xyz=mount.camera_from_xyz,
@@ -256,12 +273,14 @@ class SimulatedRig:
         )
 
 
-def _scene(settings: RigSettings, turn: float = 0.0) -> Scene:
+def _scene(settings: RigSettings, seed: int, frame: int = 0) -> Scene:
+    """The scene of a rig at a frame."""
     made: dict[str, Callable[[], Scene]] = {
         "table": demo_scene,
         "gallery": gallery_scene,
         "court": court_scene,
-        "turntable": partial(turntable_scene, turn),
+        "turntable": lambda: turntable_scene(table_turn(seed, settings.positions, frame)),
+        "dome": lambda: dome_scene(frame, lamp_factor(seed, frame)),
     }
     scene = made[settings.scene]()
     if settings.even:
@@ -269,37 +288,3 @@ def _scene(settings: RigSettings, turn: float = 0.0) -> Scene:
     if settings.gloss is not None:
         scene = scene.polished(settings.gloss)
     return scene if settings.light == 1.0 else scene.brightened(settings.light)
-
-
-def _nominal(settings: RigSettings) -> SensorModel:
-    """A small industrial sensor: a well of 10,300 electrons, just above white at ISO 100; 3 of read noise.
-
-    A camera that develops its photographs bins four photosites to a pixel.
-    """
-    bits, bins = (settings.bit_depth, 1.0) if settings.kind == "raw" else (14, HEADROOM)
-    black = 2.0 ** (bits - 4)
-    span = 2.0**bits - 1.0 - black
-    return SensorModel(
-        gain=span / (bins * 9600.0),
-        read_noise=3.0,
-        full_well=bins * 10_300.0,
-        black=((black, black), (black, black)),
-        bit_depth=bits,
-        prnu=0.005,
-        dsnu=0.4,
-        dark_current=0.5,
-        hot_share=5e-5,
-    )
-
-
-def _unit(nominal: SensorModel, mount: Mount, effects: bool) -> SensorModel:
-    """One sensor of that make: gain, read noise and black differ a little from the data sheet."""
-    black = nominal.black[0][0]
-    return replace(
-        nominal,
-        gain=nominal.gain * mount.unit_gain,
-        read_noise=nominal.read_noise * mount.unit_noise,
-        full_well=nominal.full_well / mount.unit_gain,
-        black=as_tile(black + np.array(mount.black)),
-        row_noise=0.5 if effects else 0.0,
-    )

@@ -10,6 +10,7 @@ from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
+from imaging.session.lamps import LampsRecord
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
 from imaging.session.turntable import TurntableRecord
 from imaging.session.view_id import ViewId
@@ -17,6 +18,7 @@ from imaging.session.view_id import ViewId
 SESSION = "session.json"
 SPLIT = "split.json"
 TURNTABLE = "turntable.json"
+LAMPS = "lamps.json"
 _SHOTS: dict[Subject, str] = {"scene": "shot", "dark": "dark", "flat": "flat", "board": "board shot"}
 
 
@@ -95,6 +97,11 @@ class Session:
         """Return the stated angles of a turntable; None if cameras or things were not turned by one."""
         path = self.folder / TURNTABLE
         return parse(TurntableRecord, store.read_json(path), path) if path.exists() else None
+
+    def lamps(self) -> LampsRecord | None:
+        """Return the known lamps of a light dome; None if the light stayed the same."""
+        path = self.folder / LAMPS
+        return parse(LampsRecord, store.read_json(path), path) if path.exists() else None
 
     def append_plan(self, plan: PlanRecord) -> None:
         """Record what a run is about to shoot."""

@@ -172,6 +172,29 @@ def trace(
 
 
 @compiled
+def surfaces(
+    solids: np.ndarray,
+    materials: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    normals: np.ndarray,
+    colours: np.ndarray,
+) -> None:
+    """Fill outward normals and reflectances [N, 3] of what unit rays [N, 3] meet first; NaN if nothing."""
+    for i in range(origins.shape[0]):
+        o, d = origins[i], directions[i]
+        index, t = nearest(solids, o[0], o[1], o[2], d[0], d[1], d[2])
+        normals[i], colours[i] = np.nan, np.nan
+        if index >= 0:
+            solid = solids[index]
+            x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+            lx, ly, lz = local(solid, x, y, z)
+            normals[i, 0], normals[i, 1], normals[i, 2] = normal(solid, x, y, z)
+            red, green, blue = albedo(materials[material_at(solid, lx, ly, lz)], index, lx, ly, lz)
+            colours[i, 0], colours[i, 1], colours[i, 2] = red, green, blue
+
+
+@compiled
 def render(
     solids: np.ndarray,
     materials: np.ndarray,

@@ -42,6 +42,14 @@ class Scene:
         """Distance in metres to the first surface along rays, float64 [...]; inf for a miss."""
         return self._trace(origin, direction)[1]
 
+    def surfaces(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> tuple[Array, Array]:
+        """Outward unit normals and reflectances of what rays meet, float64 [..., 3]; NaN for a miss."""
+        origins, directions = _rays(origin, direction)
+        normals, colours = np.empty(origins.shape), np.empty(origins.shape)
+        raycast.surfaces(self.solids, self.materials, origins, directions, normals, colours)
+        shape = np.shape(direction)
+        return normals.reshape(shape), colours.reshape(shape)
+
     def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> Array32:
         """Radiance averaged over each pixel by samples x samples rays, float32 [H, W, 3]."""
         image = np.empty((lens.height, lens.width, 3), np.float32)
@@ -81,11 +89,7 @@ class Scene:
         return self.solids, self.materials, self.lights, self.zones, self.ambient
 
     def _trace(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> tuple[Array, Array, Integers]:
-        towards = np.asarray(direction, np.float64)
-        unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
-        start = np.broadcast_to(np.asarray(origin, np.float64), unit.shape)
-        origins = np.ascontiguousarray(start.reshape(-1, 3))
-        directions = np.ascontiguousarray(unit.reshape(-1, 3))
+        origins, directions = _rays(origin, direction)
         count = len(origins)
         colour, depth, which = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
 
@@ -96,8 +100,16 @@ class Scene:
             )
 
         share_pieces(count, 4096, rays)
-        shape = unit.shape[:-1]
-        return colour.reshape(unit.shape), depth.reshape(shape), which.reshape(shape)
+        shape = np.shape(direction)
+        return colour.reshape(shape), depth.reshape(shape[:-1]), which.reshape(shape[:-1])
+
+
+def _rays(origin: npt.ArrayLike, direction: npt.ArrayLike) -> tuple[Array, Array]:
+    """Origins and unit directions of rays, float64 [N, 3] each."""
+    towards = np.asarray(direction, np.float64)
+    unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+    start = np.broadcast_to(np.asarray(origin, np.float64), unit.shape)
+    return np.ascontiguousarray(start.reshape(-1, 3)), np.ascontiguousarray(unit.reshape(-1, 3))
 
 
 class Builder:

@@ -1,0 +1,1 @@
+"""Normals and albedo of what a light dome lights, lamp after lamp."""
