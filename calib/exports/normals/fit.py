@@ -130,9 +130,10 @@ def _fit_series(
     weights, vector, inverse = np.empty(count), np.empty(3), np.empty((3, 3))
     for pixel in range(pixels):
         number = 0
+        chosen[:], deviation[:] = False, 1.0
         for lamp in range(count):
             value, noise = light[lamp, pixel], sigma[lamp, pixel]
-            usable[lamp] = math.isfinite(value) and math.isfinite(noise)
+            usable[lamp] = math.isfinite(value) and math.isfinite(noise) and noise > 0.0
             if usable[lamp]:
                 deviation[lamp] = math.sqrt(noise * noise + (spread * value) ** 2)
                 strength = 0.0

@@ -63,6 +63,10 @@ def test_shadows_highlights_and_what_is_saturated_are_left_out() -> None:
     result = fit(light, sigma, lamps, 0.001)
     assert (degrees(result.normal, normals) < 0.5)[result.known].mean() > 0.97
     assert result.known.mean() > 0.97
+    for first in range(0, 1000, 100):  # whatever was in memory, and in the pixels before
+        part = np.s_[:, first : first + 100]
+        again = fit(light[part], sigma[part], lamps[part], 0.001)
+        assert (again.normal == result.normal[first : first + 100]).all()
 
 
 def test_fewer_than_three_lamps_make_a_pixel_unknown() -> None:
@@ -72,6 +76,7 @@ def test_fewer_than_three_lamps_make_a_pixel_unknown() -> None:
     sigma[2:, :10] = np.inf
     light[:, 10:20] = 0.0
     light[5:, 20:30] = np.nan
+    sigma[:2, 30:40] = 0.0
     result = fit(light, sigma, lamps, 0.001)
     assert not result.known[:20].any()
     assert not result.normal[:20].any()
