@@ -27,7 +27,7 @@ from drivers.sim.rigs import simulate
 from imaging.arrays import Array
 from imaging.choices import Subject
 from imaging.files.colmap import pycolmap
-from imaging.optics.lens import Lens
+from imaging.optics.lens import Lens, LensModel
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
@@ -135,7 +135,7 @@ def at_truth(model: Any, lenses: dict[str, Lens], true: dict[ViewId, Array]) -> 
     return model
 
 
-def turned(exact: Any, terms: str, seed: int) -> Any:
+def turned(exact: Any, terms: LensModel, seed: int) -> Any:
     """A model adjusted from a true one, whose features miss by as much as they do, in random directions.
 
     terms: model of the lenses, which are free.
