@@ -41,6 +41,7 @@ LONGEST = (
     "calib/test_calibrate.py",
     "rig/test_readme.py",
     "rig/test_turntable.py",
+    "rig/test_panorama.py",
     "recon/methods/test_extreme_light.py",
     "foreign/test_objects.py",
     "calib/boards/test_rig.py",
