@@ -16,7 +16,7 @@ from imaging.arrays import Array, Array32
 from imaging.colour.spaces import srgb_decode
 from imaging.progress import Progress
 from recon.exports.canvas import canvas, manners_of
-from recon.exports.splats import Splats
+from recon.exports.splats import Splats, far_light_of
 from recon.exports.target_coordinates import pinhole
 from recon.result.display import in_colour
 from recon.result.model import SceneView
@@ -151,10 +151,9 @@ def drawn(scene: Scene, splats: Splats, camera: SplatCamera) -> Array:
 def _renderer(scene: Scene, splats: Splats) -> Renderer:
     """Renderer of the scene for linear light in the units of a file."""
     limits = scene.renderer.limits
-    far = scene.renderer.environment if not splats.dome else None
+    far = far_light_of(scene) if not splats.dome else None
     if far is not None:  # in the units of the file, as the Gaussians
-        far = far.copied()
-        far.ln_light = far.ln_light + np.log(splats.factor * scene.record.normaliser)
+        far.ln_light = (far.ln_light + np.log(splats.factor)).float()
     if limits.luminance_reference is not None:
         unit = splats.factor * (scene.record.normaliser if scene.record.display is None else 1.0)
         limits = replace(limits, luminance_reference=limits.luminance_reference * unit)

@@ -16,6 +16,7 @@ from recon.result.environment_files import dome_of
 from recon.result.model import SPLATS
 from recon.result.scene import Scene
 from recon.result.splat_files import shown_in_colour
+from recon.scene.environment import Environment
 from recon.scene.gaussians import GEOMETRY, Gaussians
 from recon.scene.harmonics import C0, COEFFICIENTS
 from recon.scene.ply import plain_harmonics
@@ -143,35 +144,51 @@ def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
     """
     record = scene.record
     if record.display is not None:
-        return _decoded(scene, factor)
-    gaussians, far = scene.gaussians, scene.renderer.environment
-    dome = 0
-    if far is not None and with_dome:
-        sphere = dome_of(far, scene.renderer.appearance, len(gaussians))
-        gaussians, dome = gaussians.joined(sphere), len(sphere)
+        return _decoded(scene, factor, with_dome)
+    gaussians, dome = _with_dome(scene) if with_dome else (scene.gaussians, 0)
     appearance = shown_in_colour(scene.renderer.appearance, record.bands)
     harmonics = plain_harmonics(gaussians, appearance, record.degree)
     return _splats(scene, gaussians, rescaled(harmonics, factor * record.normaliser), True, factor, dome)
 
 
-def _decoded(scene: Scene, factor: float) -> Splats:
+def _with_dome(scene: Scene) -> tuple[Gaussians, int]:
+    """The Gaussians and, behind them, light from far away as a sphere of others; how many these are."""
+    gaussians, far = scene.gaussians, scene.renderer.environment
+    if far is None:
+        return gaussians, 0
+    sphere = dome_of(far, scene.renderer.appearance, len(gaussians))
+    return gaussians.joined(sphere), len(sphere)
+
+
+def _decoded(scene: Scene, factor: float, with_dome: bool) -> Splats:
     """A scene of display values as light: each colour decoded, harmonics by the slope of the decoding there.
 
     Light is blended where the scene blends display values, which shows where Gaussians are half transparent.
-    ReconstructionError where light from far away is a map of display values.
     """
-    if scene.renderer.environment is not None:
-        raise ReconstructionError(
-            f"{scene.folder} was trained on display values, light from far away among them: export it "
-            "as ply, spz or glb without --linear, or reconstruct it with --set environment=0."
-        )
     shown = display_splats(scene, None, unreported)
+    if shown.dome and not with_dome:
+        shown = replace(shown.rows(np.arange(len(shown) - shown.dome)), dome=0)
     colours = shown.colours.clip(0, 1)
     slope = np.where(colours <= 0.04045, 1 / 12.92, 2.4 / 1.055 * ((colours + 0.055) / 1.055) ** 1.4)
     harmonics = shown.harmonics.copy()
     harmonics[:, 0] = (factor * srgb_decode(colours) - 0.5) / C0
     harmonics[:, 1:] *= (factor * slope)[:, None]
     return replace(shown, harmonics=harmonics, linear=True, factor=factor)
+
+
+def far_light_of(scene: Scene) -> Environment | None:
+    """The environment of a scene as linear light, in units of linear Gaussians less their factor; None
+    without one. Of display values it is what they decode to, by sRGB.
+    """
+    far = scene.renderer.environment
+    if far is None:
+        return None
+    light = far.ln_light.detach().cpu().double().exp()
+    if scene.record.display is None:
+        light = light * scene.record.normaliser
+    else:
+        light = torch.from_numpy(srgb_decode(light.clamp(0, 1).numpy())).clamp_min(1e-12)
+    return Environment(light.log(), far.axes)
 
 
 def exposure_factor(scene: Scene, factor: float) -> float:
@@ -197,17 +214,15 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress, end: f
                 f"{scene.folder} was trained on display values, which have the exposure of its photographs: "
                 "leave --exposure out."
             )
-        harmonics = plain_harmonics(scene.gaussians, scene.renderer.appearance, record.degree)
-        return _splats(scene, scene.gaussians, harmonics, False, 1.0, 0)
+        gaussians, dome = _with_dome(scene)
+        harmonics = plain_harmonics(gaussians, scene.renderer.appearance, record.degree)
+        return _splats(scene, gaussians, harmonics, False, 1.0, dome)
     path = scene.folder / SPLATS
     if stops is None and end == 1 and path.is_file():
         file = read_ply(path)
         splats = as_splats(file, record.world, record.offset, linear=False, factor=factor)
         return replace(splats, dome=max(0, len(file) - record.gaussians))
-    far, drawn, dome = scene.renderer.environment, scene.gaussians, 0
-    if far is not None:
-        sphere = dome_of(far, scene.renderer.appearance, len(drawn))
-        drawn, dome = drawn.joined(sphere), len(sphere)
+    drawn, dome = _with_dome(scene)
     cameras: dict[str, list[SplatCamera]] = {"training": [], "validation": [], "test": []}
     for view in scene.views:
         cameras[view.use].append(record.world.camera(view.splat_camera))

@@ -28,7 +28,7 @@ from recon.exports.formats.codebook import codebook, nearest
 from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.loss import floor_of
-from recon.exports.splats import Splats
+from recon.exports.splats import Splats, far_light_of
 from recon.exports.target_coordinates import pinhole
 from recon.result.display import in_colour
 from recon.result.first_look import Beginning, beginning, shot_at
@@ -154,10 +154,10 @@ def _harmonics(splats: Splats, light: Array, floor: float) -> tuple[Array, Bytes
 def _page(job: Job, packed: Packed) -> str:
     scene = job.scene
     facts, sky = _facts(job, packed), b""
-    far = scene.renderer.environment
+    far = far_light_of(scene)
     if far is not None:
-        light = far.ln_light.detach().cpu().double().exp().movedim(0, 2).numpy()
-        shown = in_colour((light * scene.record.normaliser * job.factor).astype("<f4"), scene.record.bands)
+        light = far.ln_light.exp().movedim(0, 2).numpy()
+        shown = in_colour((light * job.factor).astype("<f4"), scene.record.bands)
         facts["sky"] = {"rows": len(shown), "axes": far.axes.ravel().tolist()}
         sky = shown.tobytes()
     about = (

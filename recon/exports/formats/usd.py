@@ -17,11 +17,12 @@ from imaging.files import store
 from imaging.files.exr import write_exr
 from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
-from recon.exports.splats import Splats, exposure_factor
+from recon.exports.splats import Splats, exposure_factor, far_light_of
 from recon.exports.target_coordinates import Place
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene
+from recon.scene.environment import Environment
 from recon.scene.usd_field import PLACED, require_usd
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -61,10 +62,10 @@ def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Pa
     _define_splats(stage, splats)
     define_cameras(stage, scene, splats.offset)
     files = [path]
-    if scene.renderer.environment is not None:
+    if (far := far_light_of(scene)) is not None:
         sky = path.with_name(f"{path.stem}.{ENVIRONMENT}")
-        _write_sky(sky, scene, splats.factor)
-        _define_dome(stage, scene, sky.name)
+        _write_sky(sky, scene, far, splats.factor)
+        _define_dome(stage, far, sky.name)
         files.append(sky)
     layer = stage.GetRootLayer()
     layer.customLayerData = {"rig": _facts(scene, splats, place)}
@@ -100,21 +101,17 @@ def _define_splats(stage: Any, splats: Splats) -> None:
     field.CreateSortingModeHintAttr(UsdVol.Tokens.zDepth)
 
 
-def _write_sky(path: Path, scene: Scene, factor: float) -> None:
+def _write_sky(path: Path, scene: Scene, far: Environment, factor: float) -> None:
     """The light from far away in the unit of the Gaussians, in the layout of OpenEXR."""
-    far = scene.renderer.environment
-    assert far is not None
-    light = np.exp(far.ln_light.detach().cpu().movedim(0, 2).double().numpy()) * scene.record.normaliser
+    light = far.ln_light.exp().movedim(0, 2).numpy()
     shown = in_colour((light * factor).astype(np.float32), scene.record.bands)
     write_exr(path, shown, attributes={"rig:values": f"linear Rec.709 radiance times {factor:.9g}"})
 
 
-def _define_dome(stage: Any, scene: Scene, name: str) -> None:
+def _define_dome(stage: Any, far: Environment, name: str) -> None:
     """A dome light, whose map is laid out as OpenEXR has it, as `Environment` is: y up, z in its middle."""
     from pxr import UsdLux
 
-    far = scene.renderer.environment
-    assert far is not None
     dome = UsdLux.DomeLight.Define(stage, "/World/Environment")
     dome.CreateTextureFileAttr(f"./{name}")
     dome.CreateTextureFormatAttr(UsdLux.Tokens.latlong)

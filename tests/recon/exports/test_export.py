@@ -9,6 +9,7 @@ import torch
 
 from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError, ReconstructionError
+from imaging.files.exr import read_exr
 from imaging.progress import unreported
 from imaging.session.records import Band
 from recon.exports.export import FORMATS, export
@@ -16,7 +17,7 @@ from recon.exports.formats import sog
 from recon.exports.loss import loss_of, stops_between
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ProgramName
-from recon.exports.splats import display_splats, linear_splats, sound
+from recon.exports.splats import display_splats, far_light_of, linear_splats, sound
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
 from recon.scene.ply_file import read_ply
@@ -132,6 +133,28 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
     with pytest.raises(ReconstructionError, match="leave --exposure out"):
         export(shown, tmp_path / "a.glb", exposure=1.0)
     assert export(shown, tmp_path / "a.glb").gaussians == 400
+
+
+def test_light_from_far_away_of_display_values_is_written_as_it_decodes(
+    made_sky: Path, tmp_path: Path
+) -> None:
+    sky, shown_path = open_scene(made_sky), tmp_path / "shown.ply"
+    export(replace(sky, renderer=replace(sky.renderer, environment=None)), shown_path)
+    shown = open_scene(shown_path)
+    shown = replace(shown, renderer=replace(shown.renderer, environment=sky.renderer.environment))
+    far = far_light_of(shown)
+    assert far is not None
+    values = sky.renderer.environment.ln_light.double().exp().clamp(0, 1).numpy()
+    assert np.allclose(far.ln_light.exp().numpy(), srgb_decode(values), rtol=1e-9)
+    display, light = display_splats(shown, None, unreported), linear_splats(shown, 2.0, with_dome=True)
+    assert display.dome == light.dome > 0
+    assert len(linear_splats(shown, 2.0, with_dome=False)) == len(light) - light.dome
+    assert np.allclose(
+        light.colours[-light.dome :], 2 * srgb_decode(display.colours[-light.dome :].clip(0, 1))
+    )
+    exported = export(shown, tmp_path / "a.usdc", linear=True)
+    picture = read_exr(tmp_path / "a.environment.exr").rgb()
+    assert np.allclose(picture, np.moveaxis(srgb_decode(values), 0, 2) * exported.exposure_factor, rtol=1e-4)
 
 
 def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path, tmp_path: Path) -> None:
