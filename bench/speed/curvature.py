@@ -154,7 +154,7 @@ def trained(prepare: Any, case: Case, seed: int, way: Way) -> dict[str, Any]:
         rate_factor=rate_factor(iterations),
     )
     began = time.process_time()
-    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    train(training, dataset, plan)
     spent = time.process_time() - began
     training = replace(training, method=method)
     return {"seconds": spent, "db": training.held_out_psnr(dataset.held_out, 1.0, Ranks())}
