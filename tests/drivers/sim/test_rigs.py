@@ -108,10 +108,8 @@ def test_cameras_differ_as_cameras_do(demo: SimulatedRig) -> None:
 
 
 def test_names_and_overrides() -> None:
-    listed = (
-        "demo, demo-ldr, gallery, gallery-ldr, demo-fisheye, nodal, turntable, toy, toy-ldr, toy-fisheye, "
-    )
-    listed += "toy-x-trans, toy-quad-bayer, toy-rgbw, toy-mono, toy-wheel"
+    listed = "demo, demo-ldr, gallery, gallery-ldr, demo-fisheye, nodal, turntable, dome, toy, toy-ldr, "
+    listed += "toy-fisheye, toy-x-trans, toy-quad-bayer, toy-rgbw, toy-mono, toy-wheel"
     assert ", ".join(names()) == listed
     with pytest.raises(InputError, match=listed):
         simulate("demos")
