@@ -109,7 +109,11 @@ def nodes_source(
     if all_simulated:
         _require_positions(rig, request, reports)
     operator = OperatorOfNodes(stage, None if all_simulated else person)
-    yield rig_source(rig, named, operator, min(simulated) if all_simulated else None, clock)
+    try:
+        yield rig_source(rig, named, operator, min(simulated) if all_simulated else None, clock)
+    finally:
+        for node in nodes.values():
+            node.close()
 
 
 @contextmanager

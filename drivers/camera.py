@@ -38,12 +38,14 @@ class Capabilities:
 class HostClock:
     """The clock of another host that a camera is connected to, a node, as it was compared with ours.
 
-    offset: how far it is ahead, s; error: by which that may be wrong, s.
+    offset: how far it is ahead, s; error: by which that may be wrong, s. jumped: whether it was set or stood
+    still during the shot; offset and error then cover it before and after.
     """
 
     node: str
     offset: float
     error: float
+    jumped: bool = False
 
 
 @dataclass(frozen=True)

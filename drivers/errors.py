@@ -5,6 +5,7 @@ CameraError (imaging.errors)
 ├── CameraPermission   the system does not let us open it
 ├── CameraClaimed      another program holds it
 ├── CameraLost         it was unplugged or switched off
+├── HostLost           the host that it is connected to does not answer
 ├── CameraTimeout      it did not answer in time
 ├── CameraBusy         it answered that it is busy, for longer than we wait
 ├── CameraRefused      it answered that it cannot or may not do what was asked
@@ -28,6 +29,10 @@ class CameraClaimed(CameraError):
 
 class CameraLost(CameraError):
     """Disconnection: unplugged or switched off."""
+
+
+class HostLost(CameraError):
+    """Disconnection of the host that the camera is connected to, through no fault of the camera."""
 
 
 class CameraTimeout(CameraError):

@@ -3,6 +3,9 @@
 The remote time in an answer lies between our times of the question and of the answer (Cristian,
 "Probabilistic clock synchronization", 1989): half the round trip is the most by which the middle can be
 wrong, whatever the way there and back took. The shortest of several is the sharpest.
+
+Two readings that contradict each other, beyond errors and drift, are of a clock that jumped between them:
+a monotonic clock is never set, but it stands still while its host or virtual machine sleeps or is moved.
 """
 
 import threading
@@ -34,33 +37,68 @@ class ClockReading:
         """Return what it is worth at another time."""
         return ClockReading(now, self.offset, self.error + DRIFT * abs(now - self.at))
 
+    def agrees(self, other: "ClockReading") -> bool:
+        """Return whether one clock that did not jump can have given both."""
+        return abs(self.offset - other.offset) <= self.error + other.aged(self.at).error
+
+    def covering(self, other: "ClockReading") -> "ClockReading":
+        """Return a reading that is right before a jump and after it."""
+        low = min(self.offset - self.error, other.offset - other.error)
+        high = max(self.offset + self.error, other.offset + other.error)
+        return ClockReading(other.at, (low + high) / 2, (high - low) / 2)
+
 
 class ComparedClock:
-    """The clock of another host, on ours; for any thread. ask: the time there, s."""
+    """The clock of another host, on ours; for any thread. ask: the time there, s; jumped: told by how much
+    it jumped, s, once for each jump.
+    """
 
-    def __init__(self, ask: Callable[[], float], clock: Clock) -> None:
-        self._ask, self._clock = ask, clock
+    def __init__(
+        self, ask: Callable[[], float], clock: Clock, jumped: Callable[[float], None] = lambda by: None
+    ) -> None:
+        self._ask, self._clock, self._jumped = ask, clock, jumped
         self._readings: deque[ClockReading] = deque(maxlen=COMPARISONS)
         self._lock = threading.Lock()
 
     def reading(self) -> ClockReading:
-        """Current offset of the clocks; compares them anew if it is not known well enough. Errors are those
-        of `ask`.
+        """Current offset of the clocks. One question tells whether it still holds; compares them anew if not,
+        or if it is not known well enough. Errors are those of `ask`.
         """
         with self._lock:
             readings = [*self._readings]
-        if not readings or self._clock.now() - readings[-1].at > EVERY:
-            # Two threads may ask at the same time, rather than one wait for the other.
-            readings.append(min((self._question() for _ in range(QUESTIONS)), key=lambda one: one.error))
+        # Two threads may ask at the same time, rather than one wait for the other.
+        if not readings or self._clock.now() - readings[-1].at > EVERY or not self._holds(readings[-1]):
+            self._add(min((self._question() for _ in range(QUESTIONS)), key=lambda one: one.error))
             with self._lock:
-                self._readings.append(readings[-1])
+                readings = [*self._readings]
         now = self._clock.now()
         return min((one.aged(now) for one in readings), key=lambda one: one.error)
 
+    def since(self, earlier: ClockReading) -> ClockReading:
+        """Return an earlier reading if the clock has not jumped since, else one that covers the jump."""
+        now = self.reading()
+        return earlier if now.agrees(earlier) else earlier.covering(now)
+
     def forget(self) -> None:
-        """The other host was started again: its clock is another one."""
+        """The other host was started again: its clock is another one, which is no jump."""
         with self._lock:
             self._readings.clear()
+
+    def _holds(self, reading: ClockReading) -> bool:
+        return self._question().agrees(reading)
+
+    def _add(self, reading: ClockReading) -> None:
+        """Keep a reading, and none that it contradicts: these are of the clock before it jumped."""
+        with self._lock:
+            before = self._readings[-1] if self._readings else None
+            jumped = before is not None and not reading.agrees(before)
+            if before is not None and jumped and before.at > reading.at:
+                return  # another thread has seen the jump already
+            if jumped:
+                self._readings.clear()
+            self._readings.append(reading)
+        if before is not None and jumped:
+            self._jumped(reading.offset - before.offset)
 
     def _question(self) -> ClockReading:
         before = self._clock.now()

@@ -10,8 +10,8 @@ from typing import Any
 
 from capture.nodes.node import Assignment, Node
 from capture.nodes.node_settings import place_of, settings_here
-from capture.nodes.remote import NodeLost
 from capture.nodes.token import ASKS, MODE, ask_for_token, has_token, token_file
+from drivers.errors import HostLost
 from imaging.errors import CaptureError, InputError
 
 PATIENCE = 5.0
@@ -116,14 +116,14 @@ class RayLink:
         """Start the actor. CaptureError if it does not."""
         try:
             self._answer(self._actor.now.remote(), STARTED)
-        except (NodeLost, self._ray.exceptions.GetTimeoutError):
+        except (HostLost, self._ray.exceptions.GetTimeoutError):
             raise CaptureError(
                 f"node {self._name} did not begin within {STARTED:g} s: start rig node {self._name} again."
             ) from None
 
     def close(self) -> None:
         """Close as `Link.close`."""
-        with suppress(NodeLost, self._ray.exceptions.GetTimeoutError):
+        with suppress(HostLost, self._ray.exceptions.GetTimeoutError):
             self._answer(self._actor.close.remote(), RELEASED)
         self._ray.kill(self._actor)
 
@@ -136,7 +136,7 @@ class RayLink:
         except errors.GetTimeoutError:
             raise
         except errors.RayError:
-            raise NodeLost(
+            raise HostLost(
                 f"node {self._name} does not answer (its process, its host or the network is down)"
             ) from None
 

@@ -31,8 +31,9 @@ from imaging.files.tiff.dng import dng_pieces
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 
-LATEST = 1.0
-"""Seconds that a trigger is held back at most: a moment further away is that of clocks compared wrongly."""
+LATEST = 0.1
+"""Seconds that a trigger is held back at most, twice as long as it is sent ahead: a moment further away is
+that of a clock that has jumped."""
 SHOT = "shot-"
 """Prefix of a node's file names, by which leftovers of another capture are removed."""
 

@@ -3,28 +3,30 @@
 import hashlib
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from capture.nodes.clocks import ClockReading, ComparedClock, Release
 from capture.nodes.node import NodeFile, NodeFrame, Scene, ServedCamera
 from drivers.camera import CameraFile, CameraIdentity, Capabilities, HostClock
 from drivers.clock import Clock
-from drivers.errors import CameraLost, CameraProtocol
+from drivers.errors import CameraProtocol, HostLost
+from imaging.errors import RigError
 from imaging.optics.exposure import Exposure
 
 Say = Callable[[str], None]
-
-
-class NodeLost(CameraLost):
-    """A node does not answer: its process, its host or the network is down."""
+PROBES = 1.0
+"""Seconds between the questions to a node that is lost."""
 
 
 class Link(Protocol):
     """The way to a node; for any thread."""
 
     def ask(self, what: str, *arguments: Any) -> Any:
-        """Return what that method of `Node` returns. NodeLost; errors are those of the method."""
+        """Return what that method of `Node` returns. HostLost: its process, its host or the network is down;
+        other errors are those of the method.
+        """
         ...
 
     def close(self) -> None:
@@ -41,48 +43,72 @@ class Stage:
 
 
 class RemoteNode:
-    """A node. say: shows the line that it is lost, or back."""
+    """A node. say: shows the line that it is lost, or back, or that its clock jumped.
+
+    While it is lost nobody waits for it: what is asked of it fails at once, and a thread of its own looks
+    whether it is back.
+    """
 
     def __init__(self, name: str, link: Link, clock: Clock, stage: Stage, say: Say) -> None:
         self.name, self.stage = name, stage
-        self._link, self._say = link, say
-        self._clock = ComparedClock(lambda: float(self.ask("now")), clock)
-        self._lost = False
-        self._lock = threading.Lock()
+        self._link, self._say, self.time = link, say, clock
+        self.clock = ComparedClock(lambda: float(self.ask("now")), clock, self._clock_jumped)
+        self._lost = self._closed = False
 
     def ask(self, what: str, *arguments: Any) -> Any:
         """Ask as `Link.ask`; the first failure is reported."""
-        was_lost = self._lost  # what was asked before it was lost may be answered after
+        if self._lost:
+            raise HostLost(f"node {self.name} does not answer")
         try:
-            answer = self._link.ask(what, *arguments)
-        except NodeLost:
-            self._now_lost(True)
+            return self._link.ask(what, *arguments)
+        except HostLost:
+            self._now_lost()
             raise
-        if was_lost:
-            self._now_lost(False)
-        return answer
-
-    def clock(self) -> ClockReading:
-        """Return how its clock differs from ours."""
-        return self._clock.reading()
 
     def close(self) -> None:
-        """Let go of it."""
-        self._link.close()
+        """Look no longer whether it is back; the link stays open."""
+        with self.time.lock:
+            self._closed = True
+            self.time.changed()
 
-    def _now_lost(self, lost: bool) -> None:
-        with self._lock:
-            if lost == self._lost:
+    def _now_lost(self) -> None:
+        with self.time.lock:
+            if self._lost or self._closed:
                 return
-            self._lost = lost
-        if lost:
-            self._say(
-                f"Node {self.name} does not answer, and its cameras get no frames until it is back: start "
-                f"rig node {self.name} there, and complete the session with --resume."
-            )
-        else:
-            self._say(f"Node {self.name} is back.")
-            self._clock.forget()
+            self._lost = True
+            place = self.time.worker(f"node {self.name}")
+        threading.Thread(target=self._await, args=(place,), name=f"node {self.name}", daemon=True).start()
+        self._say(
+            f"Node {self.name} does not answer, and its cameras get no frames until it is back: start "
+            f"rig node {self.name} there. Complete the session with --resume."
+        )
+
+    def _await(self, place: AbstractContextManager[object]) -> None:
+        """Ask until it answers; its cameras are then open again."""
+        with place:
+            while not self.time.wait(lambda: self._closed, PROBES):
+                try:
+                    self._link.ask("report")
+                except RigError:  # not there yet, or with a camera too few or too many
+                    continue
+                self.clock.forget()
+                self._lost = False
+                self._say(f"Node {self.name} is back, and its cameras take part again.")
+                return
+
+    def _clock_jumped(self, by: float) -> None:
+        self._say(
+            f"The clock of node {self.name} jumped by {by:+.3g} s, and was compared anew: see whether its "
+            "host or virtual machine sleeps or is moved."
+        )
+
+
+class _Kept(NamedTuple):
+    """A shot on a node: its number there, the node's clock, and whether that jumped during the shot."""
+
+    number: int
+    reading: ClockReading
+    jumped: bool
 
 
 class RemoteCamera:
@@ -91,7 +117,7 @@ class RemoteCamera:
     def __init__(self, node: RemoteNode, about: ServedCamera) -> None:
         self._node, self._about = node, about
         self._serial = about.identity.serial
-        self._reading = ClockReading(0.0, 0.0, 0.0)
+        self._clock, self._reading = node.time, ClockReading(0.0, 0.0, 0.0)
 
     @property
     def where(self) -> str:
@@ -116,15 +142,16 @@ class RemoteCamera:
         return applied
 
     def arm(self) -> None:
-        """Make ready; clocks are compared now, since nothing waits for it yet."""
+        """Make ready; clocks are compared before, since nothing waits for it yet."""
+        self._reading = self._node.clock.reading()
         self._node.ask("arm", self._serial, self._node.stage.scene)
-        self._reading = self._node.clock()
 
     def trigger(self) -> float:
         """Expose together with all others that are triggered now; when, on our clock, s."""
-        moment = self._node.stage.release.moment()
+        moment, began = self._node.stage.release.moment(), self._clock.now()
         opened: float = self._node.ask("trigger", self._serial, moment + self._reading.offset)
-        return opened - self._reading.offset
+        # It was between question and answer, whatever a clock that jumps says.
+        return min(max(opened - self._reading.offset, began), self._clock.now())
 
     def collect(self) -> CameraFile:
         """The frame, with its own metadata and where it comes from."""
@@ -134,31 +161,34 @@ class RemoteCamera:
         """Always: on the node's disk if not in the camera."""
         return True
 
-    def keep(self) -> tuple[int, ClockReading]:
+    def keep(self) -> _Kept:
         """Wait until the frame is stored; what `fetch` knows it by."""
         number: int = self._node.ask("keep", self._serial)
-        return number, self._reading
+        reading = self._node.clock.since(self._reading)
+        return _Kept(number, reading, jumped=reading is not self._reading)
 
-    def fetch(self, handle: tuple[int, ClockReading]) -> CameraFile:
+    def fetch(self, handle: _Kept) -> CameraFile:
         """The frame of such a shot. CameraProtocol: it did not arrive as it left, and may be asked again."""
-        number, reading = handle
+        number, reading, jumped = handle
         frame: NodeFrame = self._node.ask("store", self._serial, number)
         developed = None
         if frame.developed is not None:
             developed = (frame.developed.suffix, self._read(frame.developed))
         data = self._read(frame.file)
         self._node.ask("drop", number)
-        opened = frame.metadata.opened
+        metadata = frame.metadata
+        if metadata.opened is not None:
+            metadata = replace(metadata, opened=None if jumped else metadata.opened - reading.offset)
         return CameraFile(
             data=data,
             suffix=frame.file.suffix,
             width=frame.width,
             height=frame.height,
-            metadata=replace(frame.metadata, opened=None if opened is None else opened - reading.offset),
+            metadata=metadata,
             bit_depth=frame.bit_depth,
             developed=developed,
             proven=frame.proven,
-            host=HostClock(self._node.name, reading.offset, reading.error),
+            host=HostClock(self._node.name, reading.offset, reading.error, jumped),
         )
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from capture.record.memory_budget import MemoryBudget
 from capture.record.thread_group import Inbox
 from drivers.camera import Camera, CameraFile, HardwareTriggered, ShootsBrackets, StoresShots
 from drivers.clock import Clock
-from drivers.errors import CameraBusy, CameraLost, CameraTimeout
+from drivers.errors import CameraBusy, CameraLost, CameraTimeout, HostLost
 from imaging.errors import CameraError, RigError
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
@@ -188,7 +188,8 @@ class CameraWorker:
             step.finish(self.name, error)
 
     def _missed(self, step: ExposureStep, error: CameraError) -> None:
-        self._misses += 1
+        # A host that is lost fails at once, and its cameras take part again as soon as it is back.
+        self._misses += not isinstance(error, HostLost)
         step.count_failure(self.name)
         step.finish(self.name, error)
 

@@ -296,7 +296,11 @@ class CaptureRun:
             self._failed(shot_id, error)
             return
         self.done[shot_id] = shot
-        if len(self._plan.cameras) > 1 and written.opened is None:
+        if host is not None and host.jumped:
+            self._unknown[
+                f"the skew of {shot_id} is unknown: the clock of node {host.node} jumped during the shot"
+            ] = None
+        elif len(self._plan.cameras) > 1 and written.opened is None:
             self._untimed.setdefault(shot_id.camera, [])
             if bound is not None and not shot.retries:
                 self._untimed[shot_id.camera].append(bound)

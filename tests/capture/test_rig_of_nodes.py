@@ -1,5 +1,6 @@
 """A rig on several hosts: the session is the one that one host would have shot."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from capture.rigfile.rigfile import RigFile, read_rig_file
 from drivers.sim.bus_rig import VISION, BusRig
 from drivers.sim.faults import ROUGH
 from drivers.sim.genicam.lines import Wire
+from drivers.sim.jumping_clock import JumpingClock
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError, StorageError
@@ -59,6 +61,7 @@ class Place:
     links: dict[str, NearLink] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
     ways: dict[str, float] = field(default_factory=dict)
+    jumps: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     clock: VirtualClock = field(default_factory=VirtualClock)
 
     @property
@@ -81,6 +84,7 @@ class Place:
                 clock,
                 self.folder,
                 ahead=NODES[name],
+                jumps=self.jumps.get(name, ()),
                 there=self.ways.get(name, 0.0004),
                 back=self.ways.get(name, 0.0009),
                 cameras=self.cameras,
@@ -185,6 +189,53 @@ def test_shutters_open_together_however_long_a_node_takes_to_be_told(place: Plac
         assert (shot.skew or 0.0) < 0.001
 
 
+def test_a_clock_that_jumps_is_told_and_what_is_stated_stays_true(place: Place) -> None:
+    """Wherever in a session it jumps, and devices say when they opened on the clock of all."""
+    place.model = VISION
+    place.shoot_without_nodes()
+    place.shoot("calm")
+    end, jumped = place.clock.now(), 0
+    for number, at in enumerate(np.linspace(0.15, end, 8)):
+        by = (0.03, -0.03, 0.4, -2.0)[number % 4]
+        place.said.clear()
+        place.jumps = {"right": [(at, by)]}
+        devices: dict[str, Any] = {}
+
+        def watch(place: Place, devices: dict[str, Any] = devices) -> None:
+            for name, link in place.links.items():
+                backend: Any = link.node._place.backend
+                (serial,) = assignments_of(place.file)[name].serials
+                devices[name] = backend.port(serial).device
+
+        out = f"jump{number}"
+        result = place.shoot(out, prepare=watch)
+        assert (result.taken, result.missing) == (8, ())
+        assert place.files(out) == place.files("alone")
+        clock = JumpingClock(place.clock, NODES["right"], [(at, by)])
+        shots = Session.open(place.folder / out).shots()
+        opened = {name: sorted(device.opened) for name, device in devices.items()}
+        for node in NODES:
+            mine = sorted(
+                (shot for shot in shots if shot.node == node), key=lambda one: (one.frame, one.step)
+            )
+            others = opened["left" if node == "right" else "right"]
+            for shot, moment, other in zip(mine, opened[node], others, strict=True):
+                true = clock.ahead_at(moment) if node == "right" else NODES["left"]
+                assert abs(shot.clock_offset - true) <= shot.clock_error
+                late = max(0.0, moment - other)
+                if shot.skew is None:
+                    jumped += 1
+                    assert shot.skew_bound is None or shot.skew_bound >= late
+                else:
+                    assert abs(shot.skew - late) <= 0.003
+        told = [line for line in place.said if line.startswith("The clock of node right jumped by")]
+        assert told == place.said
+        assert len(told) <= 1
+        assert not told or float(re.search(r"by (\S+) s", told[0]).group(1)) == pytest.approx(by, abs=0.005)
+        assert told or at > max(opened["right"])  # nobody asks after the last shot
+    assert jumped
+
+
 @pytest.mark.parametrize("dies_at", [("arm", 3), ("trigger", 4), ("keep", 3), ("store", 2), ("read", 3)])
 def test_a_node_that_is_lost_costs_its_frames_and_a_sentence(place: Place, dies_at: tuple[str, int]) -> None:
     def die(place: Place) -> None:
@@ -211,29 +262,31 @@ def test_a_node_that_is_lost_costs_its_frames_and_a_sentence(place: Place, dies_
 
 
 def test_a_node_that_comes_back_is_shot_with_again(place: Place) -> None:
+    """It misses more shots in a row than a camera may that fails by itself, and nobody waits for it."""
+    place.text = RIG.replace("frames = 2", "frames = 3").replace("[-4, 0]", "[-6, -5, -4, 0]")
+    place.text = place.text.replace('"1/60"', '"2"')
     place.shoot_without_nodes()
-    links: dict[str, NearLink] = {}
+    place.shoot("calm")
+    calm = place.clock.now()
 
     def blink(place: Place) -> None:
-        link = links["right"] = place.links["right"]
-        link.dies_at = ("trigger", 1)
-        ask = link.ask
-
-        def back_for_the_next(what: str, *arguments: Any) -> Any:
-            if link.dead and what == "set_exposure" and link.asked[what] >= 4:
-                link.start_again()
-            return ask(what, *arguments)
-
-        link.ask = back_for_the_next  # type: ignore[method-assign]
+        link = place.links["right"]
+        link.dies_at = ("trigger", 2)
+        place.clock.call_later(calm / 3, link.start_again)
 
     result = place.shoot(prepare=blink)
-    assert result.missing == ()
-    assert [line.split(",")[0] for line in place.said] == [
-        "Node right does not answer",
-        "Node right is back.",
-    ]
-    shapes = {name: len(data) for name, data in place.files("nodes").items()}
-    assert shapes == {name: len(data) for name, data in place.files("alone").items()}
+    assert [line.split(",")[0] for line in place.said] == ["Node right does not answer", "Node right is back"]
+    frames = {one.split(":")[0].rpartition(",")[0] for one in result.missing}
+    assert frames == {"cam1, frame 0"}
+    assert place.clock.now() < 4 / 3 * calm + 0.1  # what it missed of frame 1 is taken once more
+    whole = place.files("alone")
+    there = place.files("nodes")
+    assert len(there) == len(whole) - len(result.missing)
+    assert there.items() <= whole.items()
+    assert place.shoot(resume=True).missing == ()
+    assert place.files("nodes") == whole
+    shots = Session.open(place.folder / "nodes").shots()
+    assert len({shot.identity for shot in shots}) == len(shots) == len(whole)
 
 
 def test_a_frame_that_is_damaged_on_the_way_is_fetched_again(place: Place) -> None:

@@ -2,45 +2,19 @@
 
 import pickle
 from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from capture.nodes.node import Assignment, Node
 from capture.nodes.node_settings import Place
-from capture.nodes.remote import NodeLost
 from drivers.clock import Clock
+from drivers.errors import HostLost
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
+from drivers.sim.jumping_clock import JumpingClock
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import Timeline
-
-
-class AheadClock:
-    """A clock that is ahead of another, which keeps the time."""
-
-    def __init__(self, clock: Clock, ahead: float) -> None:
-        self._clock, self._ahead = clock, ahead
-
-    @property
-    def lock(self) -> AbstractContextManager[object]:
-        return self._clock.lock
-
-    def now(self) -> float:
-        return self._clock.now() + self._ahead
-
-    def sleep(self, seconds: float) -> None:
-        self._clock.sleep(seconds)
-
-    def wait(self, ready: Callable[[], bool], seconds: float) -> bool:
-        return self._clock.wait(ready, seconds)
-
-    def changed(self) -> None:
-        self._clock.changed()
-
-    def worker(self, name: str) -> AbstractContextManager[object]:
-        return self._clock.worker(name)
 
 
 class NearLink:
@@ -63,7 +37,7 @@ class NearLink:
         if self.dies_at == (what, self.asked[what]):
             self.dead = True
         if self.dead:
-            raise NodeLost("node near does not answer")
+            raise HostLost("node near does not answer")
         question = pickle.loads(pickle.dumps(arguments))
         self._pass(self._there)
         answer = pickle.loads(pickle.dumps(getattr(self.node, what)(*question)))
@@ -93,6 +67,7 @@ def near_node(
     disk: Path,
     *,
     ahead: float = 0.0,
+    jumps: Sequence[tuple[float, float]] = (),
     there: float = 0.0,
     back: float = 0.0,
     seed: int = 3,
@@ -105,6 +80,8 @@ def near_node(
     def make() -> Node:
         rig = simulate("toy", seed, samples=1, **changes)
         bus = BusRig(rig, mix=mix, model=model, clock=clock)
-        return Node(Place(name, bus.backend, AheadClock(clock, ahead), disk / name, rig=rig), assignment)
+        return Node(
+            Place(name, bus.backend, JumpingClock(clock, ahead, jumps), disk / name, rig=rig), assignment
+        )
 
     return NearLink(make, clock, there, back)

@@ -4,7 +4,7 @@ from itertools import cycle
 
 import pytest
 
-from capture.nodes.clocks import DRIFT, EVERY, QUESTIONS, ComparedClock, Release
+from capture.nodes.clocks import DRIFT, EVERY, QUESTIONS, ClockReading, ComparedClock, Release
 
 
 class Hand:
@@ -24,6 +24,9 @@ class Other:
         self._hand, self._ahead, self._drift = hand, ahead, drift
         self._ways = cycle(ways)
         self.asked = 0
+
+    def jump(self, by: float) -> None:
+        self._ahead += by
 
     def offset(self) -> float:
         return self._ahead + self._drift * (self._hand.time - 100.0)
@@ -53,16 +56,51 @@ def test_the_offset_is_found_within_its_error(ahead: float, drift: float) -> Non
         assert reading.error < 0.00025 + EVERY * DRIFT + 0.3 * DRIFT  # the shortest way, and the drift since
 
 
-def test_what_is_known_well_is_not_asked_again() -> None:
+def test_what_is_known_well_takes_one_question() -> None:
     hand = Hand()
     other = Other(hand, 1.0, 0.0, [(0.001, 0.001)])
     compared = ComparedClock(other.ask, hand)
     compared.reading()
-    compared.reading()
     assert other.asked == QUESTIONS
+    compared.reading()
+    assert other.asked == QUESTIONS + 1
     hand.time += EVERY + 0.01
     compared.reading()
-    assert other.asked == 2 * QUESTIONS
+    assert other.asked == 2 * QUESTIONS + 1
+
+
+@pytest.mark.parametrize("by", [0.03, -0.03, 2.0, -2.0])
+@pytest.mark.parametrize("pause", [0.0, 0.3, 5.0])
+def test_a_clock_that_jumps_is_told_once_and_compared_anew(by: float, pause: float) -> None:
+    hand, jumps = Hand(), []
+    other = Other(hand, 12.0, 0.0, [(0.0008, 0.0002)])
+    compared = ComparedClock(other.ask, hand, jumps.append)
+    for _ in range(4):  # of which any may be the sharpest
+        hand.time += 1.1
+        before = compared.reading()
+    hand.time += pause
+    assert compared.since(before) == before
+    other.jump(by)
+    covering = compared.since(before)
+    for offset in (12.0, 12.0 + by):
+        assert abs(covering.offset - offset) <= covering.error
+    assert covering.error < abs(by) / 2 + 0.004
+    after = compared.reading()
+    assert abs(after.offset - other.offset()) <= after.error < 0.003
+    assert jumps == [pytest.approx(by, abs=0.002)]
+    hand.time += 5.0
+    assert abs(compared.reading().offset - other.offset()) < 0.001
+    assert len(jumps) == 1
+
+
+def test_a_thread_that_comes_late_does_not_bring_the_old_clock_back() -> None:
+    hand, jumps = Hand(), []
+    compared = ComparedClock(lambda: hand.time, hand, jumps.append)
+    compared._add(ClockReading(100.0, 0.0, 0.001))
+    compared._add(ClockReading(102.0, 2.0, 0.001))
+    compared._add(ClockReading(101.0, 0.0, 0.0001))
+    assert jumps == [2.0]
+    assert [reading.offset for reading in compared._readings] == [2.0]
 
 
 def test_a_host_that_was_started_again_has_another_clock() -> None:

@@ -18,12 +18,12 @@ from capture.nodes.cluster import RayLink, ray_links, resource_of
 from capture.nodes.joining import joined_as
 from capture.nodes.node import Assignment
 from capture.nodes.node_settings import VARIABLE, NodeSettings
-from capture.nodes.remote import NodeLost
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
+from drivers.errors import HostLost
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError, InputError
@@ -173,7 +173,7 @@ def test_an_actor_that_dies_begins_anew(hosts: Hosts) -> None:
         os.kill(_pid(link), signal.SIGKILL)
         answers = 0
         while not answers:
-            with suppress(NodeLost):
+            with suppress(HostLost):
                 answers = len(link.ask("report").served)
 
 
