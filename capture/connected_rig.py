@@ -130,6 +130,7 @@ def rig_source(
         size=None,
         board=tables.board,
         beside=nothing_beside,
+        pixels={name: one.width * one.height for name, one in able.items()},
         bands=tables.bands,
         wheel=tuple(band.name for band in tables.wheel),
     )

@@ -88,6 +88,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         size=(able.width, able.height),
         board=Board.model_validate(rig.board.description()),
         beside=partial(_truth, rig, bus),
+        pixels={record.name: able.width * able.height for record in records},
         bands=in_order(rig.settings.wheel),
         wheel=tuple(band.name for band in rig.settings.wheel),
         turntable=rig.turntable,

@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from imaging.errors import PartialError, RigError, StorageError
 from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
-from imaging.session.records import PlanRecord, ShotRecord
+from imaging.session.records import PlanRecord, RunRecord, ShotRecord
 from imaging.session.session import Session
 
 LISTED = 6
@@ -34,6 +34,7 @@ class CaptureResult:
         missing: A sentence for each missing shot.
         problems: A sentence for each shot that deviates from its request.
         unknown: Facts that no driver could learn, a sentence each.
+        run: Forecast and outcome of this run; None if it took no shot.
     """
 
     session: Path
@@ -43,6 +44,7 @@ class CaptureResult:
     missing: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    run: RunRecord | None = None
 
     def require_complete(self) -> None:
         """PartialError that lists what is missing, if anything is."""

@@ -1,8 +1,8 @@
 """A session is begun, added to or completed with whatever cameras there are: the one way to shoot."""
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence, Set
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,17 +10,19 @@ from capture.bracket.automatic import meter_rig
 from capture.bracket.metering import Metering
 from capture.bracket.planner import BracketPlan
 from capture.record.capture_run import CaptureResult, finished, planned_shots
+from capture.record.forecast import Forecast, Stopwatch, TimedCamera, forecast_of
 from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import record
 from capture.record.resumed_plan import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
+from capture.record.shot_files import ShotId
 from capture.record.source import Source
 from capture.request import CaptureRequest
-from imaging.errors import CaptureError, InputError
+from imaging.errors import CaptureError, InputError, StorageError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
-from imaging.session.records import PlanRecord, SessionRecord
+from imaging.session.records import PlanRecord, RunRecord, SessionRecord
 from imaging.session.session import LAMPS, TURNTABLE, Session
 
 Say = Callable[[str], None]
@@ -33,11 +35,13 @@ def shoot(
     *,
     progress: Progress = unreported,
     say: Say = lambda line: None,
+    announce: Callable[[Forecast], None] = lambda forecast: None,
 ) -> CaptureResult:
     """Shoot what is asked for into the session folder `out`.
 
     A vacant folder becomes a session. One that is a session of the same cameras is added to: darks, flats
     and the board as often as one likes, the scene once. say: shows a line that a person should know.
+    announce: shows the forecast, before the first shot; `runs.jsonl` has it beside what it came to.
 
     InputError: `out` is something else, or holds another capture. CaptureError: what is there cannot be
     metered. StorageError: the disk refuses; what was finished stays.
@@ -53,14 +57,15 @@ def shoot(
         bands=source.bands,
     )
     with folder_made(out), sole_writer(out):
-        session = _existing(out, request)
+        session, timed = _existing(out, request), source
         plans = [] if session is None else session.plans()
         if session is not None:
             must_be_the_same(session, identity)
         plan = continued(session, source, request, plans, say) if session and request.resume else None
         if plan is None:
             progress("planning", 0, 0)
-            plan = plan_for(source, request, plans)[0]
+            timed = _timed(source, request)
+            plan = plan_for(timed, request, plans)[0]
             session = session or begin(out, identity)
             if source.turntable is not None and request.kind == "scene":
                 store.write_json(out / TURNTABLE, source.turntable.model_dump(mode="json"))
@@ -69,24 +74,70 @@ def shoot(
             session.append_plan(plan)
         assert session is not None
         done = finished(session, plan)
+        pending = [shot for shot in planned_shots(plan) if shot not in done]
+        forecast = forecast_of(plan, pending, timed, out, session)
+        if pending:
+            announce(forecast)
         if len(done) < len(planned_shots(plan)):
             source.operator.show(request.kind)
         if done:
             # From it the operator knows that the next frame is not the first.
             source.operator.move_to(plan.frames[0])
         with source.beside(session, plan, progress):
-            return record(
+            moving = Stopwatch(source.clock)
+            began = source.clock.now()
+            result = record(
                 session,
                 plan,
                 source.cameras,
                 clock=source.clock,
-                move_to=source.operator.move_to,
-                turn_to=source.operator.turn_to,
+                move_to=moving.timing(source.operator.move_to),
+                turn_to=moving.timing(source.operator.turn_to),
                 compression=request.compression,
                 progress=progress,
                 tolerance=source.tolerance,
                 leader=source.leader,
             )
+            seconds = source.clock.now() - began - moving.seconds
+            return replace(result, run=_recorded(session, plan, set(done), forecast, seconds))
+
+
+def _timed(source: Source, request: CaptureRequest) -> Source:
+    """The source with its cameras timed while they are metered."""
+    return replace(
+        source,
+        cameras={
+            name: TimedCamera(camera, source.clock, request.compression)
+            for name, camera in source.cameras.items()
+        },
+    )
+
+
+def _recorded(
+    session: Session, plan: PlanRecord, before: Set[ShotId], forecast: Forecast, seconds: float
+) -> RunRecord | None:
+    """The line of a run whose shots are taken; None if there are none. before: shots that were there."""
+    taken = {shot_id: shot for shot_id, shot in finished(session, plan).items() if shot_id not in before}
+    if not taken:
+        return None
+    steps = {(shot_id.frame, shot_id.step) for shot_id in taken}
+    exposed = sum(exposure.time for _, step in steps if (exposure := plan.bracket[step]) is not None)
+    files = [file for shot in taken.values() for file in (shot.file, shot.developed) if file is not None]
+    run = RunRecord(
+        plan=plan.plan,
+        ended=datetime.now(UTC),
+        shots=len(taken),
+        forecast_shots=forecast.shots,
+        basis=forecast.basis,
+        forecast_seconds=forecast.seconds,
+        seconds=seconds,
+        forecast_bytes=forecast.size,
+        bytes=sum((session.folder / file).stat().st_size for file in files),
+        beyond=max(0.0, seconds - exposed) / len(steps),
+    )
+    with suppress(StorageError):  # the shots are there, and count
+        session.append_run(run)
+    return run
 
 
 def _existing(out: Path, request: CaptureRequest) -> Session | None:
@@ -112,6 +163,7 @@ class Rehearsal:
     record: PlanRecord
     size: tuple[int, int] | None
     metering: Metering | None
+    forecast: Forecast
     plan: BracketPlan | None = None
     unmetered: str | None = None
 
@@ -123,21 +175,28 @@ def rehearse(source: Source, out: Path, request: CaptureRequest) -> Rehearsal:
     """
     session = Session.open(out) if (out / "session.json").exists() else None
     plans: Sequence[PlanRecord] = session.plans() if session is not None else []
-    planned, automatic = plan_for(source, request, plans)
-    if automatic is not None:
-        return Rehearsal(planned, _size(source), automatic.metering, automatic.plan)
-    if request.kind != "scene":
-        return Rehearsal(planned, _size(source), None)
-    try:
-        metering = meter_rig(
-            source.cameras,
-            like(source),
-            frames=metered_at(source, "scene", planned.frames),
-            move_to=source.operator.move_to,
-        )
-    except CaptureError as error:
-        return Rehearsal(planned, _size(source), None, unmetered=str(error))
-    return Rehearsal(planned, _size(source), metering)
+    timed = _timed(source, request)
+    planned, automatic = plan_for(timed, request, plans)
+    metering = None if automatic is None else automatic.metering
+    unmetered = None
+    if automatic is None and request.kind == "scene":
+        try:
+            metering = meter_rig(
+                timed.cameras,
+                like(source),
+                frames=metered_at(source, "scene", planned.frames),
+                move_to=source.operator.move_to,
+            )
+        except CaptureError as error:
+            unmetered = str(error)
+    return Rehearsal(
+        record=planned,
+        size=_size(source),
+        metering=metering,
+        plan=None if automatic is None else automatic.plan,
+        unmetered=unmetered,
+        forecast=forecast_of(planned, planned_shots(planned), timed, out, session),
+    )
 
 
 def _size(source: Source) -> tuple[int, int] | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from capture.bracket.goals import BracketGoals
@@ -69,6 +69,8 @@ class Source:
     """Board that is shown in plans of kind board."""
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
     """Callback that writes additional files with the shots of a plan."""
+    pixels: Mapping[str, int] = field(default_factory=dict)
+    """Photosites of a picture by camera, of those that state it before there is one."""
     bands: tuple[Band, ...] = ()
     """Filters before its cameras; empty without filters."""
     wheel: tuple[str, ...] = ()

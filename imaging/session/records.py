@@ -1,4 +1,4 @@
-"""The records that a session is made of: `session.json`, `plans.jsonl`, `shots.jsonl`, `split.json`.
+"""The records of a session: `session.json`, `plans.jsonl`, `shots.jsonl`, `runs.jsonl`, `split.json`.
 
 A *shot* is one exposure by one camera; a *bracket* the shots of one camera at one frame; a *frame*
 one instant of the whole rig. Unknown fields and unknown schema versions are errors.
@@ -241,6 +241,30 @@ class ShotRecord(Record):
     def exposure(self) -> Exposure | None:
         """The best known exposure: estimated, else reported, else requested."""
         return self.estimated or self.reported or self.requested
+
+
+class RunRecord(Record):
+    """One line of `runs.jsonl`: a run that took shots of a plan, as it was forecast and as it came out.
+
+    Seconds are those of shooting, without the time in which a person moved things.
+    """
+
+    plan: Name
+    ended: datetime
+    shots: int = Field(ge=1)
+    """Shots that it took."""
+    forecast_shots: int = Field(ge=0)
+    """Shots that it was to take."""
+    basis: str
+    """Origin of the forecast's seconds."""
+    forecast_seconds: float = Field(ge=0)
+    seconds: float = Field(ge=0)
+    forecast_bytes: int | None = Field(default=None, ge=0)
+    """None: no camera stated its size before the first picture."""
+    bytes: int = Field(ge=0)
+    """Bytes of the files of the shots."""
+    beyond: float = Field(ge=0)
+    """Seconds beyond the exposure time that a step of the bracket took, on average."""
 
 
 class SplitRecord(Record):

@@ -11,7 +11,14 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
 from imaging.session.lamps import LampsRecord
-from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
+from imaging.session.records import (
+    CameraRecord,
+    PlanRecord,
+    RunRecord,
+    SessionRecord,
+    ShotRecord,
+    SplitRecord,
+)
 from imaging.session.turntable import TurntableRecord
 from imaging.session.view_id import ViewId
 
@@ -80,6 +87,11 @@ class Session:
         unique = {shot.identity: shot for shot in shots}
         return [shot for shot in unique.values() if kind is None or shot.kind == kind]
 
+    def runs(self) -> list[RunRecord]:
+        """Every run that took shots, in order."""
+        path = self.folder / "runs.jsonl"
+        return [parse(RunRecord, value, path) for value in store.read_lines(path)]
+
     def photograph_names(self) -> dict[ViewId, str]:
         """The views that were imported, by the names that users gave their first photographs."""
         names: dict[ViewId, str] = {}
@@ -106,6 +118,10 @@ class Session:
     def append_plan(self, plan: PlanRecord) -> None:
         """Record what a run is about to shoot."""
         store.append_line(self.folder / "plans.jsonl", plan.model_dump(mode="json"))
+
+    def append_run(self, run: RunRecord) -> None:
+        """Record a run that is over."""
+        store.append_line(self.folder / "runs.jsonl", run.model_dump(mode="json", exclude_none=True))
 
     def append_shot(self, shot: ShotRecord) -> None:
         """Record a shot whose file is already whole on the disk."""

@@ -10,10 +10,11 @@ from capture.bracket import automatic
 from capture.record import shooting
 from capture.request import RigRequest
 from capture.rigfile import rigfile
+from rig.cameras import foretelling
 from rig.cameras.usb_bus import source_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult
-from rig.terminal.text import counted, size
+from rig.terminal.text import counted
 
 _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
 
@@ -34,8 +35,7 @@ def rehearse(
     steps = [str(exposure) for exposure in record.bracket]
     shots = len(record.cameras) * len(record.frames) * len(steps)
     width, height = done.size or (None, None)
-    most = shots * width * height * 2 if width and height else None
-    big = "" if most is None else f" of {width} x {height}, at most {size(most)}"
+    big = f" of {width} x {height}" if width and height else ""
     data = {
         "session": str(out),
         "kind": record.kind,
@@ -46,13 +46,15 @@ def rehearse(
         "shots": shots,
         "width": width,
         "height": height,
-        "bytes_at_most": most,
+        "forecast": foretelling.forecast_data(done.forecast, record),
     }
     lines = [
         f"{counted(len(record.cameras), 'camera')}, {counted(len(record.frames), _FRAMES[record.kind])}, "
         f"{counted(len(steps), 'exposure')} each ({', '.join(steps)}): {counted(shots, 'shot')}{big}, "
         f"into {out}"
     ]
+    pause = 0.0 if rig is None or sim is not None else rig.tables.pause
+    lines += [foretelling.forecast_line(done.forecast, pause), *foretelling.view_lines(done.forecast, record)]
     if record.kind != "scene":
         return CommandResult(data, lines)
     more, table = _worth(done)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,6 +17,7 @@ from imaging import choices
 from imaging.errors import InputError
 from imaging.session import session as sessions
 from imaging.session.paths import has_shots
+from rig.cameras import foretelling
 from rig.cameras.rehearsal import rehearse
 from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
@@ -24,6 +25,9 @@ from rig.options.request import Asked, Shown
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
+
+if TYPE_CHECKING:
+    from capture.record.forecast import Forecast
 
 Bracket = tuple[float, ...] | BracketGoals | None
 
@@ -119,7 +123,7 @@ def capture(
         with running("plan") as status:
             return rehearse(sim, out, status, request, rig=rig, seed=seed)
     with running("capture", go_on="run the same command again with --resume") as status:
-        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough)
+        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough, announced=not as_json)
 
 
 def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
@@ -168,16 +172,24 @@ def run_capture(
     seed: int,
     rig: rigfile.RigFile | None = None,
     rough: bool = False,
+    announced: bool = False,
 ) -> CommandResult:
-    """Capture and say what came of it."""
+    """Capture and say what came of it. announced: with a line of forecast before the first shot."""
+
+    def announce(forecast: Forecast) -> None:
+        if announced or not forecast.fits:
+            pause = 0.0 if rig is None or sim is not None else rig.tables.pause
+            status.say(foretelling.forecast_line(forecast, pause))
+
     with (
         removed_on_failure(out, unless=has_shots),
         source_of(sim, seed, rig, request, status, rough=rough) as source,
     ):
-        result = shooting.shoot(source, out, request, progress=status, say=status.say)
+        result = shooting.shoot(source, out, request, progress=status, say=status.say, announce=announce)
     there = result.taken + result.earlier
     earlier = f", {result.earlier} of them taken before" if result.earlier else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{earlier}"]
+    lines += [] if result.run is None else [foretelling.outcome_line(result.run)]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
     if missing is None and sessions.Session.open(out).shots("scene"):
@@ -190,5 +202,6 @@ def run_capture(
         "missing_shots": list(result.missing),
         "problems": list(result.problems),
         "unknown": list(result.unknown),
+        "run": None if result.run is None else result.run.model_dump(mode="json"),
     }
     return CommandResult(data, lines, missing, usable=there > 0, already_there=not result.taken)

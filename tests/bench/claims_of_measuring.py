@@ -1,6 +1,6 @@
 """Claims of docs/figures.md on capture and calibration, and on light that the simulator has no part in."""
 
-from .claim import Claim, cell, cells
+from .claim import Claim, cell, cells, line
 
 _METHODS = "docs/methods-calibration.md"
 _PLACED = "turn, degrees", "place, mm"
@@ -142,6 +142,10 @@ CLAIMS = (
     Claim(
         r"## Capture On ([\d,]+) simulated scenes",
         lambda: [sum(one[0] for one in cells("planner", "scenes, of these beyond the list"))],
+    ),
+    Claim(
+        r"forecasts for a scene are ([\d.]+) to ([\d.]+) of the clock of simulated",
+        lambda: line("forecast", r"side by side the forecast is ([\d.]+) to ([\d.]+) of the clock"),
     ),
     Claim(r"(\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
     Claim(

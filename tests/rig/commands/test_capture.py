@@ -129,6 +129,25 @@ def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Pa
     assert json_of(rig, "capture", "--sim", "toy", out, "--darks", "--frames", "2")["planned"] == 12
 
 
+def test_a_shoot_is_forecast_by_view_and_in_all_and_held_against_what_it_came_to(rig, tmp_path: Path) -> None:
+    shoot = ("capture", "--sim", "toy", str(tmp_path / "S"), "--frames", "2")
+    forecast = json_of(rig, *shoot, "--dry-run")["forecast"]
+    run = json_of(rig, *shoot)["run"]
+    assert 0.9 < forecast["seconds"] / run["seconds"] < 1.1
+    assert forecast["bytes"] == run["bytes"] == 2 * sum(forecast["bytes_per_view"].values())
+    assert forecast["fits"]
+    assert json.loads((tmp_path / "S" / "runs.jsonl").read_text()) == {**run, "basis": run["basis"]}
+    code, out, _ = rig(*shoot[:3], str(tmp_path / "T"), *shoot[4:], "--dry-run")
+    assert code == 0
+    assert "Forecast for 12 shots (test shots): " in out
+    assert "  cam0, cam1: 3 exposures of 7.16 kB, 21.5 kB a view" in out
+    assert "Focus stays as the lenses are set" in out
+    code, out, err = rig(*shoot[:3], str(tmp_path / "T"), *shoot[4:])
+    assert code == 0
+    assert "Forecast for 12 shots (assumed: 1 s beyond each exposure): " in err
+    assert "12 shots took " in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -159,9 +178,10 @@ def test_a_person_is_told_what_to_do_and_waited_for(
     capture = ["capture", str(file), str(tmp_path / "S"), "--bracket", "0", "--frames", "3"]
     code, _, err = rig(*capture)
     assert (code, terminal.pressed) == (0, 2)
-    assert err.splitlines() == [
-        f"Frame {n}: move the rig, or what it looks at. Then press Enter." for n in (1, 2)
-    ]
+    forecast, *asked = err.splitlines()
+    assert forecast.startswith("Forecast for 6 shots (assumed: 1 s beyond each exposure): ")
+    assert ", beside the time in which you move things; " in forecast
+    assert asked == [f"Frame {n}: move the rig, or what it looks at. Then press Enter." for n in (1, 2)]
     for kind, pressed, words in (
         ("--darks", 1, "cover every lens"),
         ("--board", 3, "hold the calibration board"),
@@ -181,6 +201,7 @@ def test_a_time_lapse_and_a_run_without_a_terminal_wait_for_nobody(
     code, _, err = rig(*capture, str(tmp_path / "lapse"))
     assert (code, terminal.pressed) == (0, 0)
     assert "3600 seconds from now" in err
+    assert ", beside 2 pauses of 3600 s; " in err
     assert 2 * 3600 < cameras.clocks[-1].now() < 2 * 3600 + 60
     terminal.is_there = False
     file.write_text(file.read_text().replace("pause = 3600", 'pause = "key"'))
@@ -199,7 +220,9 @@ def test_whoever_goes_on_is_asked_for_the_frame_that_is_next(
     (tmp_path / "S" / "raw" / "0001" / "cam1_0.dng").unlink()
     code, _, err = rig(*capture, "--resume")
     assert (code, terminal.pressed) == (0, 2)
-    assert err == "Frame 1: move the rig, or what it looks at. Then press Enter.\n"
+    forecast, asked = err.splitlines()
+    assert forecast.startswith("Forecast for 1 shot (an earlier run): ")
+    assert asked == "Frame 1: move the rig, or what it looks at. Then press Enter."
 
 
 def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
