@@ -74,7 +74,7 @@ def measure(quick: bool) -> dict[str, Any]:
 
 def report(result: dict[str, Any]) -> str:
     rows = result["rows"]
-    own = [row["forecast"] / row["clock"] for row in rows if not row["slow"]]
+    apart = [row["forecast"] / row["clock"] for row in rows if not row["slow"]]
     slow = [(row["forecast"] / row["clock"], row["on_one_bus"] / row["clock"]) for row in rows if row["slow"]]
     sizes = [row["bytes"] for row in rows]
     return "\n".join(
@@ -95,7 +95,7 @@ def report(result: dict[str, Any]) -> str:
                 for row in rows
             ),
             "",
-            f"Where pictures travel side by side the forecast is {min(own):.2f} to {max(own):.2f} of the "
+            f"Where pictures travel side by side the forecast is {min(apart):.2f} to {max(apart):.2f} of the "
             f"clock. On one slow bus the clock is between the forecast ({min(one for one, _ in slow):.2f} to "
             f"{max(one for one, _ in slow):.2f} of it) and that of one bus "
             f"({min(one for _, one in slow):.2f} to {max(one for _, one in slow):.2f}). Bytes are "

@@ -49,8 +49,8 @@ class ClockReading:
 
 
 class ComparedClock:
-    """The clock of another host, on ours; for any thread. ask: the time there, s; jumped: told by how much
-    it jumped, s, once for each jump.
+    """The clock of another host, on ours; for any thread. ask: the time there, s; jumped: takes the size
+    of each jump, s, once.
     """
 
     def __init__(

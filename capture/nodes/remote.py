@@ -45,7 +45,7 @@ class Stage:
 class RemoteNode:
     """A node. say: shows the line that it is lost, or back, or that its clock jumped.
 
-    While it is lost nobody waits for it: what is asked of it fails at once, and a thread of its own looks
+    While it is lost no camera waits for it: questions fail at once, and a separate thread looks
     whether it is back.
     """
 
@@ -103,7 +103,7 @@ class RemoteNode:
         )
 
 
-class _Kept(NamedTuple):
+class _StoredShot(NamedTuple):
     """A shot on a node: its number there, the node's clock, and whether that jumped during the shot."""
 
     number: int
@@ -161,13 +161,13 @@ class RemoteCamera:
         """Always: on the node's disk if not in the camera."""
         return True
 
-    def keep(self) -> _Kept:
+    def keep(self) -> _StoredShot:
         """Wait until the frame is stored; what `fetch` knows it by."""
         number: int = self._node.ask("keep", self._serial)
         reading = self._node.clock.since(self._reading)
-        return _Kept(number, reading, jumped=reading is not self._reading)
+        return _StoredShot(number, reading, jumped=reading is not self._reading)
 
-    def fetch(self, handle: _Kept) -> CameraFile:
+    def fetch(self, handle: _StoredShot) -> CameraFile:
         """The frame of such a shot. CameraProtocol: it did not arrive as it left, and may be asked again."""
         number, reading, jumped = handle
         frame: NodeFrame = self._node.ask("store", self._serial, number)

@@ -116,7 +116,7 @@ def _timed(source: Source, request: CaptureRequest) -> Source:
 def _recorded(
     session: Session, plan: PlanRecord, before: Set[ShotId], forecast: Forecast, seconds: float
 ) -> RunRecord | None:
-    """The line of a run whose shots are taken; None if there are none. before: shots that were there."""
+    """The line of a run that took shots; None without any. before: shots of earlier runs."""
     taken = {shot_id: shot for shot_id, shot in finished(session, plan).items() if shot_id not in before}
     if not taken:
         return None

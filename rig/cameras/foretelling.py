@@ -67,7 +67,7 @@ def forecast_data(forecast: Forecast, plan: PlanRecord) -> dict[str, Any]:
 
 
 def outcome_line(run: RunRecord) -> str:
-    """What a run came to, beside its forecast."""
+    """State seconds and bytes of a run beside its forecast."""
     forecast = "unknown" if run.forecast_bytes is None else size(run.forecast_bytes)
     return (
         f"{counted(run.shots, 'shot')} took {duration(run.seconds)} (forecast "

@@ -228,11 +228,11 @@ def test_a_clock_that_jumps_is_told_and_what_is_stated_stays_true(place: Place) 
                     assert shot.skew_bound is None or shot.skew_bound >= late
                 else:
                     assert abs(shot.skew - late) <= 0.003
-        told = [line for line in place.said if line.startswith("The clock of node right jumped by")]
-        assert told == place.said
-        assert len(told) <= 1
-        assert not told or float(re.search(r"by (\S+) s", told[0]).group(1)) == pytest.approx(by, abs=0.005)
-        assert told or at > max(opened["right"])  # nobody asks after the last shot
+        named = [line for line in place.said if line.startswith("The clock of node right jumped by")]
+        assert named == place.said
+        assert len(named) <= 1
+        assert not named or float(re.search(r"by (\S+) s", named[0]).group(1)) == pytest.approx(by, abs=0.005)
+        assert named or at > max(opened["right"])  # nobody asks after the last shot
     assert jumped
 
 
