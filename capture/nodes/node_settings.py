@@ -15,6 +15,7 @@ from capture.rigfile.network_address import NetworkAddress
 from drivers.clock import Clock, SystemClock
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import ROUGH
+from drivers.sim.jumping_clock import JumpingClock
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.timeline import LiveTimeline
 from drivers.usb import default_backend
@@ -32,7 +33,7 @@ class NodeSettings(Record):
     """Command-line settings of `rig node`.
 
     sim: the simulated rig whose cameras stand in for those of the USB, as the devices `profile`; rough: with
-    faults; changes: of the rig's settings.
+    faults; changes: of the rig's settings; jumps: of the clock of its drivers, as `JumpingClock` has them.
     """
 
     name: Name
@@ -43,6 +44,7 @@ class NodeSettings(Record):
     seed: int = _DEFAULTS.seed
     rough: bool = _DEFAULTS.rough
     changes: Mapping[str, Any] = Field(default_factory=dict)
+    jumps: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ def place_of(settings: NodeSettings) -> Place:
     rig = simulate(settings.sim, settings.seed, **settings.changes)
     mix = ROUGH if settings.rough else None
     bus = BusRig(rig, mix=mix, model=settings.profile, clock=LiveTimeline())
-    return Place(name, bus.backend, bus.clock, disk, addresses, rig)
+    clock = JumpingClock(bus.clock, jumps=settings.jumps) if settings.jumps else bus.clock
+    return Place(name, bus.backend, clock, disk, addresses, rig)
 
 
 def settings_of(**given: Any) -> NodeSettings:
