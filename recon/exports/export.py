@@ -11,6 +11,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
+from recon.albedo.estimate import Albedo, albedo_of
 from recon.exports import view_cameras
 from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
@@ -55,6 +56,9 @@ FORMATS: dict[FormatName, Format] = {
     "cameras": Format(view_cameras.write, (), linear=True, only="have no light"),
 }
 
+ALBEDO = (("usd", True), ("ply", True))
+"""Formats that hold albedo, and whether their light is linear then."""
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -62,7 +66,8 @@ class Exported:
 
     exposure_factor: of the linear values of the file on the light of `Scene.render`, as EXR headers have it.
     brightest: largest light of a Gaussian, as a multiple of a display's white; None: any. opening: the way in
-    which the program opens it, and how far that was tried, if one was named.
+    which the program opens it, and how far that was tried, if one was named. albedo: written too, if it
+    was asked for.
     """
 
     format: FormatName
@@ -75,6 +80,7 @@ class Exported:
     brightest: float | None = None
     notes: tuple[str, ...] = field(default=())
     opening: str | None = None
+    albedo: Albedo | None = None
 
     def data(self) -> dict[str, Any]:
         """Fields for --json."""
@@ -90,6 +96,7 @@ class Exported:
             "loss": None if self.loss is None else self.loss.data(),
             "not_in_it": list(self.notes),
             "opening": self.opening,
+            "albedo_known": None if self.albedo is None else float(self.albedo.known.mean()),
         }
 
 
@@ -125,6 +132,11 @@ def export(
     if linear is not None and linear != chosen.linear and chosen.only is not None:
         option = "--linear" if linear else "--display"
         raise InputError(f"{name} {chosen.only}: leave {option} out.")
+    if request.albedo and (name, chosen.linear if linear is None else linear) not in ALBEDO:
+        raise InputError(
+            "--albedo is for linear light in .usdc, .usda and .ply: name such a file with --out, and add "
+            "--linear for a .ply."
+        )
     if around := scene_around(out):
         raise InputError(f"{out} is in the folder of the scene {around}: name another --out.")
     store.require_writable(out.parent)
@@ -138,6 +150,7 @@ def export(
         place_of(finite),
         on_progress,
         chosen.end if linear is None else 1.0,
+        albedo_of(finite, on_progress) if request.albedo else None,
     )
     written = chosen.write(job)
     loss = None if written.held is None else loss_of(finite, written.truth, written.held, on_progress)
@@ -160,6 +173,7 @@ def export(
         None if written.held is None else written.held.brightest,
         notes,
         None if request.program is None else str(PROGRAMS[request.program]),
+        job.albedo,
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from imaging.progress import Progress
+from recon.albedo.estimate import Albedo
 from recon.exports.splats import Splats, display_splats, exposure_factor, linear_splats
 from recon.exports.target_coordinates import Place, bent_px
 from recon.result.scene import Scene
@@ -12,7 +13,7 @@ from recon.result.scene import Scene
 @dataclass(frozen=True, eq=False)
 class Job:
     """Export job. scene: sound; linear: whether light stays linear; stops: None: the scene's middle; end:
-    largest code of light that does not.
+    largest code of light that does not. albedo: to be written too, of all Gaussians of the scene, or None.
     """
 
     scene: Scene
@@ -22,6 +23,7 @@ class Job:
     place: Place
     progress: Progress
     end: float = 1.0
+    albedo: Albedo | None = None
 
     @property
     def factor(self) -> float:

@@ -31,3 +31,8 @@ class ExportRequest(Request):
         ProgramName | None,
         "The program that opens the file: it picks the format and its light, and what was tried is printed.",
     ] = None
+    albedo: Annotated[
+        bool,
+        "Write the albedo of each Gaussian, the irradiance that it follows from and its standard error, too, "
+        "to light the scene anew (USD, linear PLY); not a number where they are not known.",
+    ] = False

@@ -1,8 +1,9 @@
 """PLY files in the layout of 3DGS, which viewers read."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -74,10 +75,12 @@ def write_ply(
     offset: Vector = (0.0, 0.0, 0.0),
     *,
     normals: bool = False,
+    more: Mapping[str, Array] = MappingProxyType({}),
 ) -> None:
     """Write the Gaussians with the colours of `plain_harmonics`, each of `comments` on a line of its own.
 
-    Coordinates are those of the world less `offset`. normals: see `properties`.
+    Coordinates are those of the world less `offset`. normals: see `properties`. more: other ones,
+    [N] each, by name.
     """
     count = len(gaussians)
     parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
@@ -90,9 +93,10 @@ def write_ply(
         parameters["opacity_logits"][:, None],
         parameters["log_scales"].astype(np.float64) + np.log(world.unit),
         quats,
+        *(values[:, None] for values in more.values()),
     ]
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
-    names = properties(math.isqrt(harmonics.shape[1]) - 1, normals=normals)
+    names = *properties(math.isqrt(harmonics.shape[1]) - 1, normals=normals), *more
     header += [f"element vertex {count}", *(f"property float {name}" for name in names), "end_header"]
     body = np.concatenate(columns, axis=1).astype("<f4").tobytes()
     store.write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + body)

@@ -56,10 +56,11 @@ def export(
     """
     if (out is None) == (vfx is None):
         raise WrongUsage("Name a file with --out, or a folder with --vfx")
-    given = (request.format, request.linear, request.program)
-    if vfx is not None and given != (None, None, None):
+    given = (request.format, request.linear, request.program, request.albedo)
+    if vfx is not None and given != (None, None, None, False):
         raise WrongUsage(
-            "--vfx writes its own formats, in linear light: leave --format, --linear, --display and --for out"
+            "--vfx writes its own formats, in linear light: leave --format, --linear, --display, --for and "
+            "--albedo out"
         )
     with running("export") as status:
         folder = find_reconstruction(reconstruction)
@@ -86,6 +87,7 @@ def export(
         f"{exported.files[0]}: {what}, {size / 1e6:.3g} MB",
         *(f"beside it: {path}" for path in exported.files[1:]),
         *_lost(exported.exposure_factor, exported.loss, exported.notes),
+        *(() if exported.albedo is None else (f"albedo: {exported.albedo}",)),
         *((f"for {request.program}: {exported.opening}",) if exported.opening else ()),
     ]
     return CommandResult({"reconstruction": str(folder)} | exported.data(), lines)

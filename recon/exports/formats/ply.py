@@ -1,7 +1,11 @@
 """PLY: the Gaussians in the layout of 3DGS, and the bare points of a cloud."""
 
+import numpy as np
+
+from imaging.arrays import Array
 from imaging.errors import ReconstructionError
 from imaging.files import store
+from recon.albedo.estimate import Albedo
 from recon.data.world import Vector
 from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
@@ -11,12 +15,41 @@ from recon.scene.ply import write_ply
 SOLID = 0.5
 """Opacity from which on a Gaussian counts as a point of a surface."""
 
+ALBEDO_LINES = [
+    "albedo_r, albedo_g, albedo_b: reflectance 0..1, linear; albedo_sigma: standard error of their mean",
+    "irradiance_r, irradiance_g, irradiance_b: pi x radiance / albedo, in the unit of the radiance",
+    "nan: not known",
+]
+
+
+def albedo_columns(albedo: Albedo, factor: float, dome: int = 0) -> dict[str, Array]:
+    """Return the properties [N + dome] that an albedo adds to a file; factor: on its irradiance."""
+    parts = {"albedo": albedo.albedo, "irradiance": albedo.irradiance * factor}
+    columns = {
+        f"{name}_{channel}": values[:, number]
+        for name, values in parts.items()
+        for number, channel in enumerate("rgb")
+    } | {"albedo_sigma": albedo.sigma}
+    return {name: np.pad(values, (0, dome), constant_values=np.nan) for name, values in columns.items()}
+
 
 def write(job: Job) -> Written:
     """Write the file, as a writer of `rig export`."""
     splats = job.splats()
     lines = comments(job, linear=splats.linear, factor=splats.factor, dome=splats.dome)
-    write_ply(job.out, splats.gaussians(), splats.harmonics, lines, splats.world, splats.offset, normals=True)
+    if job.albedo is not None:
+        lines += ALBEDO_LINES
+    more = {} if job.albedo is None else albedo_columns(job.albedo, splats.factor, splats.dome)
+    write_ply(
+        job.out,
+        splats.gaussians(),
+        splats.harmonics,
+        lines,
+        splats.world,
+        splats.offset,
+        normals=True,
+        more=more,
+    )
     return Written([job.out], splats.in_single(), splats if splats.linear else None)
 
 

@@ -15,6 +15,7 @@ from imaging.arrays import Array, Array32
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import write_exr
+from recon.albedo.estimate import Albedo
 from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.splats import Splats, exposure_factor, far_light_of
@@ -35,14 +36,17 @@ _REACH = 3.0
 def write(job: Job) -> Written:
     """Write the file, as a writer of `rig export`."""
     splats = job.splats(with_dome=False)
-    files = write_usd(job.out, job.scene, splats, job.place)
+    files = write_usd(job.out, job.scene, splats, job.place, job.albedo)
     return Written(files, splats.in_single(), splats, lens_note(job.scene))
 
 
-def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Path]:
+def write_usd(
+    path: Path, scene: Scene, splats: Splats, place: Place, albedo: Albedo | None = None
+) -> list[Path]:
     """Write the scene, and beside it the map of its environment, if it has one; the files written.
 
-    splats: of linear light, without a dome. InputError unless the name ends in .usd, .usda or .usdc.
+    splats: of linear light, without a dome. albedo: of each of them, as primvars.
+    InputError unless the name ends in .usd, .usda or .usdc.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} is not the name of a USD file: end it in .usd, .usdc or .usda.")
@@ -59,7 +63,9 @@ def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Pa
     world.AddTransformOp().Set(_matrix(place.turn))
     marker = world.GetPrim().CreateAttribute(PLACED, Sdf.ValueTypeNames.Double3, custom=True)
     marker.Set(Gf.Vec3d(*splats.offset))
-    _define_splats(stage, splats)
+    field = _define_splats(stage, splats)
+    if albedo is not None:
+        _define_albedo(field, albedo, splats.factor)
     define_cameras(stage, scene, splats.offset)
     files = [path]
     if (far := far_light_of(scene)) is not None:
@@ -79,7 +85,7 @@ def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Pa
     return files
 
 
-def _define_splats(stage: Any, splats: Splats) -> None:
+def _define_splats(stage: Any, splats: Splats) -> Any:
     from pxr import Gf, UsdVol, Vt
 
     field = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/World/Splats")
@@ -99,6 +105,20 @@ def _define_splats(stage: Any, splats: Splats) -> None:
     field.CreateExtentAttr([Gf.Vec3f(*low.tolist()), Gf.Vec3f(*high.tolist())])
     field.CreateProjectionModeHintAttr(UsdVol.Tokens.perspective)
     field.CreateSortingModeHintAttr(UsdVol.Tokens.zDepth)
+    return field
+
+
+def _define_albedo(field: Any, albedo: Albedo, factor: float) -> None:
+    """Primvars `albedo`, `irradiance` (as the radiance of the file is) and `albedoSigma`; NaN: not known."""
+    from pxr import Sdf, UsdGeom, Vt
+
+    primvars = UsdGeom.PrimvarsAPI(field)
+    for name, values in (("albedo", albedo.albedo), ("irradiance", factor * albedo.irradiance)):
+        primvar = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
+        primvar.Set(Vt.Vec3fArray.FromNumpy(_single(values)))
+        primvar.GetAttr().SetColorSpace(COLOUR_SPACE)
+    primvar = primvars.CreatePrimvar("albedoSigma", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+    primvar.Set(Vt.FloatArray.FromNumpy(_single(albedo.sigma)))
 
 
 def _write_sky(path: Path, scene: Scene, far: Environment, factor: float) -> None:

@@ -31,11 +31,21 @@ def test_the_hand_over_folder_and_cameras(rig, scene: Path, tmp_path: Path) -> N
     assert "6 views" in out
 
 
+def test_albedo_is_counted(rig, scene: Path, tmp_path: Path) -> None:
+    code, out, _ = rig("export", str(scene), "--out", str(tmp_path / "scene.ply"), "--linear", "--albedo")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith("albedo: ")]
+    assert "of the Gaussians, standard error" in line or "of no Gaussian" in line
+    assert b"property float albedo_sigma" in (tmp_path / "scene.ply").read_bytes()
+
+
 def test_wrong_usage(rig, scene: Path, tmp_path: Path) -> None:
     for options, words in (
         ([], "ame a file with --out, or a folder with --vfx"),
         (["--vfx", "a", "--out", "b.ply"], "ame a file with --out, or a folder with --vfx"),
         (["--vfx", "a", "--linear"], "--vfx writes its own formats"),
+        (["--vfx", "a", "--albedo"], "--albedo out"),
+        (["--out", str(tmp_path / "a.sog"), "--albedo"], "--albedo is for linear light"),
         (["--out", str(tmp_path / "a.spz"), "--linear"], "more than a third of a stop"),
         (["--out", str(tmp_path / "a.obj")], "name one with --format"),
     ):
