@@ -192,8 +192,9 @@ def run_capture(
     lines += [] if result.run is None else [foretelling.outcome_line(result.run)]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
-    if missing is None and sessions.Session.open(out).shots("scene"):
-        lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
+    if missing is None and (session := sessions.Session.open(out)).shots("scene"):
+        only = () if session.lamps() is None else ("--only", "sensor")  # a dome's views have no poses
+        lines.append(f"Next: {command_line('rig', 'calibrate', out, *only)}")
     data = {
         "session": str(out),
         "planned": result.planned,

@@ -60,7 +60,10 @@ def cameras_result(session: Path, record: "calibrations.CalibrationRecord") -> C
     }
     lines += [f"{session}: {doubt}" for doubt in record.doubts]
     lines += [*_chart_lines(session, record), *_luminance_lines(session, record)]
-    return CommandResult(data, [*lines, f"Report: {report}"])
+    lines.append(f"Report: {report}")
+    if sessions.Session.open(session).lamps() is not None:
+        lines.append(f"Next: {command_line('rig', 'normals', session, 'normals.exr')}")
+    return CommandResult(data, lines)
 
 
 def _chart_lines(session: Path, record: "calibrations.CalibrationRecord") -> list[str]:

@@ -71,11 +71,18 @@ def template(made_once: MadeOnce) -> Path:
     """Folder in which all commands of the page were run."""
 
     def make(folder: Path) -> None:
-        with contextlib.chdir(folder):
+        said = folder / "said.txt"
+        with contextlib.chdir(folder), said.open("w") as file, contextlib.redirect_stdout(file):
             for line in LINES:
                 assert main(shlex.split(line, comments=True)[1:]) == 0, line
 
     return made_once("lightdome", make)
+
+
+def test_each_command_names_the_next(template: Path) -> None:
+    said = re.findall(r"^Next: (.*)$", (template / "said.txt").read_text(), re.MULTILINE)
+    commands = [line.partition("#")[0].partition(" --white")[0].strip() for line in LINES]
+    assert said[:2] == commands[1:]
 
 
 def test_the_normals_of_the_page(template: Path) -> None:
