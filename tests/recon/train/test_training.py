@@ -14,6 +14,7 @@ import torch
 from imaging import metrics
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
+from recon.data.shot import HeldPlanes
 from recon.measure.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
@@ -209,9 +210,8 @@ def test_scenes_without_information_stay_finite(begun, toy_dataset, what):
         shots = []
         for shot in view.shots:
             full = np.full(shot.pixels.shape, what == "saturated")
-            shots.append(
-                type(shot).of(shot.file, shot.k, full.astype(np.float32), full, ~full & False, shot.valid)
-            )
+            planes = HeldPlanes(full.astype(np.float32), full, ~full & False, shot.valid)
+            shots.append(type(shot)(shot.file, shot.k, planes))
         views.append(type(view)(view.camera, view.frame, view.lens, view.sensor, tuple(shots)))
     dataset = replace(toy_dataset, train=tuple(views), held_out=())
     images = [radiance_image(view) for view in dataset.train]
