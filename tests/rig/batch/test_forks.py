@@ -98,8 +98,8 @@ def test_a_killed_command_is_run_again_once(pipe: Path) -> None:
 
 def test_a_killed_batch_leaves_no_command_behind(pipe: Path) -> None:
     code = (
-        "from imaging.compute.workers import Share; from rig.batch import forks, processes; "
-        f"forks.STAGES.clear(); processes.run(Share(), ['batch', {str(pipe)!r}])"
+        "from imaging.compute.workers import Share; from rig.batch import command_processes, forks; "
+        f"forks.STAGES.clear(); command_processes.run(Share(), ['batch', {str(pipe)!r}])"
     )
     batch = subprocess.Popen([sys.executable, "-c", code])
     end, command = waiting(pipe, batch.pid)
