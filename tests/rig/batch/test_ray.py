@@ -25,8 +25,10 @@ pytest.importorskip("ray")
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[RayWorkers]:
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RayWorkers]:
     with pytest.MonkeyPatch.context() as patch:
+        # A token of this host would be asked for by a cluster that begins here after Ray was imported.
+        patch.setenv("RAY_AUTH_TOKEN_PATH", str(tmp_path_factory.mktemp("ray") / "none"))
         patch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parents[3]), *filter(None, sys.path)]))
         pool = RayWorkers("local", cores=1)
         try:
