@@ -185,7 +185,7 @@ def report(result: dict[str, Any]) -> str:
         "# Steps that know curvature",
         "",
         "`python -m bench.speed.curvature --write`: processor seconds of a training on one thread, and dB "
-        f"of held-out views, means over {result['seeds']} seeds. {words(result['machine'])}.",
+        f"of held-out views; seeds: {result['seeds']}. {words(result['machine'])}.",
         "",
         f"| steps | {' | '.join(f'{name}, s | dB' for name in names)} |",
         "|---" * (1 + 2 * len(names)) + "|",

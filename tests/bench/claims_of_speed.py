@@ -28,6 +28,13 @@ def _frame(size: str, count: str, *drawn: str) -> list[float]:
 
 CLAIMS = (
     Claimed(
+        r"reaches ([\d.]+) dB on the castle and ([\d.]+) on lego, and Adam ([\d.]+) and ([\d.]+) after",
+        lambda: [
+            *(max(value for (value,) in cells("curvature", column, "curved")) for column in ("dB", "dB 1")),
+            *(cells("curvature", column, "Adam", but="times")[0][0] for column in ("dB", "dB 1")),
+        ],
+    ),
+    Claimed(
         r"image and gradients agree with the processor's to ([\de.-]+) \(",
         lambda: line("gpu", r"gradients ([\de.-]+)"),
     ),
