@@ -16,7 +16,7 @@ from rig.view.serving.server import Viewer
 CANVAS = "document.querySelector('canvas[data-engine]').clientWidth * devicePixelRatio"
 AT_REST = 30
 """Looks at a canvas, 20 ms apart or more, that find it as wide as before, until it counts as at rest."""
-LIMIT = 60.0
+LIMIT = 120.0
 """Seconds that a browser without a GPU may take for anything."""
 
 
