@@ -17,7 +17,7 @@ from rig.options.common import JsonOption, SessionArgument
 from rig.options.luminance_readings import HELP, ReadingText, reading_text, readings_of
 from rig.options.request import Asked, Shown
 from rig.report.pages import calibration as calibration_page
-from rig.terminal.calibration_result import cameras_result, poses_result
+from rig.terminal import calibration_result as results
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import counted, duration
@@ -125,12 +125,12 @@ def run_calibrate(
     calibration_page.calibration_report(session, on_progress=status)
     poseless = not record.views and not record.unregistered
     return (
-        cameras_result(session, record)
+        results.cameras_result(session, record)
         if poseless or (request.only and not record.views)
-        else poses_result(session, record)
+        else results.poses_result(session, record)
     )
 
 
 def earlier_calibration(session: Path) -> CommandResult:
     """Summary of the calibration of a session."""
-    return replace(poses_result(session, calibrations.read_calibration(session)), already_there=True)
+    return replace(results.poses_result(session, calibrations.read_calibration(session)), already_there=True)

@@ -17,8 +17,7 @@ from imaging import choices
 from imaging.errors import InputError
 from imaging.session import session as sessions
 from imaging.session.paths import has_shots
-from rig.cameras import foretelling
-from rig.cameras.rehearsal import rehearse
+from rig.cameras import foretelling, rehearsal
 from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.options.request import Asked, Shown
@@ -121,7 +120,7 @@ def capture(
     request = replace(request, kind=kind, bracket=_bracket(request.bracket, limits, rig))
     if dry_run:
         with running("plan") as status:
-            return rehearse(sim, out, status, request, rig=rig, seed=seed)
+            return rehearsal.rehearse(sim, out, status, request, rig=rig, seed=seed)
     with running("capture", go_on="run the same command again with --resume") as status:
         return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough, announced=not as_json)
 

@@ -15,7 +15,7 @@ from imaging.session import calibration as calibrations
 from imaging.session import session as sessions
 from rig.options.common import JsonOption, SessionArgument, WrongUsage
 from rig.options.request import Asked, Shown
-from rig.terminal.panorama_result import panorama_result
+from rig.terminal import panorama_result as results
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
@@ -61,7 +61,7 @@ def merge(
     if panorama:
         with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
             merged_map = panoramas.merge_panorama(session, out, request, on_progress=status)
-        return panorama_result(session, merged_map)
+        return results.panorama_result(session, merged_map)
     if request.width is not None or request.sun is not None:
         raise WrongUsage("--width and --sun are for --panorama: add it, or leave them out", context)
     with (
