@@ -126,6 +126,9 @@ def test_the_normals_of_the_page(template: Path) -> None:
     within = (angle < 2 * error)[plane].mean()
     assert 0.94 < within < 0.985
     assert "95 % of the normals are within two standard errors" in page
+    risen = (angle < 2 * error)[relief].mean()  # under lamps that are nearer than the errors have it
+    assert 0.4 < risen < 0.6
+    assert "but only about half of those on what rises from it" in page
 
 
 @pytest.mark.parametrize(
