@@ -14,7 +14,7 @@ from imaging.progress import unreported
 from imaging.session.records import Band
 from recon.exports.export import FORMATS, export
 from recon.exports.formats import sog
-from recon.exports.loss import loss_of, stops_between
+from recon.exports.loss import drawn, loss_of, stops_between
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ProgramName
 from recon.exports.splats import display_splats, far_light_of, linear_splats, sound
@@ -152,6 +152,11 @@ def test_light_from_far_away_of_display_values_is_written_as_it_decodes(
     assert np.allclose(
         light.colours[-light.dome :], 2 * srgb_decode(display.colours[-light.dome :].clip(0, 1))
     )
+    # A camera that looks away from the Gaussians sees in the file what the scene shows.
+    camera = shown.views[0].splat_camera
+    camera = replace(camera, cam_from_world=np.diag([-1.0, 1.0, -1.0, 1.0]) @ camera.cam_from_world)
+    pictures = drawn(shown, linear_splats(shown, 1.0, with_dome=False), camera), shown.render(camera)
+    assert np.median(np.abs(np.log2((pictures[0] + 1e-6) / (pictures[1] + 1e-6)))) < 0.01
     exported = export(shown, tmp_path / "a.usdc", linear=True)
     picture = read_exr(tmp_path / "a.environment.exr").rgb()
     assert np.allclose(picture, np.moveaxis(srgb_decode(values), 0, 2) * exported.exposure_factor, rtol=1e-4)
