@@ -19,6 +19,9 @@ from hypothesis.internal.conjecture import providers
 # they wait for each other: with two processes on two cores matching features takes three times the processor
 # time. They read this when they are first imported. The threads of `imaging.compute.threads` stay.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Ray's daemons start within its own half minute on an idle machine only.
+os.environ.setdefault("RAY_raylet_start_wait_time_s", "240")
+os.environ.setdefault("RAY_agent_register_timeout_ms", "240000")
 # Whoever runs the tests may have defaults of their own.
 os.environ["RIG_CONFIG"] = ""
 # No test pulls the plug: nobody waits until what is written is on the disk. Tests of refusing disks have an

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from capture.nodes.joining import joined_as
+from capture.nodes.joining import PATIENT, joined_as
 from capture.nodes.node_settings import VARIABLE, NodeSettings
 from capture.nodes.token import MODE
 from drivers.sim.bus_rig import VISION
@@ -114,7 +114,9 @@ def cluster(folder: Path, names: Sequence[str], settings: dict[str, Any]) -> Ite
         command = [sys.executable, "-m", "ray.scripts.scripts", "start", "--head", "--block"]
         command += ["--port", str(PORT), "--node-ip-address", host, "--num-cpus", "1"]
         command += ["--include-dashboard", "False", "--disable-usage-stats"]
-        head = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        head = subprocess.Popen(
+            command, env=PATIENT | os.environ, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
         assert head.stdout is not None
         while "Ray runtime started" not in (line := head.stdout.readline()):
             if not line:

@@ -75,7 +75,7 @@ def trained(checkout: Path, name: str, session: Path, seed: int) -> dict[str, An
     options = ["--quality", "draft", "--set", f"width={width}", "--seed", str(seed), "--name", f"way-{seed}"]
     seconds, _ = rig(checkout, "reconstruct", str(session), *options, "--replace")
     _, said = rig(checkout, "evaluate", str(session / "reconstructions" / f"way-{seed}"), "--json")
-    metrics = json.loads(said)["metrics"]
+    metrics = json.loads(said)["scenes"][0]["metrics"]
     key = next(key for key in ("hdr_psnr_mu_aligned", "ldr_psnr_oe", "raw_psnr") if metrics.get(key))
     return {"seconds": seconds, "db": metrics[key]}
 

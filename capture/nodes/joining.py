@@ -17,6 +17,8 @@ from imaging.errors import CaptureError, InputError
 
 LEAVE = 15.0
 """Seconds that Ray is given to end its processes."""
+PATIENT = {"RAY_raylet_start_wait_time_s": "240", "RAY_agent_register_timeout_ms": "240000"}
+"""Limits on the start of Ray's daemon and of its agent: loaded hosts and small ones pass Ray's own."""
 _STARTED = "Ray runtime started"
 _LAST = 20
 """Lines of Ray's output among which the reason is looked for why it did not start."""
@@ -101,7 +103,7 @@ def joined_as(settings: NodeSettings, address: str) -> Iterator[JoinedNode]:
     there, or the cluster asks for no token. CaptureError: Ray did not start. StorageError: the token is
     missing and cannot be written.
     """
-    environment = {**os.environ}
+    environment = PATIENT | os.environ
     guarded = ask_for_token(environment)
     require_ray()
     try:
