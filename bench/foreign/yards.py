@@ -26,7 +26,7 @@ import numpy as np
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.arrays import Array32
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName, QualityName
 from recon.decide.request import TrainingRequest

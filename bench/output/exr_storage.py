@@ -16,7 +16,8 @@ import numpy as np
 from bench.support.record import arguments, deliver
 from calib.exports.merge_session import merge
 from imaging.choices import ExrStorage
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 from recon.exports.loss import stops_between
 from recon.rendering.render import render
 

@@ -27,7 +27,7 @@ from capture.imports.request import ImportRequest
 from imaging.arrays import Array
 from imaging.colour.spaces import srgb_encode
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session

@@ -15,7 +15,7 @@ from drivers.sim.mounting import look_at
 from drivers.sim.scene.tabletop import LAMP, TARGET, demo_scene
 from imaging.arrays import Array, Floats
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from imaging.optics.lens import Lens
 

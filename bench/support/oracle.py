@@ -16,7 +16,7 @@ from drivers.sim.rigs import simulate
 from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
 from imaging.sensor.mosaic import as_matrix

@@ -11,7 +11,7 @@ from capture.pictures.reduced_pictures import ReducedPicture
 from imaging.arrays import Array32, Mask
 from imaging.colour.spaces import balanced, srgb_encode
 from imaging.errors import InputError
-from imaging.files.exr import read_exr_header
+from imaging.files.exr.reading import read_exr_header
 from imaging.files.photo import Photo, encode_jpeg, is_photo, read_metadata, read_photo
 from imaging.files.radiance_hdr import SUFFIX as RADIANCE
 from imaging.files.radiance_hdr import Light, read_with_alpha

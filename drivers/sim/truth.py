@@ -21,7 +21,7 @@ from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
 from imaging.arrays import Array, Array32
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.optics.exposure import Exposure
 from imaging.optics.pose import Pose
 from imaging.progress import Progress, unreported

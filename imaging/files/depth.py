@@ -9,8 +9,8 @@ import numpy as np
 from imaging.arrays import AnyArray, Array32
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
-from imaging.files.exr_layers import depth_channel
+from imaging.files.exr.layers import depth_channel
+from imaging.files.exr.reading import read_exr
 from imaging.files.photo import decode_codes
 
 SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".npy")

@@ -181,16 +181,13 @@ def read_metadata(path: Path) -> FrameMetadata:
 
     InputError if there is no such file or it is of no kind that rig reads.
     """
-    from imaging.files import (  # they load LibRaw and OpenEXR, which a photograph does not need
-        exr,
-        radiance_hdr,
-        raw,
-    )
+    from imaging.files import radiance_hdr, raw  # they load LibRaw, which a photograph does not need
+    from imaging.files.exr.reading import read_exr_header
 
     if raw.is_raw(path):
         return raw.read_raw_metadata(path)
     if path.suffix.lower() == ".exr":
-        return FrameMetadata(exposure=exr.read_exr_header(path).exposure)
+        return FrameMetadata(exposure=read_exr_header(path).exposure)
     if path.suffix.lower() == radiance_hdr.SUFFIX:
         return FrameMetadata()
     try:

@@ -12,7 +12,7 @@ from imaging.arrays import Array32
 from imaging.colour.spaces import rec709_from_rgb
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.silence import quiet
 
 SUFFIX = ".hdr"

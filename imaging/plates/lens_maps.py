@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array, Array32, Mask
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.optics import lens as optics
 from imaging.optics.lens import Lens
 

@@ -24,8 +24,9 @@ from imaging.arrays import Array32, Mask
 from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, read_exr_header, white_luminance, write_exr
-from imaging.files.exr_camera import camera_attributes, capture_date
+from imaging.files.exr.camera import camera_attributes, capture_date
+from imaging.files.exr.reading import read_exr_header
+from imaging.files.exr.writing import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
 from imaging.merge import alignment
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.ghosts import TOLERANCE, without_ghosts

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from imaging.files import store
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.opencv_lens import write_opencv_lens
 from imaging.files.tags.exr_colour import INTEROP_ID, UNKNOWN
 from imaging.optics.lens import Lens

@@ -8,7 +8,7 @@ import numpy as np
 
 from imaging.arrays import Array, Array32
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.pose import Pose
 from imaging.session.bands import channels
 from imaging.session.calibration import CalibrationRecord

@@ -10,8 +10,8 @@ import numpy as np
 from imaging.arrays import Array32
 from imaging.choices import SPACE_PRIMARIES, ExrStorage, Space
 from imaging.colour.spaces import space_from_rec709
-from imaging.files.exr import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
-from imaging.files.exr_camera import camera_attributes
+from imaging.files.exr.camera import camera_attributes
+from imaging.files.exr.writing import EXPOSURE_FACTOR, ExrValue, white_luminance, write_exr
 from imaging.session.bands import LAYOUT, channels
 from imaging.session.records import Band
 from recon.result.layer_names import Layer

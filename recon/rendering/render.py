@@ -13,7 +13,7 @@ from imaging.arrays import Array, Array32, Bytes
 from imaging.choices import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from imaging.files.exr_camera import film_attributes
+from imaging.files.exr.camera import film_attributes
 from imaging.files.hdr_display import encode_avif
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng

@@ -8,7 +8,7 @@ import torch
 
 from imaging.arrays import Array
 from imaging.files import store
-from imaging.files.exr import white_luminance, write_exr
+from imaging.files.exr.writing import white_luminance, write_exr
 from recon.result.model import ENVIRONMENT
 from recon.scene.appearance import Appearance
 from recon.scene.environment import Environment

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from imaging.errors import InputError
-from imaging.files import exr, hdr_display
+from imaging.files import hdr_display
+from imaging.files.exr.reading import read_exr_header
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
 from recon.rendering.request import RenderRequest
@@ -126,7 +127,7 @@ def render(
                         _scene_data(folder, target, files, scale),
                         [
                             f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
-                            *_unknown(exr.read_exr_header(files[0]).attributes),
+                            *_unknown(read_exr_header(files[0]).attributes),
                         ],
                     )
                 said: list[str] = []

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from imaging.arrays import Array, Array32, Mask
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 
 from . import truth
 from .folder import Shots, s_curve

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.exports.export import export
 from recon.result.scene import Scene
 from tests.foreign_viewers.python_programs import run

@@ -8,7 +8,7 @@ import pytest
 
 from imaging.arrays import Array
 from imaging.colour.spaces import srgb_decode, srgb_encode
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.pose import OPENGL_FROM_OPENCV
 from recon.exports.export import export
 from recon.exports.request import FormatName

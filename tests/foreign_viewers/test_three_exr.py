@@ -8,7 +8,7 @@ import pytest
 
 from imaging.choices import ExrStorage
 from imaging.colour.spaces import srgb_encode
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from tests.foreign_viewers.viewers import Viewer, needs
 from tests.foreign_viewers.wall import HEIGHT, WIDTH, front
 

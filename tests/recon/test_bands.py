@@ -12,7 +12,7 @@ from drivers.sim.filter_wheel import photograph
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import write_truth
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.exposure import Exposure
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import Band

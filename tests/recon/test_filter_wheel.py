@@ -12,7 +12,7 @@ from calib.exports.merge_session import merge
 from capture.check.check import check
 from capture.simulated import capture_simulated
 from drivers.sim.rig_settings import RIGS
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.raw import read_raw
 from imaging.sensor.cfa import Cfa
 from imaging.session.session import Session

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rig as toolkit
-from imaging.files.exr import EXPOSURE_FACTOR, read_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import EXPOSURE_FACTOR
 
 LIKE = 0.01
 """Stops by which the middle of all pixels may differ."""

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from tests.conftest import fewer_features, fewer_rays
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -32,7 +32,7 @@ from imaging.arrays import Array, Array32
 from imaging.choices import Subject
 from imaging.errors import CalibrationError
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.exposure import Exposure
 from imaging.session.luminance import Area, LuminanceReading
 from imaging.session.view_id import ViewId

@@ -12,7 +12,7 @@ from imaging.arrays import Array32, Bytes, Mask
 from imaging.colour.spaces import XYZ_FROM_REC709, srgb_encode
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import ExrValue, write_exr
+from imaging.files.exr.writing import ExrValue, write_exr
 from imaging.files.photo import encode_png
 from imaging.merge.bracket import Merged
 from imaging.merge.ghosts import Deghosted

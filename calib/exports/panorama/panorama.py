@@ -27,7 +27,7 @@ from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import read_points
-from imaging.files.exr import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
+from imaging.files.exr.writing import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
 from imaging.merge.picture import BITS, NOTHING
 from imaging.optics.pose import upwards
 from imaging.plates.merged_view import UNIT, view_light

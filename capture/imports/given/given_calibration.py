@@ -15,7 +15,7 @@ from capture.imports.originals import Original, shown
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import pycolmap
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.raw import read_raw
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose

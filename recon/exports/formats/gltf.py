@@ -15,7 +15,7 @@ import numpy as np
 
 from imaging.arrays import AnyArray
 from imaging.files import store
-from imaging.files.exr import EXPOSURE_FACTOR
+from imaging.files.exr.writing import EXPOSURE_FACTOR
 from recon.exports.job import Job, Written
 from recon.exports.splats import Splats
 from recon.exports.target_coordinates import Place

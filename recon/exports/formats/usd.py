@@ -14,7 +14,7 @@ import numpy as np
 from imaging.arrays import Array, Array32
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from recon.albedo.estimate import Albedo
 from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array32
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.rendering.light_files import stem
 from recon.result.data_layers import DataLayers
 from recon.result.display import in_colour

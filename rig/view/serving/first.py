@@ -12,7 +12,7 @@ import numpy as np
 
 from imaging.arrays import Array32
 from imaging.errors import RigError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
 from recon.result.first_look import shot_at

@@ -10,7 +10,7 @@ from capture.imports.photos import import_photos
 from capture.record.recorder import record
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import encode_dng
 from imaging.optics.exposure import Exposure

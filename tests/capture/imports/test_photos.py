@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture.imports.photos import import_photos
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from imaging.session.session import Session
 

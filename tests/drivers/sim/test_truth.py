@@ -10,7 +10,7 @@ from drivers.sim.camera import response
 from drivers.sim.camera.lens import unproject
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import pose_of, write_truth
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.exposure import Exposure
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose

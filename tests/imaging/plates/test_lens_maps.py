@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.optics.lens import Lens
 from imaging.plates.lens_maps import redistorting, undistorting, warped, write_stmap
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.plates.middle_grey import exposure_factor, lasting_factor, measured_factor
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session

@@ -9,7 +9,7 @@ import pytest
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.optics.lens import Lens

@@ -9,7 +9,7 @@ import pytest
 
 from capture.imports.photos import import_photos
 from imaging.files.colmap import pycolmap
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.session.session import Session
 from recon.data.dataset import Dataset
 from recon.data.load import load

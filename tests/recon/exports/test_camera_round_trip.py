@@ -162,7 +162,7 @@ def test_a_scene_of_a_file_is_in_the_coordinates_of_that(placed: Scene, tmp_path
 def test_renders_of_the_exported_stage_are_the_views(made: Path, tmp_path: Path) -> None:
     scene = open_scene(made)
     export(scene, tmp_path / "scene.usdc")
-    from imaging.files.exr import read_exr
+    from imaging.files.exr.reading import read_exr
 
     said: list[str] = []
     path = camera_path(scene, tmp_path / "scene.usdc", camera="a.1")

@@ -9,7 +9,7 @@ import torch
 
 from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError, ReconstructionError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.progress import unreported
 from imaging.session.records import Band
 from recon.exports.export import FORMATS, export

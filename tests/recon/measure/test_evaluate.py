@@ -12,7 +12,7 @@ from imaging import metrics
 from imaging.colour.spaces import space_from_rec709
 from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.decide.cost.budget import Budget
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest

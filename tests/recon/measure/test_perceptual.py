@@ -7,7 +7,7 @@ import flip_evaluator
 import numpy as np
 import pytest
 
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.photo import read_photo
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest

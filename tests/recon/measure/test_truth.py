@@ -10,7 +10,7 @@ import pytest
 from drivers.sim.truth import pose_of
 from imaging import metrics
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId

@@ -18,7 +18,8 @@ from drivers.sim.truth import write_truth
 from imaging import metrics
 from imaging.arrays import Array32
 from imaging.files import store
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.tiff.dng import write_dng
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa

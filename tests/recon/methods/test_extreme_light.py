@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from imaging.errors import ReconstructionError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.data.light import light_of, radiance_image
 from recon.decide.request import TrainingRequest
 from recon.measure.truth import true_radiance

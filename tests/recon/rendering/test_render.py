@@ -13,7 +13,7 @@ import recon.reconstruct as stage
 from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.hdr_display import HEADROOM
 from imaging.files.photo import encode_png, read_photo
 from recon.data.geometry import rays

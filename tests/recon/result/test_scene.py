@@ -10,7 +10,7 @@ import pytest
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.session.luminance import LuminanceReading, LuminanceScale, ReadingEvidence
 from imaging.session.view_id import ViewId
 from recon.decide.overrides import Overrides

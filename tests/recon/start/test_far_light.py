@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.progress import unreported
 from imaging.session.records import Rung
 from recon import reconstruct as stage

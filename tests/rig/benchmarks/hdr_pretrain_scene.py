@@ -7,7 +7,7 @@ import numpy as np
 
 from imaging.colour.spaces import srgb_encode
 from imaging.files.colmap import pycolmap
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from tests.rig.benchmarks.painted_wall import AWAY, CENTRES, FOCAL, HEIGHT, WIDTH, light, put
 

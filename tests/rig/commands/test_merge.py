@@ -11,7 +11,7 @@ import pytest
 from calib.luminance.area import LUMINANCE
 from imaging.colour.spaces import space_from_rec709, srgb_encode
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.files.photo import encode_png
 from imaging.merge.picture import CLIPPED, DARK, GHOST, HIDDEN
 from imaging.optics.exposure import Exposure

@@ -10,7 +10,7 @@ import pytest
 
 from calib.exports.panorama import panorama
 from capture.simulated import capture_simulated
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.merge.picture import CLIPPED, DARK, NOTHING
 from imaging.plates.merged_view import ViewLight
 from imaging.session.calibration import TURNED

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imaging.files import store
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 
 DRAFT = "nh-3dgs-draft"
 

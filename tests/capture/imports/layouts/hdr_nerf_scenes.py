@@ -7,7 +7,7 @@ import numpy as np
 
 from capture.imports.photos import import_photos
 from imaging.files.colmap import pycolmap
-from imaging.files.exr import write_exr
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session

@@ -13,7 +13,8 @@ from capture.imports.layouts import hdr_nerf
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap, read_points
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 from imaging.session.session import brackets
 from recon.data.load import load
 from recon.measure.truth import has_truth, true_radiance

@@ -8,7 +8,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdLux, UsdValidation, UsdVol
 
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from recon.exports.formats.usd import COLOUR_SPACE, write_usd
 from recon.exports.loss import drawn
 from recon.exports.splats import Splats, linear_splats

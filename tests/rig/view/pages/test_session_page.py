@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imaging.errors import InputError
-from imaging.files.exr import read_exr
+from imaging.files.exr.reading import read_exr
 from imaging.session.paths import without_scene
 from imaging.session.view_id import ViewId
 from rig.view.pages.rig_model import RigModel

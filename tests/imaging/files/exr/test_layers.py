@@ -9,7 +9,8 @@ import pytest
 from capture.pictures.read import read_picture
 from imaging.errors import InputError
 from imaging.files.depth import read_depth
-from imaging.files.exr import read_exr, read_exr_header, write_exr
+from imaging.files.exr.reading import read_exr, read_exr_header
+from imaging.files.exr.writing import write_exr
 from imaging.files.radiance_hdr import read_light, read_with_alpha
 from imaging.session.calibration import Response
 from recon.data.pixels import ShotSource, read_shot

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from imaging.choices import ExrStorage
 from imaging.colour.spaces import space_from_rec709
 from imaging.errors import InputError, StorageError
-from imaging.files.exr import ExrImage, read_exr, read_exr_header, write_exr
+from imaging.files.exr.image import ExrImage
+from imaging.files.exr.reading import read_exr, read_exr_header
+from imaging.files.exr.writing import write_exr
 from imaging.files.photo import read_metadata
 from imaging.optics.exposure import Exposure
 

@@ -8,7 +8,8 @@ import pytest
 
 from imaging.choices import ExrStorage
 from imaging.errors import InputError
-from imaging.files.exr import read_exr, write_exr
+from imaging.files.exr.reading import read_exr
+from imaging.files.exr.writing import write_exr
 
 DEPTH = np.random.default_rng(1).uniform(1, 1e6, (96, 128)).astype(np.float32)
 

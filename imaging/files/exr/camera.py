@@ -7,7 +7,7 @@ import numpy as np
 import OpenEXR
 
 from imaging.arrays import Array
-from imaging.files.exr import ExrValue
+from imaging.files.exr.writing import ExrValue
 
 FILM_MM = 36.0
 """Width of the film that focal lengths are of, mm."""

@@ -1,0 +1,1 @@
+"""OpenEXR files: linear light in float."""
