@@ -51,6 +51,8 @@ from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 CAP = 2000
+STRENGTHS = 0.5, 1.0, 2.0
+"""Parameters of non-local means, of which the best on the tested views is what a user would choose."""
 Scores = list[dict[str, float]]
 MEASURES = {"raw_psnr": ("RAW dB", 2), "rgb_psnr": ("RGB dB", 2), "rgb_ssim": ("RGB SSIM", 3)}
 
@@ -73,6 +75,15 @@ ROWS = (
     Row("stabilised, L1 and SSIM", Stabilised),
     Row("RawNeRF: relative squares", RelativeSquares, Residual(squares)),
     Row("3DGS, demosaicked, mu-law", LinearLight, given=inputs.demosaicked, compose=vanilla.compose),
+    *(
+        Row(
+            f"enhanced first: 3DGS, demosaicked, denoised by {strength:g} sigma",
+            LinearLight,
+            given=partial(inputs.denoised, strength=strength),
+            compose=vanilla.compose,
+        )
+        for strength in STRENGTHS
+    ),
 )
 
 

@@ -4,11 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from skimage.restoration import denoise_nl_means
 
 from imaging.arrays import Array32, Mask
 from imaging.colour.spaces import rec709_from_camera
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import SensorSignalNoise
 from imaging.sensor.cfa import bilinear
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
@@ -45,6 +47,18 @@ def merged_mosaic(dataset: Dataset) -> Dataset:
 def demosaicked(dataset: Dataset) -> Dataset:
     """Every exposure on its own, demosaicked."""
     return _with(dataset, _demosaicked)
+
+
+def denoised(dataset: Dataset, strength: float) -> Dataset:
+    """Demosaic every exposure, and denoise it before training, as programs that enhance first do.
+
+    Non-local means (Buades et al. 2005) of the picture on the scale on which its noise is constant.
+
+    Args:
+        dataset: A RAW session with its noise.
+        strength: Filter parameter h, over the standard deviation of the noise.
+    """
+    return _with(dataset, lambda view: _denoised(_demosaicked(view), strength))
 
 
 def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
@@ -87,3 +101,20 @@ def _demosaicked(view: View) -> View:
             )
         )
     return replace(view, shots=tuple(shots), sensor=replace(view.sensor, cfa=None))
+
+
+def _denoised(view: View, strength: float) -> View:
+    return replace(view, shots=tuple(shot.showing(pixels=_smooth(shot, strength)) for shot in view.shots))
+
+
+def _smooth(shot: Shot, strength: float) -> Array32:
+    noise = shot.noise
+    assert isinstance(noise, SensorSignalNoise)
+    # Anscombe's scale: the noise of a photosite is 1 everywhere, and of either sign about black.
+    root = np.sqrt(noise.slope * np.abs(shot.pixels) + noise.floor) - noise.floor**0.5
+    stable = np.copysign(root * (2 / noise.slope), shot.pixels)
+    smooth = denoise_nl_means(
+        stable, patch_size=5, patch_distance=6, h=strength, sigma=0.0, fast_mode=True, channel_axis=-1
+    )
+    root = np.abs(smooth) * (noise.slope / 2) + noise.floor**0.5
+    return np.asarray(np.copysign((root**2 - noise.floor) / noise.slope, smooth), np.float32)

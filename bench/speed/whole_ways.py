@@ -37,8 +37,11 @@ SETS = {
 HERE = Path(__file__).parents[2]
 
 
-def rig(checkout: Path, *options: str) -> tuple[float, str]:
-    """Run a command of a checkout; return its processor seconds and what it printed."""
+def rig(checkout: Path, *options: str, makes: Path | None = None) -> tuple[float, str]:
+    """Run a command of a checkout; return its processor seconds and what it printed.
+
+    A calibration that leaves views out ends with an exit code other than 0 all the same.
+    """
     before = _used()
     done = subprocess.run(
         [sys.executable, "-m", "rig", *options],
@@ -48,7 +51,7 @@ def rig(checkout: Path, *options: str) -> tuple[float, str]:
         text=True,
         check=False,
     )
-    if done.returncode:
+    if done.returncode and not (makes and makes.is_file()):
         sys.exit(f"bench/speed/whole_ways.py: `rig {' '.join(options)}` failed in {checkout}.")
     return _used() - before, done.stdout
 
@@ -66,7 +69,10 @@ def calibrated(checkout: Path, name: str, work: Path) -> dict[str, Any]:
         rig(checkout, "import", str(Path(os.environ["RIG_DATA"]) / folder), str(work))
     else:
         rig(checkout, "capture", str(work), "--sim", name)
-    return {"seconds": 0.0 if name == "lego" else rig(checkout, "calibrate", str(work))[0]}
+    if name == "lego":
+        return {"seconds": 0.0}
+    made = work / "calibration" / "calibration.json"
+    return {"seconds": rig(checkout, "calibrate", str(work), makes=made)[0]}
 
 
 def trained(checkout: Path, name: str, session: Path, seed: int) -> dict[str, Any]:
