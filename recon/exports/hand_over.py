@@ -18,7 +18,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports.formats import nuke, usd
+from recon.exports.formats import alembic, nuke, usd
 from recon.exports.hand_over_page import page
 from recon.exports.job import Job, lens_note
 from recon.exports.loss import Loss, loss_of
@@ -32,6 +32,7 @@ from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene, open_scene
 
 SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"
+ALEMBIC = "cameras.abc"
 BUILTIN = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
 """The configuration of OpenColorIO itself that ours is, with a rule for the renders: one that programs of
 2022 read."""
@@ -98,6 +99,8 @@ def hand_over(
         plates = write_plates(part, finite, job.exposure_factor, on_progress)
         renders = _write_renders(part / RENDERS, finite, job.exposure_factor, plates, on_progress)
         notes = (*notes, *plates.notes)
+        if finite.views and not alembic.has_alembic():
+            notes = (*notes, "cameras as Alembic, which need pip install -e '.[alembic]'")
         cameras = _write_cameras(part, job, plates) if finite.views else []
         store.write_bytes(part / CONFIG, configuration([view.camera for view in finite.views]).encode())
         text = page(finite, job, loss, notes, [*written.files, *renders, *plates.files])
@@ -130,6 +133,9 @@ def _write_cameras(folder: Path, job: Job, plates: Plates) -> list[Path]:
     """cameras/ for other programs, a .chan of each, and the script of Nuke where there are plates."""
     scene = job.scene
     files = write_cameras(folder / CAMERAS, scene, job.place)[0]
+    if alembic.has_alembic():
+        files.append(folder / CAMERAS / ALEMBIC)
+        alembic.write_cameras(files[-1], scene, job.place)
     texts = {f"{CAMERAS}/{name}.chan": text for name, text in nuke.chan_files(scene, job.place).items()}
     named = {path.name.rsplit(".", 2)[0] for path in plates.files if path.parent.name == PLATES}
     if named:

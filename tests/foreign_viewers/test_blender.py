@@ -1,12 +1,14 @@
-"""Cameras of a USD file of `rig export` as Blender has them, against the views that they are of."""
+"""Cameras of USD and Alembic files as Blender has them, against the views that they are of."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from recon.exports.export import export
+from recon.exports.formats import alembic
 from recon.exports.target_coordinates import pinhole, place_of
 from recon.result.scene import Scene
 from tests.foreign_viewers.python_programs import BLENDER, needs_blender, run
@@ -17,11 +19,24 @@ Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From a stage with y up to Blender's axes."""
 
 
-def test_cameras_of_blender_see_points_where_the_views_see_them(wall: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["scene.usdc", "scene.abc"])
+def test_cameras_of_blender_see_points_where_the_views_see_them(
+    wall: Scene, tmp_path: Path, name: str
+) -> None:
+    views = tuple(
+        view.model_copy(
+            update={"lens": view.lens.model_copy(update={"cx": WIDTH / 2 + 9, "cy": HEIGHT / 2 - 5})}
+        )
+        for view in wall.views
+    )
+    wall = replace(wall, record=wall.record.model_copy(update={"views": views}))
     points = np.random.default_rng(0).uniform((-3, -0.6, -0.5), (3, 0.6, 0.5), (12, 3))
-    export(wall, tmp_path / "scene.usdc")
+    if name.endswith(".abc"):
+        alembic.write_cameras(tmp_path / name, wall, place_of(wall))
+    else:
+        export(wall, tmp_path / name)
     asked = {
-        "file": str(tmp_path / "scene.usdc"),
+        "file": str(tmp_path / name),
         "size": (WIDTH, HEIGHT),
         "frames": [view.frame for view in wall.views],
         "points": ((points - wall.record.offset) @ (Z_UP @ place_of(wall).turn).T).tolist(),

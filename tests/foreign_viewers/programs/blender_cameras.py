@@ -1,4 +1,4 @@
-"""Pixels at which Blender's cameras see points, of a USD file: `ASKED.json ANSWER.json`."""
+"""Pixels at which Blender's cameras see points, of a USD or Alembic file: `ASKED.json ANSWER.json`."""
 
 import json
 import sys
@@ -10,7 +10,10 @@ from mathutils import Vector  # type: ignore[import-not-found]
 
 asked = json.loads(Path(sys.argv[1]).read_text())
 bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.wm.usd_import(filepath=asked["file"])
+if asked["file"].endswith(".abc"):
+    bpy.ops.wm.alembic_import(filepath=asked["file"], as_background_job=False)
+else:
+    bpy.ops.wm.usd_import(filepath=asked["file"])
 scene = bpy.context.scene
 scene.render.resolution_x, scene.render.resolution_y = width, height = asked["size"]
 cameras = [thing for thing in bpy.data.objects if thing.type == "CAMERA"]

@@ -1,5 +1,6 @@
 """The hand-over folder: its pictures line up with its cameras, and all of it is in one exposure."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,48 @@ def test_a_chan_is_the_camera_of_the_usd(handed: HandOver) -> None:
         in_stage = camera.ComputeLocalToWorldTransform(frame)
         assert np.allclose(np.array(made), np.array(in_stage), atol=1e-5)
         assert angle == pytest.approx(camera.GetCamera(frame).GetFieldOfView(Gf.Camera.FOVVertical), abs=1e-3)
+
+
+def test_alembic_has_the_cameras_of_the_usd(handed: HandOver) -> None:
+    """Alembic's film is in cm, USD's in tenths of a metre here; Alembic has no more frames than there are."""
+    alembic3d = pytest.importorskip("alembic3d")
+    Abc, AbcGeom = alembic3d.Abc, alembic3d.AbcGeom
+    stage = Usd.Stage.Open(str(handed.folder / "scene.usdc"))
+    archive = Abc.IArchive(str(handed.folder / "cameras" / "cameras.abc"))
+    transform = AbcGeom.IXform(archive.getTop(), "a-1")
+    lens = AbcGeom.ICamera(transform, "a-1Shape").getSchema()
+    camera = UsdGeom.Camera.Get(stage, "/World/Cameras/a_1")
+    times = transform.getSchema().getTimeSampling()
+    frames = sorted(UsdGeom.Xformable(camera).GetTimeSamples())
+    assert transform.getSchema().getNumSamples() == lens.getNumSamples() == len(frames)
+    for number, frame in enumerate(frames):
+        assert 24 * times.getSampleTime(number) == pytest.approx(frame)
+        at = Abc.ISampleSelector(number)
+        made = transform.getSchema().getValue(at).getMatrix()
+        assert np.allclose(
+            [[made[i][j] for j in range(4)] for i in range(4)],
+            np.array(camera.ComputeLocalToWorldTransform(frame)),
+            atol=1e-9,
+        )
+        film, of_usd = lens.getValue(at), camera.GetCamera(frame)
+        for value, expected in (
+            (film.getFocalLength() / 10, of_usd.focalLength),
+            (film.getHorizontalAperture(), of_usd.horizontalAperture),
+            (film.getVerticalAperture(), of_usd.verticalAperture),
+            (film.getHorizontalFilmOffset(), of_usd.horizontalApertureOffset),
+            (film.getVerticalFilmOffset(), of_usd.verticalApertureOffset),
+        ):
+            assert value == pytest.approx(10 * expected, rel=1e-6, abs=1e-9)
+        assert film.getNearClippingPlane() == pytest.approx(of_usd.clippingRange.min)
+
+
+def test_without_the_library_the_hand_over_says_what_it_lacks(
+    made_sky: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "alembic3d", None)
+    handed = hand_over(made_sky, tmp_path / "vfx")
+    assert not (handed.folder / "cameras" / "cameras.abc").exists()
+    assert "cameras as Alembic, which need pip install -e '.[alembic]'" in handed.notes
 
 
 def test_opencolorio_takes_the_renders_for_linear_rec709(handed: HandOver) -> None:
