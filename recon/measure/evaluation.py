@@ -47,6 +47,10 @@ class Figures(Record):
     flip_median: float | None = None
     hdr_flip_mean: float | None = None
     hdr_flip_median: float | None = None
+    vdp_jod: float | None = None
+    """ColorVideoVDP of the pictures on the screen of `recon.measure.vdp`; 10: no difference is visible."""
+    hdr_vdp_jod: float | None = None
+    """The same of the light on an HDR screen."""
 
 
 class ViewFigures(Figures):

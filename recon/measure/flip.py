@@ -32,11 +32,14 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class LightPair:
-    """Rendered and true light of a view, linear Rec.709 [H, W, 3]; valid [H, W]: not masked."""
+    """Rendered and true light of a view, linear Rec.709 [H, W, 3]; valid [H, W]: not masked; nits: cd/m2 at
+    which a unit of light is shown.
+    """
 
     ours: Array32
     truth: Array32
     valid: Mask
+    nits: float
 
 
 class Flips:

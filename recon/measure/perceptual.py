@@ -1,7 +1,7 @@
 """Renders and what they should show, side by side on disk, and how different they look.
 
-CIEDE2000 is always reported, FLIP where it is installed (`recon.measure.flip`). Other programs find the
-files there.
+CIEDE2000 is always reported, FLIP and ColorVideoVDP where they are installed (`recon.measure.flip`,
+`recon.measure.vdp`). Other programs find the files there.
 """
 
 import math
@@ -24,6 +24,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.light import Images
 from recon.measure.flip import Flips, LightPair, Pair
+from recon.measure.vdp import Vdp, nits
 from recon.rendering.light_files import header_of, stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.opened import Opened
@@ -35,7 +36,7 @@ A_PIXEL = 1000
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """A view whose pictures are written: figures of it, and what FLIP is of."""
+    """A view whose pictures are written: figures of it, and what FLIP and ColorVideoVDP compare."""
 
     row: dict[str, float]
     pairs: list[Pair]
@@ -55,7 +56,7 @@ def compare_pictures(
     of figures that there was not time for of all.
 
     light: of the views, [H, W, 3], and where it is seen; truth: light, if it is known; scale: what aligns the
-    light with it. until: reading of `time.monotonic` after which FLIP is not begun.
+    light with it. until: reading of `time.monotonic` after which neither FLIP nor ColorVideoVDP is begun.
     EXR of both are in the units of the scene, PNG at its exposure; of photographs PNG of every shot of a
     trained exposure instead, as they are.
     """
@@ -66,7 +67,7 @@ def compare_pictures(
             folder, opened, views[turn], light[turn][0], None if truth is None else truth[turn], scale
         )
 
-    rows, flips = [], Flips(len(views), until)
+    rows, flips, visible = [], Flips(len(views), until), Vdp(len(views), until)
     largest = max((view.lens.width * view.lens.height for view in views), default=1)
     at_once = max(1, min(thread_count(), memory.available() // (A_PIXEL * largest)))
     if not opened.dataset.views[0].held:  # its light is in a file, which one thread reads
@@ -77,8 +78,8 @@ def compare_pictures(
             row = one.row
             for name, errors in flips.of(one.pairs, one.light).items():
                 row |= _summary(name, errors)
-            rows.append(row)
-    return rows, flips.left_out()
+            rows.append(row | visible.of(one.pairs, one.light))
+    return rows, flips.left_out() + visible.left_out()
 
 
 def _compare(
@@ -97,7 +98,8 @@ def _compare(
         store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))
         store.write_bytes(folder / REFERENCES / f"{pair.name}.png", encode_png(pair.reference))
     row = _summary("ciede2000", [_colour_difference(pair) for pair in pairs])
-    return _Compared(row, pairs, None if goal is None else LightPair(shown, goal, view.valid))
+    shown_at = nits(opened.record.exposure, opened.record.luminance)
+    return _Compared(row, pairs, None if goal is None else LightPair(shown, goal, view.valid, shown_at))
 
 
 def _pairs(opened: Opened, view: View, light: Array32, goal: Array32 | None) -> Iterator[Pair]:

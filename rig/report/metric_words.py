@@ -162,6 +162,20 @@ METRICS = (
     ),
     Metric("hdr_flip_mean", "HDR-FLIP", "", "The same of the light, the worst over all exposures of it."),
     Metric(
+        "vdp_jod",
+        "ColorVideoVDP",
+        "JOD",
+        "Of the same pictures on a 4K screen of 200 cd/m² in an office, seen from twice its height; at 10 "
+        "no difference is visible, at 9 three of four people see one.",
+    ),
+    Metric(
+        "hdr_vdp_jod",
+        "ColorVideoVDP of light",
+        "JOD",
+        "The same of the light on an HDR screen of 1500 cd/m² in dim light, in cd/m² where the scale is "
+        "known; else white is shown at 203 cd/m².",
+    ),
+    Metric(
         "pose_rotation_deg",
         "Camera orientation error",
         "°",

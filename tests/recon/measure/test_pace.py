@@ -68,7 +68,7 @@ def a_view(rng: np.random.Generator) -> tuple[list[Pair], LightPair]:
     truth = np.full((16, 20, 3), 1.0, np.float32)
     truth[0, 0] = 1024.0
     visible = np.ones((16, 20), bool)
-    return [Pair("a", codes[0], codes[1], visible)], LightPair(truth, truth, visible)
+    return [Pair("a", codes[0], codes[1], visible)], LightPair(truth, truth, visible, 1.0)
 
 
 def test_hdr_flip_is_forecast_by_flip_of_a_picture_and_left_out_where_it_is_too_long(monkeypatch):
