@@ -23,6 +23,8 @@ from imaging.errors import InputError as InputError
 from imaging.errors import PartialError as PartialError
 from imaging.errors import RigError as RigError
 from imaging.errors import StorageError as StorageError
+from imaging.files.exr.reading import read_exr as read_exr
+from imaging.files.exr.writing import write_exr as write_exr
 from imaging.files.photo import read_photo as read_photo
 from imaging.files.raw import read_raw as read_raw
 from imaging.files.tiff.dng import write_dng as write_dng

@@ -10,7 +10,7 @@ import typer
 
 from imaging.errors import InputError
 from imaging.files import hdr_display
-from imaging.files.exr.reading import read_exr_header
+from imaging.files.exr import reading
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
 from recon.rendering.request import RenderRequest
@@ -127,7 +127,7 @@ def render(
                         _scene_data(folder, target, files, scale),
                         [
                             f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
-                            *_unknown(read_exr_header(files[0]).attributes),
+                            *_unknown(reading.read_exr_header(files[0]).attributes),
                         ],
                     )
                 said: list[str] = []

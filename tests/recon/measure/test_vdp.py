@@ -39,6 +39,7 @@ def _package() -> Iterator[None]:
     torchvision, transforms = ModuleType("torchvision"), ModuleType("torchvision.transforms")
     transforms.GaussianBlur = GaussianBlur  # type: ignore[attr-defined]
     modules = {"torchvision": torchvision, "torchvision.transforms": transforms}
+    before = set(sys.modules)
     with pytest.MonkeyPatch.context() as patch:
         for name, module in (modules | {name: MagicMock() for name in UNUSED}).items():
             patch.setitem(sys.modules, name, module)
@@ -46,6 +47,9 @@ def _package() -> Iterator[None]:
         vdp._metric.cache_clear()
         yield
         vdp._metric.cache_clear()
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in ("pycvvdp", "third_party", "interp"):
+            del sys.modules[name]
 
 
 def made(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
