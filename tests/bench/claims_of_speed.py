@@ -26,7 +26,33 @@ def _frame(size: str, count: str, *drawn: str) -> list[float]:
     return [cell("gpu", "forward + backward, ms", size, count, what) for what in drawn]
 
 
+CALIBRATED, GIVEN = r"([\d,]+) \| ([\d,]+)", r"given \|"
+WAYS = {
+    "castle": ("width", "calibrate: before", "after"),
+    "banana": ("width", "calibrate: before", "after"),
+    "fox": ("width", "calibrate: before", "after"),
+    "lego": ("width",),
+    "demo": ("width", "calibrate: before", "after"),
+    "gallery": ("width", "calibrate: before", "after"),
+}
+"""Sets of the table of whole ways, and its columns that come first; lego has given poses."""
+
+
+def _way(name: str) -> list[float]:
+    """Figures of a row of the table of whole ways."""
+    columns = *WAYS[name], "train: before", "after 1", "ratio", "dB: before", "after 3"
+    return [cell("whole_ways", column, name) for column in columns]
+
+
 CLAIMS = (
+    *(
+        Claimed(
+            rf"\| {name} \| (\d+) \| {CALIBRATED if len(first) > 1 else GIVEN} \| "
+            r"([\d,]+) \| ([\d,]+) \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|",
+            partial(_way, name),
+        )
+        for name, first in WAYS.items()
+    ),
     Claimed(
         r"reaches ([\d.]+) dB on the castle and ([\d.]+) on lego, and Adam ([\d.]+) and ([\d.]+) after",
         lambda: [
