@@ -171,7 +171,7 @@ def main() -> None:
     options.sets = SETS[:1] if options.quick else tuple(options.sets.split(","))
     options.work.mkdir(parents=True, exist_ok=True)
     result = measure(options)
-    deliver(options, "real_untouched", result, table(result), result["rows"])
+    deliver(options, "real_untouched", result, table(result))
 
 
 if __name__ == "__main__":

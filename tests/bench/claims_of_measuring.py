@@ -12,11 +12,38 @@ def _lasers(column: str, place: int = 0) -> list[tuple[float, float]]:
     return list(zip(*both, strict=True))
 
 
+def _untouched(column: str) -> list[float]:
+    """First numbers of the sets of bench/real/untouched.py, of those that have any."""
+    return [one[0] for one in cells("real_untouched", column) if one]
+
+
 def _ends(values: list[float]) -> list[float]:
     return [min(values), max(values)]
 
 
 CLAIMS = (
+    Claim(
+        r"`rig` places (\d+), (\d+), (\d+), (\d+) and (\d+) of (\d+), (\d+), (\d+), (\d+) and (\d+) views, "
+        r"pycolmap (\d+), (\d+), (\d+), (\d+) and (\d+)\.",
+        lambda: [
+            *_untouched("placed by rig"),
+            *_untouched("views"),
+            *_untouched("by pycolmap"),
+        ],
+    ),
+    Claim(
+        r"between two views differs by ([\d.]+), ([\d.]+), ([\d.]+), ([\d.]+) and ([\d.]+) degrees in the",
+        lambda: _untouched("turns"),
+    ),
+    Claim(
+        r"`rig` takes (\d+), (\d+), (\d+), (\d+) and (\d+) s where pycolmap takes (\d+), (\d+), (\d+), (\d+) "
+        r"and (\d+): on few",
+        lambda: [*_untouched("s"), *_untouched("pycolmap, s")],
+    ),
+    Claim(
+        r"first four reach ([\d.]+), ([\d.]+), ([\d.]+) and (\d+\.\d) dB on held-out",
+        lambda: _untouched("draft"),
+    ),
     Claim(
         r"in ([\d.]+) to ([\d.]+) of the processor seconds and with centres ([\d.]+) to ([\d.]+) times as "
         r"near to the measured ones, ([\d.]+) to ([\d.]+) mm off in the median for ([\d.]+) to (\d+\.\d)",
