@@ -111,6 +111,11 @@ def noise_gains(views: str) -> list[float]:
     return cells("rawnerf_protocol", views, "whitened, squares", but="three scales")[0][1:]
 
 
+def denoised_gain(views: int) -> float:
+    """RAW dB of pictures denoised before training over mosaics, at the best of its strengths."""
+    return max(row[1] for row in cells("rawnerf_protocol", f"{views} views", "enhanced first"))
+
+
 def gained() -> float:
     """Mean over the scenes of the ladder, dB."""
     of = [
