@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imaging.arrays import Array
+from imaging.optics.pose import world_from_opengl
 from recon.result.model import CALIBRATION, SceneView, read_own_calibration
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
@@ -42,6 +43,17 @@ def place_of(scene: Scene) -> Place:
     if record.coordinates is not None and record.coordinates.source != "session":
         return Place(metres, True, np.eye(3), note)
     return Place(metres, False, _upright(scene), note)
+
+
+def in_stage(view: SceneView, scene: Scene, place: Place) -> Array:
+    """Return the world_from_camera [4, 4] of a view in the axes of the file, less the scene's offset.
+
+    The camera looks along -z, with y up, as in OpenGL.
+    """
+    motion = world_from_opengl(view.cam_from_world.matrix())
+    motion[:3, 3] -= np.asarray(scene.record.offset)
+    motion[:3] = place.turn @ motion[:3]
+    return motion
 
 
 def _upright(scene: Scene) -> Array:

@@ -4,6 +4,7 @@ How different two pictures look to people on a stated screen (Mantiuk et al., SI
 where no difference is visible, 9 where three of four people see it.
 """
 
+import logging
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,8 @@ LIGHT_SCREEN, PEAK = "standard_hdr_linear", 1500.0
 WHITE = 203.0
 """Luminance that white is shown at where the scale of light is not known, cd/m2: that of HDR video (ITU-R
 BT.2408)."""
+LEAST_SIDE = 8
+"""px; a narrower picture has no contrast at any scale of the metric."""
 
 
 class Vdp:
@@ -39,6 +42,8 @@ class Vdp:
         metric, light_metric = _metric(SCREEN), _metric(LIGHT_SCREEN)
         if metric is None or light_metric is None:
             return {}
+        pairs = [pair for pair in pairs if min(pair.valid.shape) >= LEAST_SIDE]
+        light = None if light is None or min(light.valid.shape) < LEAST_SIDE else light
         values: dict[str, float] = {}
         pixels = sum(pair.valid.size for pair in pairs)
         if pairs and self.pictures.takes(pixels * self._pixel_seconds):
@@ -85,6 +90,11 @@ def _metric(screen: str) -> Callable[[Array32, Array32], float] | None:
     metric = pycvvdp.cvvdp(display_name=screen, device=torch.device("cpu"), quiet=True)
 
     def compare(ours: Array32, reference: Array32) -> float:
-        return float(metric.predict(ours, reference, dim_order="HWC")[0])
+        before = logging.root.manager.disable
+        logging.disable(logging.WARNING)  # it warns of dark pictures, whatever their unit
+        try:
+            return float(metric.predict(ours, reference, dim_order="HWC")[0])
+        finally:
+            logging.disable(before)
 
     return compare

@@ -173,7 +173,7 @@ METRICS = (
         "ColorVideoVDP of light",
         "JOD",
         "The same of the light on an HDR screen of 1500 cd/m² in dim light, in cd/m² where the scale is "
-        "known; else white is shown at 203 cd/m².",
+        "known; else white is shown at 203 cd/m². It compares contrasts, not overall brightness.",
     ),
     Metric(
         "pose_rotation_deg",

@@ -4,16 +4,13 @@ They stand in the axes of the USD stage, on a film 36 mm wide, and look along -Z
 mm, the film and its offset in cm, and times in seconds, 24 frames each.
 """
 
+from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from imaging.errors import InputError
 from imaging.files import store
-from imaging.optics.pose import world_from_opengl
-from recon.exports.target_coordinates import Place
+from recon.exports.target_coordinates import Place, in_stage
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 
@@ -25,11 +22,7 @@ _FAR = 1e6
 
 def has_alembic() -> bool:
     """Return whether the library is installed."""
-    try:
-        import alembic3d  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("alembic3d") is not None
 
 
 def write_cameras(path: Path, scene: Scene, place: Place) -> None:
@@ -41,19 +34,15 @@ def write_cameras(path: Path, scene: Scene, place: Place) -> None:
         place: Coordinates of the stage.
 
     Raises:
-        InputError: Two cameras have the same name in Alembic, whose names have no slash.
         StorageError: The disk refuses.
     """
     from alembic3d import Abc
 
     views = sorted(scene.views, key=lambda view: (view.camera, view.frame))
-    names = {view.camera: view.camera.replace("/", "_") for view in views}
-    if len(set(names.values())) < len(names):
-        raise InputError(f"cameras of {scene.folder} differ in slashes only, which Alembic's names have not.")
     with store.replacing(path) as part:
         archive = Abc.CreateArchiveWithInfo(str(part), FRAMES_PER_SECOND, "rig", place.note)
         for name, camera_views in groupby(views, key=lambda view: view.camera):
-            _add(archive, names[name], list(camera_views), scene, place)
+            _add(archive, name, list(camera_views), scene, place)
         del archive  # which writes the file
 
 
@@ -70,9 +59,7 @@ def _add(archive: Any, name: str, views: list[SceneView], scene: Scene, place: P
     camera = AbcGeom.OCamera(transform, f"{name}Shape", sampling)
     near = scene.renderer.limits.near * scene.record.world.unit
     for view in views:
-        motion = world_from_opengl(view.cam_from_world.matrix())
-        motion[:3, 3] -= np.asarray(scene.record.offset)
-        motion[:3] = place.turn @ motion[:3]
+        motion = in_stage(view, scene, place)
         moved = AbcGeom.XformSample()
         moved.setMatrix(imath.M44d(*motion.T.ravel().tolist()))  # of rows before matrices
         transform.getSchema().set(moved)

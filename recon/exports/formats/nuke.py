@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from itertools import groupby
 from math import atan, degrees
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
-from imaging.optics.pose import world_from_opengl
-from recon.exports.target_coordinates import Place
+from recon.exports.target_coordinates import Place, in_stage
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 
@@ -29,12 +27,11 @@ def chan_files(scene: Scene, place: Place) -> dict[str, str]:
 
 
 def _line(view: SceneView, scene: Scene, place: Place) -> str:
-    motion = world_from_opengl(view.cam_from_world.matrix())
-    centre = place.turn @ (motion[:3, 3] - np.asarray(scene.record.offset))
+    motion = in_stage(view, scene, place)
     # Turns about fixed axes, z first, are one about moving axes, y first.
-    y, x, z = Rotation.from_matrix(place.turn @ motion[:3, :3]).as_euler("YXZ", degrees=True)
+    y, x, z = Rotation.from_matrix(motion[:3, :3]).as_euler("YXZ", degrees=True)
     angle = 2 * degrees(atan(view.lens.height / (2 * view.lens.fy)))
-    return " ".join([str(view.frame), *(f"{part:.9g}" for part in (*centre, x, y, z, angle))])
+    return " ".join([str(view.frame), *(f"{part:.9g}" for part in (*motion[:3, 3], x, y, z, angle))])
 
 
 def script(scene: Scene, cameras: Sequence[str]) -> str:

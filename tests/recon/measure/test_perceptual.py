@@ -11,10 +11,11 @@ from imaging.files.exr.reading import read_exr
 from imaging.files.photo import read_photo
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.measure import flip
+from recon.measure import flip, vdp
 from recon.measure.evaluate import evaluate
 from recon.measure.flip import hdr_flip
 from recon.reconstruct import reconstruct
+from recon.result.model import read_model
 
 
 @pytest.fixture(scope="module", params=["toy", "toy_ldr"])
@@ -56,6 +57,31 @@ def test_light_is_written_in_one_unit_and_has_the_hdr_flip_of_its_authors(scene)
     errors, mean, _ = flip_evaluator.evaluate(truth, np.maximum(ours, 0), "HDR", applyMagma=False)
     assert result.hdr_flip_mean == pytest.approx(mean, abs=1e-4)
     assert result.hdr_flip_median == pytest.approx(np.median(errors), abs=1e-4)
+
+
+def test_colorvideovdp_sees_the_light_of_the_files_with_white_at_203_nits(scene, monkeypatch):
+    """Neither scene has a scale."""
+    folder, _ = scene
+    compared = {vdp.SCREEN: [], vdp.LIGHT_SCREEN: []}
+
+    def metric(screen):
+        return lambda *sides: compared[screen].append(sides) or 9.0 - (screen == vdp.LIGHT_SCREEN)
+
+    monkeypatch.setattr(vdp, "_metric", metric)
+    result = evaluate(folder)
+    pictures = sorted((folder / "references").glob("*.png"))
+    shown = [read_photo(folder / name / pictures[0].name).pixels for name in ("renders", "references")]
+    assert result.vdp_jod == 9.0
+    assert len(compared[vdp.SCREEN]) == len(pictures)
+    for side, file in zip(compared[vdp.SCREEN][0], shown, strict=True):
+        assert np.allclose(side / 255, file, atol=1e-6)
+    assert result.hdr_vdp_jod == 8.0
+    exposure = read_model(folder).exposure
+    (sides,) = compared[vdp.LIGHT_SCREEN]
+    (reference,) = (folder / "references").glob("*.exr")
+    for side, name in zip(sides, ("renders", "references"), strict=True):
+        light = read_exr(folder / name / reference.name).rgb()
+        assert np.allclose(side, (203 * exposure * light).clip(0, 1500), rtol=1e-5)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])

@@ -108,6 +108,21 @@ def test_no_time_is_said() -> None:
     assert visible.left_out() == ["ColorVideoVDP of 1"]
 
 
+def test_a_picture_too_narrow_for_contrast_has_no_figure() -> None:
+    light = LightPair(
+        np.ones((40, 7, 3), np.float32), np.ones((40, 7, 3), np.float32), np.ones((40, 7), bool), 1
+    )
+    codes = np.zeros((7, 40, 3), np.uint8)
+    assert vdp.Vdp(1, np.inf).of([Pair("a", codes, codes, np.ones((7, 40), bool))], light) == {}
+
+
+def test_a_dark_picture_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+    black = np.zeros((64, 64, 3), np.float32)
+    light = LightPair(black, black, np.ones((64, 64), bool), 1.0)
+    assert vdp.Vdp(1, np.inf).of([], light) == {"hdr_vdp_jod": pytest.approx(10.0, abs=1e-4)}
+    assert caplog.records == []
+
+
 def test_without_the_package_there_is_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     truth, noisy = made()
     monkeypatch.setitem(sys.modules, "pycvvdp", None)
