@@ -9,6 +9,7 @@ from typing import Any
 from unittest import mock
 
 from bench.calibration.pose_error import of_session
+from bench.support.plain_pycolmap import place
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
@@ -85,19 +86,13 @@ def _counts(model: Any) -> dict[str, Any]:
 def plain(pictures: Path, work: Path) -> dict[str, Any]:
     """SIFT, all pairs, incremental mapping: pycolmap's defaults, but for the size of the pictures."""
     began = time.perf_counter()
-    database = work / "plain.db"
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = WIDTH
-    pycolmap.extract_features(
-        database, pictures, camera_mode=pycolmap.CameraMode.SINGLE, extraction_options=options
-    )
-    pycolmap.match_exhaustive(database)
-    (work / "plain").mkdir()
-    models = pycolmap.incremental_mapping(database, pictures, work / "plain")
+    single = pycolmap.CameraMode.SINGLE
+    best, _ = place(pictures, work / "plain", camera_mode=single, extraction_options=options)
     seconds = time.perf_counter() - began
-    if not models:
+    if best is None:
         return {"registered": 0, "seconds": seconds}
-    best = max(models.values(), key=lambda model: model.num_reg_images())
     camera = next(iter(best.cameras.values()))
     # pycolmap scales what it finds in a smaller picture to the size of the photograph.
     scale = min(WIDTH / max(camera.width, camera.height), 1.0)

@@ -29,6 +29,7 @@ import PIL.Image
 
 from bench.real.goals import write_page
 from bench.real.made_sets import METAL, fuse, judged, metal_and_glass
+from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -173,13 +174,8 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
     else:
         for path in photographs(name):
             shutil.copy(path, folder / "images" / path.name)
-    began = processor_seconds()
-    database = folder / "database.db"
-    pycolmap.extract_features(database, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE)
-    pycolmap.match_exhaustive(database)
-    models = pycolmap.incremental_mapping(database, folder / "images", folder)
-    seconds = processor_seconds() - began
-    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    single = pycolmap.CameraMode.SINGLE
+    best, seconds = place(folder / "images", folder / "models", camera_mode=single)
     if best is None:
         return {"placed": 0, "seconds": seconds}
     row: dict[str, Any] = {

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -123,17 +124,9 @@ def by_rig(folder: Path, work: Path) -> dict[str, Any]:
 
 def by_pycolmap(folder: Path, work: Path) -> dict[str, Any]:
     """Place a set by pycolmap's defaults, with one camera."""
-    place = work / f"laser-{folder.name}-pycolmap"
-    shutil.rmtree(place, ignore_errors=True)
-    place.mkdir(parents=True)
-    images, database = folder / "images", place / "database.db"
+    images, single = folder / "images", pycolmap.CameraMode.SINGLE
     names = sorted(path.name for path in images.glob("*.jpg"))
-    began = processor_seconds()
-    pycolmap.extract_features(database, images, image_names=names, camera_mode=pycolmap.CameraMode.SINGLE)
-    pycolmap.match_exhaustive(database)
-    models = pycolmap.incremental_mapping(database, images, place)
-    seconds = processor_seconds() - began
-    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    best, seconds = place(images, work / f"laser-{folder.name}-pycolmap", names, camera_mode=single)
     if best is None:
         return {"placed": 0, "seconds": seconds}
     poses = {}

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -29,7 +30,6 @@ from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
 from imaging.arrays import Array
 from imaging.errors import RigError
-from imaging.files.colmap import pycolmap
 from imaging.session.session import Session
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
@@ -68,16 +68,8 @@ def by_rig(folder: Path, work: Path) -> dict[str, Any]:
 
 def by_pycolmap(folder: Path, work: Path) -> dict[str, Any]:
     """Place a set by pycolmap's defaults, which sort photographs into cameras by EXIF and size."""
-    place = work / f"untouched-{folder.name}-pycolmap"
-    shutil.rmtree(place, ignore_errors=True)
-    place.mkdir(parents=True)
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in PHOTOGRAPHS)
-    began = processor_seconds()
-    pycolmap.extract_features(place / "database.db", folder, image_names=names)
-    pycolmap.match_exhaustive(place / "database.db")
-    models = pycolmap.incremental_mapping(place / "database.db", folder, place)
-    seconds = processor_seconds() - began
-    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    best, seconds = place(folder, work / f"untouched-{folder.name}-pycolmap", names)
     images = [] if best is None else [best.image(number) for number in best.reg_image_ids()]
     return {
         "seconds": seconds,
