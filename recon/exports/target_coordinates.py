@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imaging.arrays import Array
+from imaging.files.exr.camera import FILM_MM
+from imaging.optics.lens import Lens
 from imaging.optics.pose import world_from_opengl
 from recon.result.model import CALIBRATION, SceneView, read_own_calibration
 from recon.result.scene import Scene
@@ -66,6 +68,32 @@ def _upright(scene: Scene) -> Array:
         back = back - (back @ up) * up
     back = back / np.linalg.norm(back)
     return np.stack([np.cross(up, back), up, back])
+
+
+@dataclass(frozen=True)
+class Film:
+    """A lens without its distortion as programs have it that describe cameras by their film, mm.
+
+    across, up: from the lens's axis to the middle of the film, to the right and upwards.
+    """
+
+    focal: float
+    width: float
+    height: float
+    across: float
+    up: float
+
+
+def film_of(lens: Lens) -> Film:
+    """Return the film, as wide as EXR headers have it; pixels that are not square make it higher or lower."""
+    focal = FILM_MM * lens.fx / lens.width
+    return Film(
+        focal,
+        FILM_MM,
+        focal * lens.height / lens.fy,
+        focal * (lens.width / 2 - lens.cx) / lens.fx,
+        focal * (lens.cy - lens.height / 2) / lens.fy,
+    )
 
 
 def pinhole(camera: SplatCamera) -> SplatCamera:

@@ -1,6 +1,6 @@
 """The cameras of a scene's views in Alembic, for programs that take no OpenUSD.
 
-They stand in the axes of the USD stage, on a film 36 mm wide, and look along -Z. Alembic has focal lengths in
+They stand in the axes of the USD stage, and look along -Z. Alembic has focal lengths in
 mm, the film and its offset in cm, and times in seconds, 24 frames each.
 """
 
@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from imaging.files import store
-from recon.exports.target_coordinates import Place, in_stage
+from recon.exports.target_coordinates import Place, film_of, in_stage
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 
-FILM_CM = 3.6
 FRAMES_PER_SECOND = 24
 _FAR = 1e6
 """Far end of what is drawn over its near end, which is the rasteriser's."""
@@ -69,13 +68,12 @@ def _add(archive: Any, name: str, views: list[SceneView], scene: Scene, place: P
 def _lens(view: SceneView, near: float) -> Any:
     from alembic3d import AbcGeom
 
-    lens, sample = view.lens, AbcGeom.CameraSample()
-    squeeze = lens.fx / lens.fy
-    sample.setFocalLength(10 * FILM_CM * lens.fx / lens.width)
-    sample.setHorizontalAperture(FILM_CM)
-    sample.setVerticalAperture(FILM_CM * lens.height / lens.width * squeeze)
-    sample.setHorizontalFilmOffset(FILM_CM * (lens.width / 2 - lens.cx) / lens.width)
-    sample.setVerticalFilmOffset(FILM_CM * (lens.cy - lens.height / 2) / lens.width * squeeze)
+    film, sample = film_of(view.lens), AbcGeom.CameraSample()
+    sample.setFocalLength(film.focal)
+    sample.setHorizontalAperture(film.width / 10)
+    sample.setVerticalAperture(film.height / 10)
+    sample.setHorizontalFilmOffset(film.across / 10)
+    sample.setVerticalFilmOffset(film.up / 10)
     sample.setNearClippingPlane(near)
     sample.setFarClippingPlane(_FAR * near)
     return sample

@@ -5,12 +5,13 @@ from typing import Any
 
 from imaging.optics.pose import world_from_opengl
 from recon.data.world import Vector
+from recon.exports.target_coordinates import film_of
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.scene.usd_field import SIZE
 
-FILM = 0.36
-"""Width that every film is given, 36 mm: OpenUSD has lenses in tenths of a unit, which is a metre here."""
+_OF_MM = 0.01
+"""Lenses in OpenUSD are in tenths of a unit, which is a metre here."""
 _FAR = 1e6
 """Far end of what is drawn over its near end, which is the rasteriser's."""
 
@@ -67,16 +68,15 @@ def _set(camera: Any, views: list[SceneView], scene: Scene, offset: Vector) -> N
         custom_attribute(SIZE, Sdf.ValueTypeNames.Int2): [],
     }
     for view in views:
-        lens = view.lens
-        focal = FILM * lens.fx / lens.width
+        lens, film = view.lens, film_of(view.lens)
         motion = world_from_opengl(view.cam_from_world.matrix())
         motion[:3, 3] -= offset
         row = (
-            focal,
-            FILM,
-            focal * lens.height / lens.fy,
-            focal * (lens.width / 2 - lens.cx) / lens.fx,
-            focal * (lens.cy - lens.height / 2) / lens.fy,
+            _OF_MM * film.focal,
+            _OF_MM * film.width,
+            _OF_MM * film.height,
+            _OF_MM * film.across,
+            _OF_MM * film.up,
             Gf.Matrix4d(*motion.T.ravel().tolist()),
             "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
             list(lens.terms),
