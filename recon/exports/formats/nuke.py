@@ -4,6 +4,7 @@ A .chan has a line a frame: its number, x y z, turns about x, y, z in degrees, a
 (Nuke's ZXY), and the angle from bottom to top, degrees. Axes are those of the USD stage.
 """
 
+import re
 from collections.abc import Sequence
 from itertools import groupby
 from math import atan, degrees
@@ -15,6 +16,8 @@ from recon.result.model import SceneView
 from recon.result.scene import Scene
 
 SCRIPT = "handover.nk"
+_NOT_IN_NAMES = re.compile("[^A-Za-z0-9_]")
+"""Characters that names of nodes cannot have, but names of cameras, such as canon-powershot-a10."""
 
 
 def chan_files(scene: Scene, place: Place) -> dict[str, str]:
@@ -54,15 +57,15 @@ def script(scene: Scene, cameras: Sequence[str]) -> str:
         ):
             across, down = 300 * column, 400 * row
             # The last of the two is the first input, the picture.
-            lens = f"lenses/{name}.{stmap}.exr"
-            lines += _read(f"{stmap}_{name}", lens, (1, 1), (across + 110, down), raw=True)
-            lines += _read(f"{kind}_{name}", f"{picture}/{name}.####.exr", (first, last), (across, down))
+            lens, node = f"lenses/{name}.{stmap}.exr", _NOT_IN_NAMES.sub("_", name)
+            lines += _read(f"{stmap}_{node}", lens, (1, 1), (across + 110, down), raw=True)
+            lines += _read(f"{kind}_{node}", f"{picture}/{name}.####.exr", (first, last), (across, down))
             lines += [
                 "STMap {",
                 " inputs 2",
                 " channels rgba",
                 " uv rgb",
-                f" name {stmap}ed_{name}",
+                f" name {stmap}ed_{node}",
                 f" xpos {across}",
                 f" ypos {down + 150}",
                 "}",

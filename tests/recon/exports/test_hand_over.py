@@ -1,5 +1,6 @@
 """The hand-over folder: its pictures line up with its cameras, and all of it is in one exposure."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from imaging.errors import InputError
+from recon.exports.formats import nuke
 from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
 from recon.exports.target_coordinates import pinhole
 from recon.result.scene import open_scene
@@ -59,6 +61,15 @@ def test_a_chan_is_the_camera_of_the_usd(handed: HandOver) -> None:
         in_stage = camera.ComputeLocalToWorldTransform(frame)
         assert np.allclose(np.array(made), np.array(in_stage), atol=1e-5)
         assert angle == pytest.approx(camera.GetCamera(frame).GetFieldOfView(Gf.Camera.FOVVertical), abs=1e-3)
+
+
+def test_nodes_of_nuke_have_names_that_nuke_accepts(made_sky: Path) -> None:
+    """Cameras need not: a hyphen stays in the names of files alone."""
+    text = nuke.script(open_scene(made_sky), ["a-1"])
+    assert "renders/a-1.####.exr" in text
+    names = re.findall(r"^ name (.*)$", text, re.MULTILINE)
+    assert len(set(names)) == len(names) == 6
+    assert all(re.fullmatch("[A-Za-z]\\w*", name, re.ASCII) for name in names)
 
 
 def test_alembic_has_the_cameras_of_the_usd(handed: HandOver) -> None:
