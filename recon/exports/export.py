@@ -14,7 +14,7 @@ from imaging.session.paths import scene_around
 from recon.albedo.estimate import Albedo, albedo_of
 from recon.exports import view_cameras
 from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
-from recon.exports.job import Job, Written
+from recon.exports.job import Job, Written, blend_note
 from recon.exports.loss import Loss, loss_of
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ExportRequest, FormatName
@@ -155,11 +155,8 @@ def export(
     written = chosen.write(job)
     loss = None if written.held is None else loss_of(finite, written.truth, written.held, on_progress)
     notes = written.notes
-    if written.truth is not None and job.linear and finite.record.display is not None:
-        notes = (
-            *notes,
-            "that the scene blends display values, as its photographs have them: light is blended",
-        )
+    if written.truth is not None and job.linear:
+        notes = (*notes, *blend_note(finite))
     if dropped:
         notes = (*notes, f"{dropped} of {dropped + len(finite.gaussians)} Gaussians, which no renderer draws")
     return Exported(

@@ -20,7 +20,7 @@ from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
 from recon.exports.formats import alembic, nuke, usd
 from recon.exports.hand_over_page import page
-from recon.exports.job import Job, lens_note
+from recon.exports.job import Job, blend_note, lens_note
 from recon.exports.loss import Loss, loss_of
 from recon.exports.plates import AS_SHOT, LENSES, PLATES, Plates, write_plates
 from recon.exports.splats import sound
@@ -86,7 +86,7 @@ def hand_over(
     store.require_writable(folder)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
     finite, dropped = sound(opened)
-    notes = lens_note(finite)
+    notes = (*lens_note(finite), *blend_note(finite))
     if dropped:
         notes = (*notes, f"{dropped} Gaussians, which no renderer draws")
     with store.replacing(folder) as part:

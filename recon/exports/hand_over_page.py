@@ -64,8 +64,9 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
         "<code>redistort</code> puts it into a render), and the lens as OpenCV's YAML",
         "handover.nk": "a script of Nuke that reads plates and renders through them",
         "cameras/": "in the coordinates of the USD, <code>cameras.abc</code> (Alembic) if it is there, and a "
-        "<code>.chan</code> of each camera; lenses with their distortion: "
-        "<code>transforms.json</code> and a COLMAP model, with pictures and points",
+        "<code>.chan</code> of each camera; in those of the calibration, which <code>/World</code> of the "
+        "USD turns, lenses with their distortion: <code>transforms.json</code> and a COLMAP model, with "
+        "pictures and points",
         "config.ocio": "OpenColorIO: the ACES configuration for CG, which reads the EXR of this folder as "
         "Linear Rec.709 (sRGB), STMaps as data, and other files as it always does",
     }

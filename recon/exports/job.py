@@ -57,6 +57,13 @@ class Written:
     notes: tuple[str, ...] = ()
 
 
+def blend_note(scene: Scene) -> tuple[str, ...]:
+    """Note that a file of light blends otherwise than the scene, where it does."""
+    if scene.record.display is None:
+        return ()
+    return ("that the scene blends display values, as its photographs have them: light is blended",)
+
+
 def lens_note(scene: Scene) -> tuple[str, ...]:
     """Note that lenses are bent and the file's cameras are not, where it applies."""
     bent = max((bent_px(view) for view in scene.views), default=0.0)

@@ -3,6 +3,7 @@
 Light is in the unit of the renders beside them, merged by the calibration that the scene was trained on.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from imaging.files import store
+from imaging.files.exr.camera import camera_attributes
 from imaging.files.exr.reading import read_exr
-from imaging.files.exr.writing import write_exr
+from imaging.files.exr.writing import ExrValue, write_exr
 from imaging.files.opencv_lens import write_opencv_lens
 from imaging.files.tags.exr_colour import INTEROP_ID, UNKNOWN
 from imaging.optics.lens import Lens
+from imaging.plates.bracket_exposures import exposure_scales
 from imaging.plates.lens_maps import redistorting, undistorting, warped, write_stmap
 from imaging.plates.merged_view import PlateFormat, merge_view
 from imaging.progress import Progress
@@ -26,7 +29,18 @@ from recon.result.model import CALIBRATION, SceneView, read_own_calibration
 from recon.result.scene import Scene
 
 PLATES, AS_SHOT, LENSES = "plates", "plates_as_shot", "lenses"
-_OF_THE_LIGHT = ("rig:exposureFactor", "rig:view", "rig:units", "rig:colour", "whiteLuminance", "capDate")
+_SAME_LIGHT = 0.1
+"""Stops by which a plate may differ from its render without a word."""
+_OF_BOTH = (
+    "rig:exposureFactor",
+    "rig:view",
+    "rig:units",
+    "rig:colour",
+    "whiteLuminance",
+    "capDate",
+    "software",
+)
+"""Attributes of a plate as shot that its straight one has, too."""
 
 
 @dataclass(frozen=True)
@@ -52,18 +66,37 @@ def write_plates(folder: Path, scene: Scene, factor: float, progress: Progress) 
     shots = brackets(session.shots("scene"))
     files: list[Path] = []
     lenses: dict[str, Lens] = {}
-    missing = 0
+    missing, brighter = 0, 0.0
     for done, view in enumerate(scene.views):
         progress("merging plates", done, len(scene.views))
         if not _there(session, shots, view.id):
             missing += 1
             continue
         files += _write(folder, session, view, shots[view.id], calibration, factor, lenses)
+        brighter = max(brighter, _stops_apart(scene, session, shots[view.id], calibration))
     for name, lens in lenses.items():
         files += _write_lens(folder / LENSES, name, lens)
-    note = f"plates of {missing} views, whose photographs are not in the session"
+    notes = []
+    if missing:
+        notes.append(f"plates of {missing} views, whose photographs are not in the session")
+    if brighter > _SAME_LIGHT:
+        notes.append(
+            "in the renders, the exposure of each photograph: the scene has display values as they are, so "
+            f"that plates are up to {brighter:.2g} stops brighter or darker"
+        )
     widths = {name: lens.width for name, lens in lenses.items()}
-    return Plates(files, (note,) if missing else (), widths)
+    return Plates(files, tuple(notes), widths)
+
+
+def _stops_apart(
+    scene: Scene, session: Session, shots: list[ShotRecord], calibration: CalibrationRecord
+) -> float:
+    """Stops between a photograph's exposure and the one that its scene reads all display values at."""
+    display = scene.record.display
+    if display is None or display.developed:
+        return 0.0
+    scales = exposure_scales(session, shots, calibration.exposure_scale)
+    return min(abs(math.log2(k / display.k)) for k in scales)
 
 
 def _there(session: Session, shots: Mapping[ViewId, list[ShotRecord]], view: ViewId) -> bool:
@@ -88,8 +121,9 @@ def _write(
     lens = lenses.setdefault(view.camera, view.lens.resized(light.shape[1], light.shape[0]))
     drawn, known = warped(light, undistorting(lens))
     planes = {letter: drawn[..., index] for index, letter in enumerate("RGB")} | {"A": known}
-    header = {key: image.attributes[key] for key in _OF_THE_LIGHT if key in image.attributes}
-    stated = {key: value for key, value in header.items() if isinstance(value, str | float)}
+    header = {key: image.attributes[key] for key in _OF_BOTH if key in image.attributes}
+    stated: dict[str, ExrValue] = {k: value for k, value in header.items() if isinstance(value, str | float)}
+    stated |= camera_attributes(view.cam_from_world.matrix(), lens.matrix, (lens.width, lens.height))
     primaries = None if image.attributes.get(INTEROP_ID) == UNKNOWN else "rec709"
     write_exr(straight, planes, primaries=primaries, attributes=stated)
     return [shot, straight]

@@ -1,7 +1,18 @@
 """`rig export` on the command line: what it says, writes and refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from imaging.progress import unreported
+from imaging.session.calibration import Response
+from imaging.session.paths import find_reconstruction
+from recon.exports.plates import write_plates
+from recon.result.model import DisplayValues, read_own_calibration
+from recon.result.scene import open_scene
 
 
 def test_a_file_and_what_it_lost(rig, scene: Path, tmp_path: Path) -> None:
@@ -26,9 +37,27 @@ def test_the_hand_over_folder_and_cameras(rig, scene: Path, tmp_path: Path) -> N
     assert code == 0
     assert f"begin with {tmp_path / 'vfx' / 'index.html'}" in out
     assert (tmp_path / "vfx" / "scene.usdc").is_file()
+    plate, render = (
+        OpenEXR.File(str(tmp_path / "vfx" / folder / "cam0.0000.exr"), header_only=True).header()
+        for folder in ("plates", "renders")
+    )
+    for name in ("worldToCamera", "worldToNDC", "pinholeFocalLength"):
+        assert np.allclose(plate[name], render[name], rtol=1e-5, atol=1e-5)
     code, out, _ = rig("export", str(scene), "--format", "cameras", "--out", str(tmp_path / "cameras"))
     assert code == 0
     assert "6 views" in out
+
+
+def test_plates_that_are_not_as_bright_as_their_renders_are_said(scene: Path, tmp_path: Path) -> None:
+    """Display values as they are have no exposure, but plates of photographs do."""
+    opened = open_scene(find_reconstruction(scene))
+    scales = read_own_calibration(opened.folder).exposure_scale.values()
+    for factor, said in ((1.0, ()), (4.0, ("plates are up to 2 stops brighter or darker",))):
+        display = DisplayValues(response=Response(kind="srgb", evidence=""), k=factor * max(scales))
+        shown = replace(opened, record=opened.record.model_copy(update={"display": display}))
+        notes = write_plates(tmp_path / f"{factor}", shown, 1.0, unreported).notes
+        assert len(notes) == len(said)
+        assert all(part in note for part, note in zip(said, notes, strict=True))
 
 
 def test_albedo_is_counted(rig, scene: Path, tmp_path: Path) -> None:
