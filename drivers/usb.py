@@ -20,6 +20,7 @@ from drivers.errors import (
     CameraTimeout,
 )
 from drivers.holders import holders
+from imaging.and_list import and_list
 from imaging.errors import CameraError
 
 RULES = "70-hdr-rig.rules"
@@ -108,7 +109,7 @@ class UsbDevice:
             if not programs:
                 raise
             raise CameraClaimed(
-                f"{self.where} is held by {' and '.join(programs)}: unmount it in the file manager, or close "
+                f"{self.where} is held by {and_list(programs)}: unmount it in the file manager, or close "
                 "that program."
             ) from error
 

@@ -14,6 +14,7 @@ from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_c
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
+from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.colour.spaces import balanced, with_rgb
 from imaging.errors import CalibrationError
@@ -237,7 +238,7 @@ def _climb(
     climb(
         "chart_matrix",
         _Trial(shared, (ColourModel(shaded=lit),) * len(shared)),
-        f"a matrix from {' and '.join(sorted(patches))}, one for each camera model, in place of the files'",
+        f"a matrix from {and_list(sorted(patches))}, one for each camera model, in place of the files'",
     )
     if len(alone) > len(shared):
         climb(

@@ -5,6 +5,7 @@ from itertools import chain
 from typing import Literal
 
 from calib.sensor.measure import MeasuredSensor
+from imaging.and_list import and_list
 from imaging.sensor.sensor_calibration import Measured, SensorCalibration
 from imaging.session.records import Rung
 
@@ -50,7 +51,7 @@ def _values(at: list[SensorCalibration], field: Field) -> list[Measured]:
 
 
 def _sources(values: list[Measured]) -> str:
-    return " and ".join(dict.fromkeys(value.source for value in values))
+    return and_list(dict.fromkeys(value.source for value in values))
 
 
 def _noise(at: list[SensorCalibration], stated: int, total: int, missing: str) -> Rung:

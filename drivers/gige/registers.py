@@ -9,6 +9,7 @@ from typing import Protocol
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.archive import LARGEST_XML, unzipped
 from drivers.genicam.elsewhere import read_url
+from imaging.and_list import and_list
 
 URL_SIZE = 512
 DISCOVERY_SIZE = 0xF8
@@ -149,7 +150,7 @@ def read_xml(control: Registers, address: str) -> bytes:
                 return read_url(other, control.where, address)
         if elsewhere:
             return read_url(elsewhere[-1], control.where, address)
-        places = " and ".join(repr(url) for url in urls if url) or "nowhere"
+        places = and_list(repr(url) for url in urls if url) or "nowhere"
         raise CameraProtocol(
             f"{control.where} does not say where its description is ({places}): update the camera's firmware."
         )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from imaging.and_list import and_list
 from imaging.arguments import checked
 from imaging.arrays import Array
 from imaging.errors import ReconstructionError
@@ -133,7 +134,7 @@ def _left_out(measured: int, of: int, skipped: Sequence[str]) -> str | None:
     if measured == of and not skipped:
         return None
     views = f"{measured} of {of} held-out views are" if measured < of else f"All {of} held-out views are"
-    but = f", {'' if measured < of else 'but '}{' and '.join(skipped)}" if skipped else ""
+    but = f", {'' if measured < of else 'but '}{and_list(skipped)}" if skipped else ""
     return f"{views} measured{but}, to finish the report in time: `rig evaluate` measures all."
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from imaging.and_list import and_list
 from imaging.errors import InputError
 from imaging.files import hdr_display
 from imaging.files.exr import reading
@@ -141,7 +142,7 @@ def render(
                 [
                     f"{target}: {counted(count, kind)} of {folder}, as EXR"
                     f"{', PNG, Ultra HDR JPEG and AVIF' if asked.hdr else ' and PNG'}"
-                    f"{', and ' + ' and '.join(file.name for file in films) if films else ''}",
+                    f"{', and ' + and_list(file.name for file in films) if films else ''}",
                     f"EXR values are light times {number(scale)} ({math.log2(scale):+.1f} stops){usual}",
                     *([_hdr(film=asked.video)] if asked.hdr else []),
                     *said,

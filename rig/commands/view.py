@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from imaging.and_list import and_list
 from imaging.session.lock import is_held
 from imaging.session.paths import find_reconstruction, session_of, without_scene
 from rig.options.common import JsonOption, WrongUsage
@@ -88,6 +89,6 @@ def _followed(path: Path) -> Path | None:
 
 
 def _announce(folders: list[Path], url: str) -> None:
-    typer.echo(f"{' and '.join(map(str, folders))}: {url} until Ctrl-C", err=True)
+    typer.echo(f"{and_list(map(str, folders))}: {url} until Ctrl-C", err=True)
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)

@@ -15,6 +15,7 @@ from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.originals import pictures_in, shown
+from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.compute.memory import check
 from imaging.errors import InputError
@@ -121,13 +122,13 @@ def read(folder: Path) -> Given:
     unfit = {model.cameras[key].model_name for key, lens in lenses.items() if lens is None}
     if unfit:
         notes.append(
-            f"Cameras of the model {' and '.join(sorted(unfit))} come without lens and poses, since no lens "
+            f"Cameras of the model {and_list(sorted(unfit))} come without lens and poses, since no lens "
             "of rig is like theirs: undistort the images first if the poses matter."
         )
     near = {c.model_name for c in model.cameras.values()} - MODELS.keys() - unfit
     if near:
         notes.append(
-            f"Lenses of the model {' and '.join(sorted(near))} become the nearest that rig has, which differ "
+            f"Lenses of the model {and_list(sorted(near))} become the nearest that rig has, which differ "
             "by less than a pixel anywhere."
         )
     others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]

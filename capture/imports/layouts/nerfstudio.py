@@ -17,6 +17,7 @@ from capture.imports.layouts.posed_frame import PosedFrame
 from capture.imports.layouts.split_lists import PARTS, photos_named, split
 from capture.imports.layouts.transforms_notes import applied_scale, notes_of, rays_beside
 from capture.imports.originals import shown
+from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.files import store
@@ -98,7 +99,7 @@ def read(folder: Path) -> Given:
     lists = {part: top[f"{part}_filenames"] for part in PARTS if top.get(f"{part}_filenames")}
     if lists and len(sources) == 1:
         named = {part: photos_named(given, folder, names) for part, names in lists.items()}
-        given = split(given, named, " and ".join(f"{part}_filenames" for part in lists))
+        given = split(given, named, and_list(f"{part}_filenames" for part in lists))
     return given
 
 

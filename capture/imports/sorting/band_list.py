@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from capture.imports.originals import shown
 from capture.imports.sorting.grouping import Bracket, PhotoSeries, split_into_brackets
+from imaging.and_list import and_list
 from imaging.errors import InputError
 from imaging.session.records import MOST_BANDS, Band
 
@@ -61,7 +62,7 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
         relative = shown(path.relative_to(folder))
         named = [name for name, word in words.items() if word.search(relative)]
         if len(named) != 1:
-            of = f"of {' and '.join(named)}" if named else "of no band"
+            of = f"of {and_list(named)}" if named else "of no band"
             raise InputError(
                 f"{path} is {of} by its name: put the photographs into a folder for each band, or a band's "
                 "name into that of each photograph."

@@ -14,6 +14,7 @@ from capture.imports.request import Identity
 from capture.imports.sorting.clock_matching import MOST_NAMED, clock_offset, seconds_of
 from capture.imports.sorting.grouping import PhotoSeries
 from capture.imports.sorting.lens_settings import UNKNOWN, LensSetting, lens_settings
+from imaging.and_list import and_list
 from imaging.session.records import CameraRecord
 
 Source = Literal["serial", "model", "layout", "folder", "one"]
@@ -262,8 +263,7 @@ def _ways(keys: Sequence[_Key], by: Identity | None) -> str:
         ways.append(f"focal length or lens ({some})")
     if len({key.size for key in keys}) > 1:
         ways.append("size")
-    words = ways[0] if len(ways) == 1 else f"{', '.join(ways[:-1])} and {ways[-1]}"
-    return words + why.get(source, "")
+    return and_list(ways) + why.get(source, "")
 
 
 def _size(key: _Key) -> str:

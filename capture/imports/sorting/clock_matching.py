@@ -14,6 +14,7 @@ import numpy as np
 
 from capture.imports.request import Together
 from capture.imports.sorting.grouping import Bracket
+from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.session.records import CameraRecord
 
@@ -86,7 +87,7 @@ def listed(names: Sequence[str]) -> str:
     """Names in a row, of many the first."""
     if len(names) > MOST_NAMED:
         return f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} others"
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return and_list(names)
 
 
 def seconds_of(brackets: Sequence[Bracket]) -> Array | None:

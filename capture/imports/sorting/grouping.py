@@ -7,6 +7,7 @@ import numpy as np
 
 from capture.bracket.deviation import TOLERANCE_STOPS
 from capture.imports.originals import Original
+from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.session.records import CameraRecord
 
@@ -49,10 +50,11 @@ def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Br
         )
     singles = len([bracket for bracket in brackets if len(bracket) == 1])
     again = " and then repeat" if len(brackets) - singles > 1 else ""
-    groups = " and ".join(_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes)
-    rest = f" and {singles} single photos" if singles else ""
+    groups = [_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes]
+    if singles:
+        groups.append(f"{singles} single photo{'' if singles == 1 else 's'}")
     return brackets, (
-        f"{name}: {groups}{rest}, because the exposures differ by half a stop or more{again}; "
+        f"{name}: {and_list(groups)}, because the exposures differ by half a stop or more{again}; "
         "--bracket N groups every N photos instead."
     )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from imaging.and_list import and_list
 from imaging.arguments import checked
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
@@ -96,7 +97,7 @@ def trade_off(trade: Trade) -> TradeSection:
 def _on(trade: Trade) -> str:
     """Return what its trainings ran on."""
     devices = sorted({point.device for point in trade.points})
-    return f" on {' and '.join(devices)}" if devices else ""
+    return f" on {and_list(devices)}" if devices else ""
 
 
 def _caution(trade: Trade) -> str:
