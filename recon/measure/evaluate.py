@@ -18,6 +18,7 @@ from imaging.progress import Progress, unreported
 from imaging.session.paths import find_reconstruction
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.data.tone import encode
+from recon.measure import vdp
 from recon.measure.evaluation import Evaluation
 from recon.measure.pace import views_in_time
 from recon.measure.perceptual import compare_pictures
@@ -106,7 +107,8 @@ def _evaluated(folder: Path, whole: Opened, until: float, on_progress: Progress)
         rows = [row | perceived for row, perceived in zip(rows, looks, strict=True)]
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
-        result["left_out"] = _left_out(len(views), len(whole.dataset.reported), skipped)
+        said = _left_out(len(views), len(whole.dataset.reported), skipped), vdp.trouble()
+        result["left_out"] = " ".join(filter(None, said)) or None
     else:
         count = len(opened.dataset.views)
         views_are = "1 view is" if count == 1 else f"{count} views are"

@@ -90,7 +90,9 @@ class Evaluation(Figures):
     held_out_note: str | None = None
     """Caveat about the held-out views, if any."""
     left_out: str | None = None
-    """Sentence on the views and figures that there was not time for; None: all are here."""
+    """Sentences on the views and figures that there was not time for, and on a metric that is installed but
+    does not start; None: all are here.
+    """
     stops_against: Literal["truth", "photographs"] | None = None
     """Reference of the errors in stops."""
     stops_bound: float | None = None

@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from functools import cache
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,16 @@ class Vdp:
         ]
 
 
+def trouble() -> str | None:
+    """Return why the package, although it is installed, gives no figures, as a sentence; None if it does."""
+    package = _package()
+    if not isinstance(package, Exception):
+        return None
+    return (
+        f"ColorVideoVDP is installed but does not start ({package}): install a torchvision that fits torch."
+    )
+
+
 def nits(exposure: float, luminance: tuple[float, float] | None) -> float:
     """Return what a unit of light is shown at, cd/m2.
 
@@ -81,13 +92,24 @@ def _masked(pair: Pair | LightPair) -> tuple[Any, Any]:
 
 
 @cache
-def _metric(screen: str) -> Callable[[Array32, Array32], float] | None:
-    """The metric on a screen, of a picture and its reference [H, W, 3]; None if it cannot be had."""
+def _package() -> Any:
+    """The package; None if it is not installed, the exception if it does not start."""
+    if find_spec("pycvvdp") is None:
+        return None
     try:
         import pycvvdp
-    except (ImportError, RuntimeError):  # RuntimeError: torchvision is of another build than torch
+    except (ImportError, RuntimeError) as error:  # RuntimeError: torchvision is of another build than torch
+        return error
+    return pycvvdp
+
+
+@cache
+def _metric(screen: str) -> Callable[[Array32, Array32], float] | None:
+    """The metric on a screen, of a picture and its reference [H, W, 3]; None if it cannot be had."""
+    package = _package()
+    if package is None or isinstance(package, Exception):
         return None
-    metric = pycvvdp.cvvdp(display_name=screen, device=torch.device("cpu"), quiet=True)
+    metric = package.cvvdp(display_name=screen, device=torch.device("cpu"), quiet=True)
 
     def compare(ours: Array32, reference: Array32) -> float:
         before = logging.root.manager.disable

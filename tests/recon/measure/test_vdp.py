@@ -44,12 +44,18 @@ def _package() -> Iterator[None]:
         for name, module in (modules | {name: MagicMock() for name in UNUSED}).items():
             patch.setitem(sys.modules, name, module)
         patch.setattr(sys, "path", [*sys.path, str(PACKAGE)])
-        vdp._metric.cache_clear()
+        forget()
         yield
-        vdp._metric.cache_clear()
+        forget()
     for name in set(sys.modules) - before:
         if name.partition(".")[0] in ("pycvvdp", "third_party", "interp"):
             del sys.modules[name]
+
+
+def forget() -> None:
+    """Look for the package anew."""
+    vdp._metric.cache_clear()
+    vdp._package.cache_clear()
 
 
 def made(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +132,20 @@ def test_a_dark_picture_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
 def test_without_the_package_there_is_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     truth, noisy = made()
     monkeypatch.setitem(sys.modules, "pycvvdp", None)
-    vdp._metric.cache_clear()
+    forget()
     light = LightPair(noisy.astype(np.float32), truth.astype(np.float32), np.ones(truth.shape[:2], bool), 1.0)
     assert vdp.Vdp(1, np.inf).of([], light) == {}
-    vdp._metric.cache_clear()
+    assert vdp.trouble() is None
+    forget()
+
+
+def test_a_package_that_does_not_start_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert vdp.trouble() is None
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pycvvdp"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torchvision.transforms", None)
+    forget()
+    assert vdp._metric(vdp.SCREEN) is None
+    assert "is installed but does not start (" in (vdp.trouble() or "")
+    assert "torchvision.transforms" in (vdp.trouble() or "")
+    forget()
