@@ -30,6 +30,7 @@ from recon.rendering.light_files import header_of, seen_by, write_light
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene, open_scene
+from recon.splat import SplatCamera
 
 SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"
 ALEMBIC = "cameras.abc"
@@ -119,8 +120,8 @@ def _write_renders(
     record, files = scene.record, []
     for done, view in enumerate(scene.views):
         progress("rendering", done, len(scene.views))
-        camera = pinhole(view.splat_camera)
-        camera = camera.resized(plates.widths.get(view.camera, camera.width))
+        size = plates.sizes.get(view.camera, (view.lens.width, view.lens.height))
+        camera = pinhole(SplatCamera.of(view.lens.resized(*size), view.cam_from_world))
         light, alpha = scene.layer(camera)
         path = folder / f"{view.camera}.{view.frame:04d}.exr"
         header = header_of(record, view.name, factor) | seen_by(camera)

@@ -45,11 +45,13 @@ _OF_BOTH = (
 
 @dataclass(frozen=True)
 class Plates:
-    """Files that were written, and what could not be, as part of a sentence; widths: px, by camera."""
+    """Files that were written, and what could not be, as part of a sentence; sizes: (width, height),
+    px, by camera.
+    """
 
     files: list[Path]
     notes: tuple[str, ...] = ()
-    widths: Mapping[str, int] = field(default_factory=dict)
+    sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def write_plates(folder: Path, scene: Scene, factor: float, progress: Progress) -> Plates:
@@ -84,8 +86,8 @@ def write_plates(folder: Path, scene: Scene, factor: float, progress: Progress) 
             "in the renders, the exposure of each photograph: the scene has display values as they are, so "
             f"that plates are up to {brighter:.2g} stops brighter or darker"
         )
-    widths = {name: lens.width for name, lens in lenses.items()}
-    return Plates(files, tuple(notes), widths)
+    sizes = {name: (lens.width, lens.height) for name, lens in lenses.items()}
+    return Plates(files, tuple(notes), sizes)
 
 
 def _stops_apart(

@@ -10,6 +10,7 @@ import OpenEXR
 from imaging.progress import unreported
 from imaging.session.calibration import Response
 from imaging.session.paths import find_reconstruction
+from recon.exports.hand_over import hand_over
 from recon.exports.plates import write_plates
 from recon.result.model import DisplayValues, read_own_calibration
 from recon.result.scene import open_scene
@@ -58,6 +59,22 @@ def test_plates_that_are_not_as_bright_as_their_renders_are_said(scene: Path, tm
         notes = write_plates(tmp_path / f"{factor}", shown, 1.0, unreported).notes
         assert len(notes) == len(said)
         assert all(part in note for part, note in zip(said, notes, strict=True))
+
+
+def test_renders_are_as_large_as_plates_of_which_the_scene_has_another_number_of_rows(
+    scene: Path, tmp_path: Path
+) -> None:
+    """Trained 45 px wide, 64x48 has 33 rows; these enlarged would be 47."""
+    opened = open_scene(find_reconstruction(scene))
+    views = [view.model_copy(update={"lens": view.lens.resized(45, 33)}) for view in opened.views[:1]]
+    small = replace(opened, record=opened.record.model_copy(update={"views": views}))
+    handed = hand_over(small, tmp_path / "vfx").folder
+    plate, render = (
+        OpenEXR.File(str(handed / folder / "cam0.0000.exr"), separate_channels=True)
+        for folder in ("plates", "renders")
+    )
+    assert plate.channels()["R"].pixels.shape == render.channels()["R"].pixels.shape == (48, 64)
+    assert np.allclose(plate.header()["worldToNDC"], render.header()["worldToNDC"], rtol=1e-5, atol=1e-5)
 
 
 def test_albedo_is_counted(rig, scene: Path, tmp_path: Path) -> None:
