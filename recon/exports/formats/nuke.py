@@ -5,7 +5,7 @@ A .chan has a line a frame: its number, x y z, turns about x, y, z in degrees, a
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from itertools import groupby
 from math import atan, degrees
 
@@ -42,24 +42,24 @@ def script(scene: Scene, cameras: Sequence[str]) -> str:
 
     Plates as shot go through the STMap that takes the lens out, renders through the one that puts it in.
     """
-    frames = [view.frame for view in scene.views]
-    first, last = min(frames), max(frames)
+    every = [view.frame for view in scene.views]
     lines = [
         "Root {",
         " inputs 0",
-        f" first_frame {first}",
-        f" last_frame {last}",
+        f" first_frame {min(every)}",
+        f" last_frame {max(every)}",
         "}",
     ]
     for column, name in enumerate(cameras):
+        frames = {view.frame for view in scene.views if view.camera == name}
         for row, (kind, picture, stmap) in enumerate(
             (("plate", "plates_as_shot", "undistort"), ("render", "renders", "redistort"))
         ):
             across, down = 300 * column, 400 * row
             # The last of the two is the first input, the picture.
             lens, node = f"lenses/{name}.{stmap}.exr", _NOT_IN_NAMES.sub("_", name)
-            lines += _read(f"{stmap}_{node}", lens, (1, 1), (across + 110, down), raw=True)
-            lines += _read(f"{kind}_{node}", f"{picture}/{name}.####.exr", (first, last), (across, down))
+            lines += _read(f"{stmap}_{node}", lens, {1}, (across + 110, down), raw=True)
+            lines += _read(f"{kind}_{node}", f"{picture}/{name}.####.exr", frames, (across, down))
             lines += [
                 "STMap {",
                 " inputs 2",
@@ -73,16 +73,16 @@ def script(scene: Scene, cameras: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read(
-    name: str, file: str, frames: tuple[int, int], place: tuple[int, int], *, raw: bool = False
-) -> list[str]:
-    first, last = frames
+def _read(name: str, file: str, frames: Set[int], place: tuple[int, int], *, raw: bool = False) -> list[str]:
+    """Lines of a node; frames: those that there are, between which a comp is black rather than an error."""
+    first, last = min(frames), max(frames)
     return [
         "Read {",
         " inputs 0",
         f' file "\\[file dirname \\[value root.name]]/{file}"',
         f" first {first}",
         f" last {last}",
+        *([" on_error black"] if len(frames) <= last - first else []),
         *([" raw true"] if raw else []),
         f" name {name}",
         f" xpos {place[0]}",

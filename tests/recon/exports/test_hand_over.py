@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,11 @@ from pxr import Gf, Usd, UsdGeom
 from imaging.errors import InputError
 from recon.exports.formats import nuke
 from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
-from recon.exports.target_coordinates import pinhole
-from recon.result.scene import open_scene
+from recon.exports.hand_over_page import page
+from recon.exports.job import Job
+from recon.exports.loss import Loss
+from recon.exports.target_coordinates import pinhole, place_of
+from recon.result.scene import Scene, open_scene
 from tests.rig.report.pages import Page, assert_self_contained
 
 
@@ -73,6 +77,19 @@ def test_nodes_of_nuke_have_names_that_nuke_accepts(made_sky: Path) -> None:
 
 
 def test_alembic_has_the_cameras_of_the_usd(handed: HandOver) -> None:
+def test_nuke_reads_the_frames_of_each_camera(scene: Scene) -> None:
+    """A view that has no pose is no file, and no error at its frame."""
+    views = [
+        view.model_copy(update={"frame": 4 * view.frame}) if view.camera == "a-1" else view
+        for view in scene.views
+    ]
+    text = nuke.script(
+        replace(scene, record=scene.record.model_copy(update={"views": views})), ["a-1", "a.1"]
+    )
+    asked = dict(re.findall(r"/renders/(.*)\.####\.exr\"\n((?: (?:first|last|on_error) .*\n)+)", text))
+    assert asked == {"a-1": " first 0\n last 4\n on_error black\n", "a.1": " first 0\n last 1\n"}
+
+
     """Alembic's film is in cm, USD's in tenths of a metre here; Alembic has no more frames than there are."""
     alembic3d = pytest.importorskip("alembic3d")
     Abc, AbcGeom = alembic3d.Abc, alembic3d.AbcGeom
