@@ -70,6 +70,11 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
         "config.ocio": "OpenColorIO: the ACES configuration for CG, which reads the EXR of this folder as "
         "Linear Rec.709 (sRGB), STMaps as data, and other files as it always does",
     }
+    if any(view.lens.height > view.lens.width for view in scene.views):
+        contents["cameras/"] += (
+            "; in Blender, set <em>Sensor Fit</em> of the cameras of Alembic to <em>Horizontal</em>, since "
+            "some pictures are higher than wide"
+        )
     there = {path.parent.name for path in files}
     if "plates" not in there:
         for name in ("plates/, plates_as_shot/", "lenses/", "handover.nk"):

@@ -17,6 +17,9 @@ else:
 scene = bpy.context.scene
 scene.render.resolution_x, scene.render.resolution_y = width, height = asked["size"]
 cameras = [thing for thing in bpy.data.objects if thing.type == "CAMERA"]
+if asked["file"].endswith(".abc"):
+    for thing in cameras:  # as docs/export.md says; Blender would fit the film to the longer side
+        thing.data.sensor_fit = "HORIZONTAL"
 answer = {
     thing.name: {"lens": thing.data.lens, "sensor": thing.data.sensor_width, "frames": {}}
     for thing in cameras

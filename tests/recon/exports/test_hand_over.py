@@ -12,6 +12,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from imaging.errors import InputError
+from imaging.progress import unreported
 from recon.exports.formats import nuke
 from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
 from recon.exports.hand_over_page import page
@@ -76,7 +77,6 @@ def test_nodes_of_nuke_have_names_that_nuke_accepts(made_sky: Path) -> None:
     assert all(re.fullmatch("[A-Za-z]\\w*", name, re.ASCII) for name in names)
 
 
-def test_alembic_has_the_cameras_of_the_usd(handed: HandOver) -> None:
 def test_nuke_reads_the_frames_of_each_camera(scene: Scene) -> None:
     """A view that has no pose is no file, and no error at its frame."""
     views = [
@@ -90,6 +90,7 @@ def test_nuke_reads_the_frames_of_each_camera(scene: Scene) -> None:
     assert asked == {"a-1": " first 0\n last 4\n on_error black\n", "a.1": " first 0\n last 1\n"}
 
 
+def test_alembic_has_the_cameras_of_the_usd(handed: HandOver) -> None:
     """Alembic's film is in cm, USD's in tenths of a metre here; Alembic has no more frames than there are."""
     alembic3d = pytest.importorskip("alembic3d")
     Abc, AbcGeom = alembic3d.Abc, alembic3d.AbcGeom
@@ -155,6 +156,18 @@ def test_the_page_says_units_and_coordinates(handed: HandOver) -> None:
         "SplatRender",
     ):
         assert words in page
+
+
+def test_the_page_says_what_blender_needs_of_pictures_that_are_higher_than_wide(scene: Scene) -> None:
+    upright = [
+        view.model_copy(update={"lens": view.lens.model_copy(update={"width": 48, "height": 64})})
+        for view in scene.views
+    ]
+    loss = Loss(None, None, 0.0, 0.0, 0.0, 1)
+    for views, there in ((scene.views, False), (upright, True)):
+        turned = replace(scene, record=scene.record.model_copy(update={"views": tuple(views)}))
+        job = Job(turned, Path("scene.usdc"), True, None, place_of(turned), unreported)
+        assert ("Sensor Fit" in page(turned, job, loss, (), ())) == there
 
 
 def test_a_folder_of_something_else_is_left_alone_and_an_older_one_replaced(
