@@ -154,12 +154,12 @@ def browser() -> Iterator[object]:
 
 
 @contextmanager
-def fewer_rays() -> Iterator[None]:
-    """The demo's rig with 2x2 rays a pixel instead of 4x4, which are most of what simulating it takes."""
+def fewer_rays(rig: str = "demo") -> Iterator[None]:
+    """A simulated rig with 2x2 rays a pixel instead of 4x4, which are most of what simulating it takes."""
     from drivers.sim.rig_settings import RIGS
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(RIGS, "demo", replace(RIGS["demo"], samples=2))
+        patch.setitem(RIGS, rig, replace(RIGS[rig], samples=2))
         yield
 
 
