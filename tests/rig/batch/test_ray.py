@@ -2,7 +2,6 @@
 
 import importlib
 import os
-import signal
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Future
@@ -20,6 +19,7 @@ from recon.decide.overrides import Overrides
 from recon.trade import Choice, trade_sweep
 from rig.batch import command_processes
 from rig.batch.command_processes import RayWorkers, run
+from tests.rig.batch.ray_tasks import given, killed, refused
 
 pytest.importorskip("ray")
 
@@ -51,25 +51,10 @@ def test_commands_end_as_they_do_here(cluster: RayWorkers, tmp_path: Path) -> No
     assert str(tmp_path / "none") in bad.result().says
 
 
-def given(share: Share) -> tuple[Share, dict[str, float]]:
-    """Share that a task receives, and the resources that the scheduler set aside for it."""
-    import ray
-
-    return share, ray.get_runtime_context().get_assigned_resources()
-
-
 def test_the_scheduler_is_given_the_forecast(cluster: RayWorkers) -> None:
     share, resources = cluster.submit(Task(300_000_000), given).result()
     assert (resources["CPU"], resources["memory"]) == (1, 300_000_000)
     assert share == Share(cores=1, room=cluster.room, serves=True)
-
-
-def killed(share: Share, lives: Path) -> str:
-    """Kills its process as often as the file has characters."""
-    if remaining := lives.read_text():
-        lives.write_text(remaining[1:])
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "done"
 
 
 def test_a_lost_worker_is_made_up_for(cluster: RayWorkers, tmp_path: Path) -> None:
@@ -86,11 +71,6 @@ def test_one_that_is_lost_again_is_an_error_of_rig(cluster: RayWorkers) -> None:
     cluster._pass_on(lost, passed_on)
     with pytest.raises(WorkerLost, match="lost 2 times"):
         passed_on.result()
-
-
-def refused(share: Share) -> None:
-    """Fails as a stage does."""
-    raise InputError("This is no session: name one.")
 
 
 def test_an_error_is_that_of_the_function(cluster: RayWorkers) -> None:
