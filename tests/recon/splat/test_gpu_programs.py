@@ -99,7 +99,7 @@ def test_300_gaussians_on_64x40(device: str, programs: dict[str, int]) -> None:
 def test_gradient_of_the_camera_is_summed_over_programs(
     device: str, programs: dict[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = Scene(**cloud(300, 12, size=0.01), camera=camera(24, 16), background=BACK)
+    scene = Scene(**cloud(260, 12, size=0.01), camera=camera(16, 16), background=BACK)
     gradients = []
     for dtype, place in ((torch.float64, "cpu"), (torch.float32, device)):
         tensors = [t.to(place) for t in scene.tensors(dtype, grad=False)]

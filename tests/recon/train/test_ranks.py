@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,15 +77,23 @@ def together(arguments: list[str], count: int = 2) -> list[tuple[int, str, str]]
     return [(process.returncode, out, err) for process in started for out, err in [process.communicate()]]
 
 
-def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
-    """To the last bit: a sum of two gradients does not depend on who adds."""
-    results = together([__file__, str(toy), str(tmp_path)])
+@pytest.fixture(scope="module")
+def two(toy: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]]]:
+    """What two processes decided and trained: their folder, and what each of them printed."""
+    folder = tmp_path_factory.mktemp("ranks")
+    results = together([__file__, str(toy), str(folder)])
     assert [code for code, _, _ in results] == [0, 0], results[0][2] + results[1][2]
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    lines = train_here(toy, alone, Ranks())
-    first, second = (read_checkpoint(tmp_path / f"{rank}.safetensors").tensors for rank in range(2))
-    expected = read_checkpoint(alone / "0.safetensors").tensors
+    return folder, [json.loads(out) for _, out, _ in results]
+
+
+def test_two_ranks_give_what_one_gives(
+    toy: Path, two: tuple[Path, list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    """To the last bit: a sum of two gradients does not depend on who adds."""
+    folder, printed = two
+    lines = train_here(toy, tmp_path, Ranks())
+    first, second = (read_checkpoint(folder / f"{rank}.safetensors").tensors for rank in range(2))
+    expected = read_checkpoint(tmp_path / "0.safetensors").tensors
     assert set(first) == set(second) == set(expected)
     for name, value in expected.items():
         assert torch.equal(first[name], second[name]), name
@@ -92,7 +101,7 @@ def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
             torch.testing.assert_close(first[name], value, rtol=1e-12, atol=0)
         else:
             assert torch.equal(first[name], value), name
-    logged = [json.loads(out) for _, out, _ in results]
+    logged = [one["lines"] for one in printed]
     assert logged[1] == []
     assert [line["iteration"] for line in logged[0]] == [line["iteration"] for line in lines] == [4, 8, 12]
     for ours, theirs in zip(logged[0], lines, strict=True):
@@ -148,10 +157,10 @@ def decide_here(ranks: Ranks) -> list[object]:
     return []
 
 
-def test_the_first_rank_decides_for_all_and_its_error_is_that_of_all() -> None:
-    results = together([__file__])
-    assert [code for code, _, _ in results] == [0, 0], results[0][2] + results[1][2]
-    first, second = (json.loads(out) for _, out, _ in results)
+def test_the_first_rank_decides_for_all_and_its_error_is_that_of_all(
+    two: tuple[Path, list[dict[str, Any]]],
+) -> None:
+    first, second = (one["decided"] for one in two[1])
     assert first == second
     assert first == [[0.0, 1.0, 2.0], torch.full((2,), 0.1).tolist(), 1234, "5 s are too short."]
 
@@ -165,5 +174,6 @@ def test_a_time_that_is_too_short_ends_both_ranks_with_one_sentence(session_copy
 
 if __name__ == "__main__":
     with joined() as here:
-        out = train_here(Path(sys.argv[1]), Path(sys.argv[2]), here) if sys.argv[1:] else decide_here(here)
-        print(json.dumps(out))
+        decided = decide_here(here)
+        lines = train_here(Path(sys.argv[1]), Path(sys.argv[2]), here)
+        print(json.dumps({"decided": decided, "lines": lines}))
