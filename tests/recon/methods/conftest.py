@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,12 @@ def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
 
 
 def trained(session: Path, method: MethodName = "auto", seed: int = 0) -> Outcome:
-    """Reconstruct and evaluate; every number that comes out is finite."""
+    """Reconstruct and evaluate, once; every number that comes out is finite."""
+    return _trained(session, method, seed)
+
+
+@cache
+def _trained(session: Path, method: MethodName, seed: int) -> Outcome:
     name = f"{method}-{seed}"
     folder = stage.reconstruct(session, TrainingRequest(method=method, quality="draft", name=name, seed=seed))
     for name, column in read_ply(folder / SPLATS).items():
@@ -159,7 +165,12 @@ seed to seed.
 
 def mean_stops(session: Path, method: MethodName = "auto", seeds: int = SEEDS) -> float:
     """`Outcome.stops` in the mean over trainings of so many seeds: what may be held to a few percent."""
-    return float(np.mean([trained(session, method, seed).stops() for seed in range(seeds)]))
+    return float(np.mean([_stops(session, method, seed) for seed in range(seeds)]))
+
+
+@cache
+def _stops(session: Path, method: MethodName, seed: int) -> float:
+    return _trained(session, method, seed).stops()
 
 
 def assert_finite(value: Any) -> None:
