@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free, lens_of
+from calib.adjustment.drawn_lenses import weak_terms
 from calib.adjustment.uncertainty import StandardErrors, standard_errors
 from calib.poses.adjusted import adjusted_model
 from calib.poses.checks.confirmation import hanging, loose
@@ -97,7 +98,13 @@ def solve(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> SceneModel:
                 [name for name in rig if name not in adjusted.by_motion],
             )
     # Errors of lenses that were held are those of their files, which are not known.
-    errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, inputs.progress)
+    errors = standard_errors(
+        adjusted.reconstruction,
+        adjusted.free,
+        adjusted.typical,
+        inputs.progress,
+        weak_terms(adjusted.lens_rungs),
+    )
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)
     doubts = [

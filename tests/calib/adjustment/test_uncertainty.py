@@ -234,3 +234,26 @@ def test_the_choice_of_the_lens_counts_as_an_error() -> None:
     for terms in stated.lenses.values():
         assert terms["cx"] == pytest.approx(5.0, rel=0.5)
         assert terms["cy"] < 1.0
+
+
+def test_a_term_that_weak_evidence_took_counts_as_an_error() -> None:
+    """The lens without it, and the poses along with that, are as far off as the model moved by it."""
+    model = made(3)
+    for image in model.images.values():
+        for point in image.points2D:
+            point.xy = np.ravel(point.xy) + np.array([5.0, 0.0])
+    chosen = Free("SIMPLE_RADIAL", principal_point=True)
+    for _ in range(3):
+        adjust(model, chosen, NOISE / 10, 1)
+    sure, weak = (
+        uncertainty.standard_errors(model, chosen, NOISE / 10, unreported, terms)
+        for terms in ((), ("cx", "cy"))
+    )
+    assert sure is not None
+    assert weak is not None
+    for name, terms in weak.lenses.items():
+        assert terms["cx"] == pytest.approx(5.0, rel=0.2)
+        assert sure.lenses[name]["cx"] < 1.0
+    turned = np.degrees(5.0 / 600)
+    for view, error in weak.rotation.items():
+        assert sure.rotation[view] < 0.5 * error < turned
