@@ -8,8 +8,8 @@ up to degree 2 (3), growth by rank to a given number (above a threshold, to any)
 On photographs the learning rates of the colours are those of 3DGS, of what depends on the direction ten times
 those at first and twice at the end, since there are fewer iterations.
 
-On photographs alone it is trained on their display values, with no idea of exposure; only what the camera
-chose anew for each of them, as the calibration found it, it knows as gains. On RAW and EXR, and on
+On photographs alone it is trained on their display values, with no idea of exposure in brackets; of single
+photographs, it knows as gains by how much the calibration measured them to differ. On RAW and EXR, and on
 photographs beside them, it sees the same mosaics through the same mu-law as NH-3DGS; only the appearance
 differs, with learning rates tuned for it (bench/results/appearance.md).
 """
@@ -22,7 +22,7 @@ from imaging.session.calibration import Response
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.methods.method import Method
-from recon.observe.calibrated_curves import developed
+from recon.observe.calibrated_curves import developed, sensitivity_span
 from recon.observe.mixed import linear_or_mixed
 from recon.observe.photographs import Display
 from recon.scene.appearance import PlainHarmonics, Rate
@@ -44,8 +44,10 @@ def compose(dataset: Dataset, light: Light) -> Method:
         )
     responses: list[Response] = [view.sensor.response for view in dataset.train]
     scales = [shot.k for view in dataset.train for shot in view.shots]
+    single = all(len(view.shots) == 1 for view in dataset.train)
+    differ = developed(dataset) or (single and sensitivity_span(dataset) > 0)
     return Method(
         name=NAME,
         appearance=APPEARANCE,
-        observation=Display(responses[0], float(np.exp(np.median(np.log(scales)))), developed(dataset)),
+        observation=Display(responses[0], float(np.exp(np.median(np.log(scales)))), differ),
     )

@@ -87,6 +87,13 @@ def developed(dataset: Dataset) -> bool:
     )
 
 
+def sensitivity_span(dataset: Dataset) -> float:
+    """Stops between the least and the most sensitive photograph of the training: by exposure and camera."""
+    gains = {camera.name: camera.gain for camera in dataset.calibration.cameras}
+    stops = np.log2([shot.k * gains[view.camera] for view in dataset.train for shot in view.shots])
+    return float(np.ptp(stops))
+
+
 def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
     """The tone curve of the photographs of a session; it starts from the response of the calibration.
 

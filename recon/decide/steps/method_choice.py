@@ -7,7 +7,7 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.decide.presets import MethodName
 from recon.methods import hdr_gs, nh_3dgs, vanilla
-from recon.observe.calibrated_curves import STOP_APART, Curves, developed
+from recon.observe.calibrated_curves import STOP_APART, Curves, developed, sensitivity_span
 from recon.observe.tone_grid import EXACT
 
 BEYOND_ONE = 1.5
@@ -37,7 +37,8 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
 
     Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since only
     then the curve can be separated from the light; otherwise display values are all there is. Settings that a
-    camera chose anew for each photograph become gains on these, unless they span more light.
+    camera chose anew for each photograph become gains on these, unless they span more light with the
+    sensitivities of the cameras.
     """
     if dataset.kind != "ldr":
         if any(view.sensor.kind == "ldr" for view in dataset.views):
@@ -49,10 +50,13 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     apart = float(stops.max() - stops.min())
     several = any(len(view.shots) > 1 for view in dataset.train)
     measured = all(view.sensor.response.residual is not None for view in dataset.train)
-    if developed(dataset):
+    span = sensitivity_span(dataset)
+    if developed(dataset) or (not several and not measured and span >= BEYOND_ONE):
         chose = "the camera chose exposure or white balance anew for each photograph"
-        reason = f"{chose}, up to {apart:.1f} stops apart"
-        curved = apart >= BEYOND_ONE
+        if len({view.camera for view in dataset.train}) > 1:
+            chose = "photographs differ in exposure, sensitivity or white balance"
+        reason = f"{chose}, up to {span:.1f} stops apart"
+        curved = span >= BEYOND_ONE
         return (hdr_gs if curved else vanilla).NAME, (_rung("tone curve", curved, reason),)
     if (several or measured) and apart >= STOP_APART:
         reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"

@@ -8,6 +8,7 @@ import pytest
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.decide.steps.method_choice import chosen_method, rungs, uncoloured
+from recon.methods import vanilla
 from recon.observe.calibrated_curves import Curves, tone_curve
 from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
 
@@ -61,26 +62,57 @@ def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
     assert "tone grid" not in {one.name for one in rungs(toy_dataset, "nh-3dgs")}
 
 
+def single(photographs, k, *, exposure=1.0, gains=(1.0, 1.0)):
+    """The first shot of each view, developed so, by two cameras of these scales and gains in turn."""
+    record, names = photographs.calibration, ("cam0", "cam1")
+    cameras = tuple(
+        record.cameras[0].model_copy(update={"name": name, "gain": gain})
+        for name, gain in zip(names, gains, strict=True)
+    )
+    views = tuple(view.model_copy(update={"exposure": exposure}) for view in record.views)
+    guessed = with_residual(photographs, None)
+    return replace(
+        guessed,
+        held_out=(),
+        train=tuple(
+            replace(view, camera=names[number % 2], shots=(replace(view.shots[0], k=k[number % 2]),))
+            for number, view in enumerate(guessed.train)
+        ),
+        calibration=record.model_copy(update={"views": views, "cameras": cameras}),
+    )
+
+
 @pytest.mark.parametrize(("k", "method"), [((1.0, 1.3), "vanilla"), ((1.0, 5.0), "hdr-gs")])
-def test_photographs_exposed_one_by_one_get_a_curve_where_they_tell_more_light_than_one_does(
+def test_photographs_exposed_one_by_one_get_a_curve_where_they_show_more_light_than_one_does(
     photographs, k, method
 ):
-    """Use the first shot of each view, developed as calibration found it."""
-
-    def single(view, number):
-        shot = replace(view.shots[0], k=k[number % 2])
-        return replace(view, shots=(shot,))
-
-    views = tuple(view.model_copy(update={"exposure": 1.2}) for view in photographs.calibration.views)
-    alone = replace(
-        with_residual(photographs, None),
-        train=tuple(single(view, number) for number, view in enumerate(photographs.train)),
-        calibration=photographs.calibration.model_copy(update={"views": views}),
-    )
-    chosen, (rung,) = chosen_method(alone)
+    chosen, (rung,) = chosen_method(single(photographs, k, exposure=1.2))
     assert chosen == method
     assert rung.taken == (method == "hdr-gs")
-    assert "anew for each photograph" in rung.reason
+    assert "photographs differ in exposure" in rung.reason
+
+
+def test_sensitivities_of_cameras_count_as_exposures_do(photographs):
+    assert chosen_method(single(photographs, (1.0, 1.0), gains=(0.5, 2.0)))[0] == "hdr-gs"
+    assert chosen_method(single(photographs, (1.0, 1.0), gains=(0.9, 1.1)))[0] == "vanilla"
+
+
+@pytest.mark.parametrize(
+    ("session", "knows"),
+    [
+        (dict(k=(1.0, 1.0)), False),
+        (dict(k=(1.0, 1.7)), True),
+        (dict(k=(1.0, 1.0), gains=(0.9, 1.1)), True),
+        (dict(k=(1.0, 1.0), exposure=1.2), True),
+    ],
+)
+def test_display_values_are_compared_through_what_makes_photographs_differ(photographs, session, knows):
+    """Photographs of a camera that exposes by itself differ in brightness, which is none of the scene's."""
+    alone = single(photographs, **session)
+    light = light_of(alone, [radiance_image(view) for view in alone.train])
+    assert vanilla.compose(alone, light).observation.developed == knows
+    bracketed = vanilla.compose(photographs, light).observation
+    assert not bracketed.developed
 
 
 def test_raw_without_a_matrix_is_said_to_stay_camera_rgb(toy_dataset):
