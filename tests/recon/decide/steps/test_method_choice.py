@@ -100,10 +100,10 @@ def test_sensitivities_of_cameras_count_as_exposures_do(photographs):
 @pytest.mark.parametrize(
     ("session", "knows"),
     [
-        (dict(k=(1.0, 1.0)), False),
-        (dict(k=(1.0, 1.7)), True),
-        (dict(k=(1.0, 1.0), gains=(0.9, 1.1)), True),
-        (dict(k=(1.0, 1.0), exposure=1.2), True),
+        ({"k": (1.0, 1.0)}, False),
+        ({"k": (1.0, 1.7)}, True),
+        ({"k": (1.0, 1.0), "gains": (0.9, 1.1)}, True),
+        ({"k": (1.0, 1.0), "exposure": 1.2}, True),
     ],
 )
 def test_display_values_are_compared_through_what_makes_photographs_differ(photographs, session, knows):
