@@ -188,7 +188,7 @@ def _moves(
     farthest = np.max(np.abs(step[columns[further]]) / errors[further], initial=0.0)
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (2, DRAWS, 1))
     back = move_without(linear, reconstruction, curvature * size * size[:, None], weak)
-    return moves + signs[0] * step / max(farthest, 1.0) + signs[1] * back
+    return np.asarray(moves + signs[0] * step / max(farthest, 1.0) + signs[1] * back)
 
 
 def _hardly_seen(reconstruction: Any, free: Free) -> list[ViewId]:
