@@ -82,20 +82,20 @@ def climb(
             "a scene that does not determine the focal length does not determine the principal point either"
         )
         rungs.append(Rung(name="lens_principal_point", taken=False, reason=reason))
-    below = _held_out(sample, free, scale, threads)
+    below, _ = _held_out(sample, free, scale, threads)
     for done, (name, more, what) in enumerate(trials):
         progress("judging the lens", done, len(trials))
         higher = replace(free, **more)
         if name == FISHEYE:
             sample, scale = _judges(uncut), misses(uncut).typical
-            below = _held_out(sample, free, scale, threads)
-        above = _held_out(sample, higher, scale, threads)
-        gain = below - above
-        large = gain.mean() >= MATERIAL or name == FISHEYE
+            below, _ = _held_out(sample, free, scale, threads)
+        above, observations = _held_out(sample, higher, scale, threads)
+        gain, error = _mean(below - above, observations)
+        large = gain >= MATERIAL or name == FISHEYE
         rung = Rung.judged(
             name,
-            float(gain.mean()),
-            float(gain.std(ddof=1) / np.sqrt(len(gain))),
+            gain,
+            error,
             "Cauchy loss per held-out observation, over views",
             f"{what}, common to all images of a camera",
             errors=1.0 if large else ONE_OF_SEVERAL,
@@ -135,8 +135,18 @@ def _judges(reconstruction: Any) -> Any:
     return sample
 
 
-def _held_out(sample: Any, free: Free, scale: float, threads: int) -> Array:
-    """Mean loss of each view on held-out points, [views], after adjusting to the others."""
+def _mean(gains: Array, observations: Array) -> tuple[float, float]:
+    """Mean over all observations of what views gain in total, and its standard error over views.
+
+    A view that sees two of the held-out points says no more than its two observations do.
+    """
+    mean = gains.sum() / observations.sum()
+    scatter = np.sum((gains - mean * observations) ** 2) * len(gains) / (len(gains) - 1)
+    return float(mean), float(np.sqrt(scatter) / observations.sum())
+
+
+def _held_out(sample: Any, free: Free, scale: float, threads: int) -> tuple[Array, Array]:
+    """Loss of each view on all held-out points it sees, after adjusting to the others, and their number."""
     keys = sorted(sample.points3D)
     training, testing = pycolmap.Reconstruction(sample), pycolmap.Reconstruction(sample)
     for order, key in enumerate(keys):
@@ -156,7 +166,5 @@ def _held_out(sample: Any, free: Free, scale: float, threads: int) -> Array:
     loss = np.log1p(np.minimum(residuals.error / scale, 1e3) ** 2)
     views = np.array(sorted(sample.reg_image_ids()))
     place = np.searchsorted(views, residuals.image)
-    count = np.bincount(place, minlength=len(views))
-    total = np.bincount(place, weights=loss, minlength=len(views))
-    # A view that sees none of the held-out points says nothing for or against a lens.
-    return np.asarray(np.divide(total, count, out=np.zeros(len(views)), where=count > 0))
+    total, count = (np.bincount(place, weights, len(views)) for weights in (loss, np.ones(len(place))))
+    return total.astype(np.float64), count.astype(np.float64)

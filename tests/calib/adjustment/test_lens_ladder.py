@@ -90,3 +90,17 @@ def test_what_was_not_cut_decides_on_nothing_but_a_fisheye():
     assert taken["lens_principal_point"]
     assert climbed.principal_point
     assert not taken["lens_fisheye"]
+
+
+def test_a_view_counts_by_what_it_sees_of_the_held_out_points() -> None:
+    """Ten views of 200 points gain 0.1 each; one that sees two loses 7, and hides that in a mean of views."""
+    rng = np.random.default_rng(0)
+    observations = np.array([200] * 10 + [2])
+    gains = observations * np.append(rng.normal(0.1, 0.02, 10), -7.0)
+    mean, error = lens_ladder._mean(gains, observations)
+    assert mean == pytest.approx(0.1, abs=0.02)
+    assert error < 0.01
+    assert (gains / observations).mean() < 0
+    alike = lens_ladder._mean(gains[:10], observations[:10])
+    each = gains[:10] / 200
+    assert alike == pytest.approx((each.mean(), each.std(ddof=1) / 10**0.5))
