@@ -17,8 +17,6 @@ import argparse
 import json
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -29,6 +27,7 @@ import PIL.Image
 
 from bench.real.goals import write_page
 from bench.real.made_sets import METAL, fuse, judged, metal_and_glass
+from bench.support.own_process import row_of
 from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
@@ -202,24 +201,13 @@ def by_pycolmap(name: str, work: Path) -> dict[str, Any]:
 PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
 
 
-def apart(program: str, name: str, work: Path) -> dict[str, Any]:
-    """A row, made in a process of its own."""
-    code = (
-        "import sys, json; from pathlib import Path; from bench.real import judges; "
-        "print(json.dumps(judges.PROGRAMS[sys.argv[1]](sys.argv[2], Path(sys.argv[3]))))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, program, name, str(work)], check=True, stdout=subprocess.PIPE, text=True
-    )
-    return dict(json.loads(done.stdout.splitlines()[-1]))
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set and program."""
+    alone = partial(row_of, "bench.real.judges")
     cache = Cache(options.work / "judges.jsonl")
     rows = {
         name: {
-            program: cache.get(f"{name} {program}", partial(apart, program, name, options.work))
+            program: cache.get(f"{name} {program}", partial(alone, program, name, options.work))
             for program in PROGRAMS
         }
         for name in options.sets

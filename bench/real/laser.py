@@ -11,10 +11,7 @@ fountain-P11.
 """
 
 import argparse
-import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -22,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.support.own_process import row_of
 from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
@@ -144,25 +142,15 @@ def by_pycolmap(folder: Path, work: Path) -> dict[str, Any]:
 PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
 
 
-def apart(program: str, folder: Path, work: Path) -> dict[str, Any]:
-    """A row, made in a process of its own."""
-    code = (
-        "import sys, json; from pathlib import Path; from bench.real import laser; "
-        "print(json.dumps(laser.PROGRAMS[sys.argv[1]](*map(Path, sys.argv[2:]))))"
-    )
-    command = [sys.executable, "-c", code, program, str(folder), str(work)]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout.splitlines()[-1]))
-
-
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set and program, and the true lens."""
+    alone = partial(row_of, "bench.real.laser")
     cache, rows = Cache(options.work / "laser.jsonl"), {}
     for name in options.sets:
         folder = options.folder / PLACE / name
         poses, matrix = truth(folder)
         row: dict[str, Any] = {
-            program: cache.get(f"{name} {program}", partial(apart, program, folder, options.work))
+            program: cache.get(f"{name} {program}", partial(alone, program, folder, options.work))
             for program in PROGRAMS
         }
         lens = {"focal": (matrix[0, 0] + matrix[1, 1]) / 2, "middle": [matrix[0, 2], matrix[1, 2]]}

@@ -1,19 +1,17 @@
-"""Small sets of photographs that no choice of this project was made on, by rig and by pycolmap's defaults.
+"""Small sets of photographs that hardly a choice was made on, by rig and by pycolmap's defaults.
 
     python -m bench.real.untouched FOLDER [--quick] [--json] [--write] [--work FOLDER] [--sets ET,...]
 
 FOLDER holds a folder of photographs for each set: ET and kermit (examples/ of snavely/bundler_sfm, 640 px),
 crazyhorse (dataset/ of royshil/SfM-Toy-Library), sacre_coeur (datasets/sacre_coeur/mapping of
-cvg/Hierarchical-Localization, ten tourists' cameras without EXIF) and NLE_tower (assets/ of naver/mast3r,
-a telephone, far apart), all on GitHub. No set has true poses: turns of both programs are compared, pair by
-pair. Drafts of rig are trained on its own poses. --quick: ET.
+cvg/Hierarchical-Localization, ten tourists' cameras without EXIF) and NLE_tower (assets/ of naver/mast3r, a
+telephone, far apart), all on GitHub. That single photographs are compared through their exposures, and how
+far drawn lenses go, was changed after a look at ET and sacre_coeur; nothing else was. No set has true poses:
+turns of both programs are compared, pair by pair. Drafts of rig are trained on its own poses. --quick: ET.
 """
 
 import argparse
-import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from functools import partial
 from itertools import combinations
@@ -22,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.support.own_process import row_of
 from bench.support.plain_pycolmap import place
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
@@ -84,17 +83,6 @@ def by_pycolmap(folder: Path, work: Path) -> dict[str, Any]:
 PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
 
 
-def apart(program: str, folder: Path, work: Path) -> dict[str, Any]:
-    """A row, made in a process of its own."""
-    code = (
-        "import sys, json; from pathlib import Path; from bench.real import untouched; "
-        "print(json.dumps(untouched.PROGRAMS[sys.argv[1]](*map(Path, sys.argv[2:]))))"
-    )
-    command = [sys.executable, "-c", code, program, str(folder), str(work)]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout.splitlines()[-1]))
-
-
 def differences(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[float]:
     """Angles by which the turn between two views differs, degrees, of all pairs that both have placed."""
     angles = []
@@ -107,12 +95,13 @@ def differences(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[floa
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set."""
+    alone = partial(row_of, "bench.real.untouched")
     cache, rows = Cache(options.work / "untouched.jsonl"), {}
     for name in options.sets:
         folder = options.folder / name
         views = sum(path.suffix.lower() in PHOTOGRAPHS for path in folder.iterdir())
         row: dict[str, Any] = {
-            program: cache.get(f"{name} {program}", partial(apart, program, folder, options.work))
+            program: cache.get(f"{name} {program}", partial(alone, program, folder, options.work))
             for program in PROGRAMS
         }
         rows[name] = row | {"views": views}
@@ -122,7 +111,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def table(result: dict[str, Any]) -> str:
     """Markdown."""
     lines = [
-        "# Sets that no choice was made on",
+        "# Small sets of photographs",
         "",
         f"`python -m bench.real.untouched FOLDER --write`. {words(result['machine'])}. Processor seconds.",
         "",
