@@ -76,7 +76,7 @@ CLAIMS = (
         page="README.md",
     ),
     Claim(
-        r"the true errors of turns are still ([\d.]+) to ([\d.]+) times the stated ones",
+        r"the true errors of turns are ([\d.]+) to ([\d.]+) times the stated ones",
         lambda: _ends([one[1] for one in cells("laser", "stated turns", "rig")]),
     ),
     Claim(
