@@ -110,7 +110,9 @@ def test_terms_that_fold_a_lens_over_within_its_image_are_not_taken(monkeypatch:
     assert lens_ladder._folds(folding, free, 1.0, 1)
     assert not lens_ladder._folds(straight, free, 1.0, 1)
 
-    losses = iter([np.full(4, 2.0), np.full(4, 2.1), np.array([1.0, 1.1, 0.9, 1.0])])
+    losses = iter(
+        (loss, np.ones(4)) for loss in (np.full(4, 2.0), np.full(4, 2.1), np.array([1.0, 1.1, 0.9, 1.0]))
+    )
     monkeypatch.setattr(lens_ladder, "_held_out", lambda *rest: next(losses))
     monkeypatch.setattr(lens_ladder, "_judges", lambda reconstruction: folding)
     monkeypatch.setattr(lens_ladder, "FEWEST_VIEWS", 0)

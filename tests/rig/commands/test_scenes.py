@@ -141,7 +141,7 @@ def test_a_film_for_hdr_screens_says_where_light_ends(rig, two: list[str], tmp_p
     assert "light is clipped 4 stops above it\n" in rig("render", two[0], *arguments)[1]
     code, out, _ = rig("render", two[0], *arguments, "--video")
     assert code == 0
-    assert "orbit.hdr.mp4 and orbit.hlg.mp4 and orbit.mp4" in out
+    assert "orbit.hdr.mp4, orbit.hlg.mp4 and orbit.mp4" in out
     assert "4 stops above it, and in HLG at 1000 cd/m2\n" in out
 
 
