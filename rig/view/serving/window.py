@@ -23,6 +23,8 @@ _SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
 # viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
 # themselves for what they touch, so that no tap would ever measure. It connects to the address of the page,
 # which must have nothing behind its # then: that comes back with the first picture.
+# On slow browsers viser draws fewer pixels than the screen has, unless its address names the ratio when it
+# begins: a view pixel for pixel would be resampled.
 # Until our panel is there, its place has viser's own settings, on white.
 _SCRIPT = f"""<style>
 html, html:not(.{HERE}) body {{ background: #181818 !important }}
@@ -49,7 +51,12 @@ const keep = () => {{
   document.cookie = `{_STATE}_${{location.port}}=${{state}}; Path=/; SameSite=Strict`;
 }};
 keep();
-history.replaceState(null, "", location.pathname + location.search);
+const asked = new URLSearchParams(location.search);
+asked.delete("fixedDpr");
+const address = location.pathname + (`${{asked}}` && `?${{asked}}`);
+asked.set("fixedDpr", devicePixelRatio);
+history.replaceState(null, "", location.pathname + "?" + asked);
+matchMedia(`(resolution: ${{devicePixelRatio}}dppx)`).addEventListener("change", () => location.reload());
 high.addEventListener("change", () => {{ say(); location.reload(); }});
 const bright = Object.assign(new Image(), {{ id: "{BRIGHT}-shown", alt: "" }});
 const cover = () => {{
@@ -67,7 +74,7 @@ new MutationObserver(() => {{
   cover();
   const said = document.getElementById("{ELEMENT}")?.title;
   if (said === undefined || "#" + said === location.hash) return;
-  history.replaceState(null, "", location.pathname + location.search + "#" + said);
+  history.replaceState(null, "", address + "#" + said);
   keep();
 }}).observe(document, {{ subtree: true, childList: true, attributeFilter: ["title"] }});
 addEventListener("pointerdown", (event) => {{

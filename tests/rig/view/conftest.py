@@ -31,11 +31,13 @@ class Window:
     """A window of the browser, and the page that draws for it."""
 
     def __init__(
-        self, browser, viewer: Viewer, width: int = 900, height: int = 500, **device: object
+        self, browser, viewer: Viewer, width: int = 900, height: int = 500, script: str = "", **device: object
     ) -> None:
+        """Open the window; script: that its page runs before its own."""
         known = set(viewer.pages)
         self.height = height
         self.tab = browser.new_page(viewport={"width": width, "height": height}, **device)
+        self.tab.add_init_script(script)
         self.tab.goto(viewer.url)
         self.until(lambda: bool(set(viewer.pages) - known))
         self.page = viewer.pages[max(viewer.pages)]

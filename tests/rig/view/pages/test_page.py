@@ -11,6 +11,9 @@ from rig.view.pictures.layers import picture_of
 from rig.view.pictures.look import LUMINANCE, Look
 from rig.view.serving.state import State
 
+SLOW_MS = 9000
+"""Slow frames for so long, of which viser looks at 2500 before it draws fewer pixels."""
+
 
 def test_the_page_shows_the_scene_at_any_exposure_and_in_any_tones(window) -> None:
     scale = window.page.painter.scene.exposure
@@ -211,6 +214,26 @@ def test_a_large_window_has_a_pixel_of_the_picture_in_each_of_its_own(open_windo
     window = open_window(viewer, width=2000, height=400)
     assert window.width > 1280
     window.until(lambda: window.page.frame.light.shape[:2] == (400, window.width))
+
+
+def test_a_slow_browser_draws_every_pixel_of_its_screen(open_window, viewer) -> None:
+    """Viser draws an eighth fewer a side after a few seconds of slow frames, unless it knows the ratio."""
+    slow = (
+        "const frame = requestAnimationFrame.bind(window);"
+        "window.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), 60)"
+    )
+    window = open_window(viewer, script=slow)
+    window.tab.mouse.move(200, 200)
+    window.tab.mouse.down()
+    widths, step = set(), 0
+    until = window.tab.evaluate("performance.now()") + SLOW_MS
+    while window.tab.evaluate("performance.now()") < until:
+        window.tab.mouse.move(200 + step % 50, 200)
+        step += 1
+        widths.add(window.tab.evaluate("document.querySelector('canvas[data-engine]').width"))
+    window.tab.mouse.up()
+    assert widths == {window.width}
+    assert "fixedDpr" not in window.tab.evaluate("location.href")
 
 
 def test_a_view_that_was_just_left_is_not_looked_for(window) -> None:
