@@ -140,6 +140,8 @@ def _mean(gains: Array, observations: Array) -> tuple[float, float]:
 
     A view that sees two of the held-out points says no more than its two observations do.
     """
+    if not observations.any():
+        return 0.0, 0.0
     mean = gains.sum() / observations.sum()
     scatter = np.sum((gains - mean * observations) ** 2) * len(gains) / (len(gains) - 1)
     return float(mean), float(np.sqrt(scatter) / observations.sum())

@@ -104,3 +104,4 @@ def test_a_view_counts_by_what_it_sees_of_the_held_out_points() -> None:
     alike = lens_ladder._mean(gains[:10], observations[:10])
     each = gains[:10] / 200
     assert alike == pytest.approx((each.mean(), each.std(ddof=1) / 10**0.5))
+    assert lens_ladder._mean(np.zeros(4), np.zeros(4)) == (0.0, 0.0)
