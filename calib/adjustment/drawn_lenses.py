@@ -48,8 +48,14 @@ def bounded(moves: Array, curvature: Array, columns: Integers, errors: Array) ->
     return nearer
 
 
-def move_without(linear: Linear, reconstruction: Any, curvature: Array, terms: Collection[str]) -> Array:
-    """The move [P] to lenses without some terms, and of all the rest along with them."""
+def move_without(
+    linear: Linear, reconstruction: Any, curvature: Array, size: Array, terms: Collection[str]
+) -> Array:
+    """The move [P] to lenses without some terms, and of all the rest along with them.
+
+    curvature: [P, P], of parameters times their size [P]; as they are, pixels beside radians are too far
+    apart for it.
+    """
     back = np.zeros(len(curvature))
     columns = []
     for number, at in linear.lenses.items():
@@ -59,11 +65,11 @@ def move_without(linear: Linear, reconstruction: Any, curvature: Array, terms: C
             if term in terms:
                 columns.append(at + index)
                 share = 0.5 if term in ("fx", "fy") else 1.0  # both come to their mean
-                back[at + index] = share * (plain.get(term, 0.0) - value)
+                back[at + index] = share * (plain.get(term, 0.0) - value) * size[at + index]
     if columns:
         rest = np.setdiff1d(np.arange(len(curvature)), columns)
         back[rest] = _followed(curvature, rest, np.array(columns), back[columns])
-    return back
+    return back / size
 
 
 def _followed(curvature: Array, rest: Integers, columns: Integers, moves: Array) -> Array:

@@ -187,7 +187,7 @@ def _moves(
     step = np.linalg.solve(curvature, pull / size) / size
     farthest = np.max(np.abs(step[columns[further]]) / errors[further], initial=0.0)
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (2, DRAWS, 1))
-    back = move_without(linear, reconstruction, curvature * size * size[:, None], weak)
+    back = move_without(linear, reconstruction, curvature, size, weak)
     return np.asarray(moves + signs[0] * step / max(farthest, 1.0) + signs[1] * back)
 
 
