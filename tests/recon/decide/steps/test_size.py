@@ -154,12 +154,13 @@ def test_colours_follow_the_direction_where_things_gloss(many):
     [
         ((0.0, 0.4, 0.4), 0.1, 0),
         ((0.0, 0.5, 0.5), 0.1, 0),
-        ((0.0, 0.6, 0.9), 0.1, 1),
-        ((0.0, 0.3, 0.6), 0.1, 1),
+        ((0.0, 0.6, 0.8), 0.1, 1),
+        ((0.0, 1.5, 1.9), 0.1, 2),
+        ((0.0, 0.4, 0.6), 0.1, 1),
         ((0.0, 0.9, 1.8), 0.1, 2),
         ((0.0, 0.9, 1.8), 2.0, 0),
     ],
-    ids=["matte", "not surely", "simple", "only together", "gloss", "chance"],
+    ids=["matte", "not surely", "simple", "some gloss", "only together", "gloss", "chance"],
 )
 def test_a_degree_is_taken_where_it_gains_what_matters_and_more_than_chance(db, error, degree):
     assert lowest(Gains(100, np.array(db), np.full((3, 3), error))) == degree
