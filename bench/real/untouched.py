@@ -5,9 +5,10 @@
 FOLDER holds a folder of photographs for each set: ET and kermit (examples/ of snavely/bundler_sfm, 640 px),
 crazyhorse (dataset/ of royshil/SfM-Toy-Library), sacre_coeur (datasets/sacre_coeur/mapping of
 cvg/Hierarchical-Localization, ten tourists' cameras without EXIF) and NLE_tower (assets/ of naver/mast3r, a
-telephone, far apart), all on GitHub. That single photographs are compared through their exposures, and how
-far drawn lenses go, was changed after a look at ET and sacre_coeur; nothing else was. No set has true poses:
-turns of both programs are compared, pair by pair. Drafts of rig are trained on its own poses. --quick: ET.
+telephone, far apart), all on GitHub. Three choices were made after a look at these: that
+single photographs are compared through their exposures and how far drawn lenses go (ET, sacre_coeur), and
+when further features are looked for (kermit). No set has true poses: turns of both programs are
+compared, pair by pair. Drafts of rig are trained on its own poses. --quick: ET.
 """
 
 import argparse

@@ -110,13 +110,12 @@ CLAIMS = (
     Claim(
         r"photograph of the fruit, (\d+) for (\d+), which would be rotated .*? another view\)\. "
         r"Without global mapping, (\d+) views of the fruit are placed "
-        r"and (\d+) of the walk; without further features, (\d+) of",
+        r"and (\d+) of the walk\.",
         lambda: [
             guarded("nothing")["banana"][0],
             guarded("joined by one pair")["banana"][0],
             guarded("placed at once")["banana"][0],
             guarded("placed at once")["lund"][0],
-            guarded("further features")["banana"][0],
         ],
     ),
     Claim(

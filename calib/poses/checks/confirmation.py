@@ -16,7 +16,7 @@ from imaging.session.view_id import ViewId
 
 LOOSE = 1.0
 """Degrees of a standard error of a view's turn, above which its pose is doubtful. Of a castle's views it is
-0.02 at most, of a flight over flat ground 0.27; of a ball in pieces of one pattern 1.0 in the median, and one
+0.04 at most, of a flight over flat ground 0.5; of a ball in pieces of one pattern 1.0 in the median, and one
 of its views is turned by 3."""
 NAMED = 8
 """Views that a warning names one by one."""
