@@ -90,7 +90,7 @@ def climb(
             sample, scale = _judges(uncut), misses(uncut).typical
             below, _ = _held_out(sample, free, scale, threads)
         above, observations = _held_out(sample, higher, scale, threads)
-        gain, error = _mean(below - above, observations)
+        gain, error = mean_gain(below - above, observations)
         large = gain >= MATERIAL or name == FISHEYE
         rung = Rung.judged(
             name,
@@ -135,10 +135,14 @@ def _judges(reconstruction: Any) -> Any:
     return sample
 
 
-def _mean(gains: Array, observations: Array) -> tuple[float, float]:
-    """Mean over all observations of what views gain in total, and its standard error over views.
+def mean_gain(gains: Array, observations: Array) -> tuple[float, float]:
+    """Return the mean gain of an observation, and its standard error over views.
 
-    A view that sees two of the held-out points says no more than its two observations do.
+    A view with two held-out observations says no more than these two do.
+
+    Args:
+        gains: Of each view, in total over its held-out observations [N].
+        observations: Their number [N].
     """
     if not observations.any():
         return 0.0, 0.0

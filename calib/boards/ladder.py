@@ -7,6 +7,7 @@ import numpy as np
 
 from calib.adjustment.bundle_adjustment import Free
 from calib.adjustment.fisheye import may_be_fisheye
+from calib.adjustment.lens_ladder import mean_gain
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
 from imaging.arrays import Array
@@ -37,26 +38,24 @@ def climb(
     """The lens model to take for all cameras, and why; corners are those that `clean` left.
 
     A fold's frames are held out of the fit; then only the poses of the board are found in them, and the
-    corners have to fit. The gain is in px^2 of mean squared miss, paired by frame. Where a camera sees
+    corners have to fit. The gain is in px^2 of mean squared miss, its error over frames. Where a camera sees
     far from its axis, a fisheye is tried last against what was taken.
     """
     frames = sorted({view.frame for view in corners})
     if len(frames) < FEWEST_FRAMES:
         reason = f"{len(frames)} frames of the board cannot judge distortion beyond one radial term"
         return _STEPS[0][1], (Rung(name="lens_terms", taken=False, reason=reason),)
-    taken, below = _BASE, _held_out(board, corners, solved, _BASE, frames)
+    below, count = _held_out(board, corners, solved, _BASE, frames)
+    taken = _BASE
     rungs = []
     steps = list(_STEPS)
     if any(may_be_fisheye(lens) for lens in solved.lenses.values()):
         steps.append(("lens_fisheye", FISHEYE, "a fisheye: terms of the angle from the axis instead"))
     for done, (name, free, what) in enumerate(steps):
         progress("judging the lens", done, len(steps))
-        above = _held_out(board, corners, solved, free, frames)
-        gain = below - above
-        error = float(gain.std(ddof=1) / np.sqrt(len(gain)))
-        rung = Rung.judged(
-            name, float(gain.mean()), error, "px^2 of held-out corners, over frames of the board", what
-        )
+        above, _ = _held_out(board, corners, solved, free, frames)
+        gain, error = mean_gain(below - above, count)
+        rung = Rung.judged(name, gain, error, "px^2 of held-out corners, over frames of the board", what)
         rungs.append(rung)
         if rung.taken:
             taken, below = free, above
@@ -66,9 +65,9 @@ def climb(
 
 def _held_out(
     board: Board, corners: Mapping[ViewId, Corners], solved: Solved, free: Free, frames: list[int]
-) -> Array:
-    """Mean squared miss of each frame when it is held out, px^2 [frames]."""
-    losses: dict[int, float] = {}
+) -> tuple[Array, Array]:
+    """Sum of squared misses of each frame when it is held out, px^2 [frames], and its number of corners."""
+    losses, counts = np.zeros(len(frames)), np.zeros(len(frames))
     for fold in range(FOLDS):
         out = set(frames[fold::FOLDS])
         fitted = solve(
@@ -83,8 +82,7 @@ def _held_out(
             free,
             boards_only=True,
         )
-        squares: dict[int, list[float]] = {}
         for (view, _), miss in zip(tested.places, tested.misses, strict=True):
-            squares.setdefault(view.frame, []).append(float(miss) ** 2)
-        losses |= {frame: float(np.mean(frame_squares)) for frame, frame_squares in squares.items()}
-    return np.array([losses[frame] for frame in frames])
+            losses[frames.index(view.frame)] += float(miss) ** 2
+            counts[frames.index(view.frame)] += 1
+    return losses, counts

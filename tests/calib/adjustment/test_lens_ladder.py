@@ -97,11 +97,11 @@ def test_a_view_counts_by_what_it_sees_of_the_held_out_points() -> None:
     rng = np.random.default_rng(0)
     observations = np.array([200] * 10 + [2])
     gains = observations * np.append(rng.normal(0.1, 0.02, 10), -7.0)
-    mean, error = lens_ladder._mean(gains, observations)
+    mean, error = lens_ladder.mean_gain(gains, observations)
     assert mean == pytest.approx(0.1, abs=0.02)
     assert error < 0.01
     assert (gains / observations).mean() < 0
-    alike = lens_ladder._mean(gains[:10], observations[:10])
+    alike = lens_ladder.mean_gain(gains[:10], observations[:10])
     each = gains[:10] / 200
     assert alike == pytest.approx((each.mean(), each.std(ddof=1) / 10**0.5))
-    assert lens_ladder._mean(np.zeros(4), np.zeros(4)) == (0.0, 0.0)
+    assert lens_ladder.mean_gain(np.zeros(4), np.zeros(4)) == (0.0, 0.0)
