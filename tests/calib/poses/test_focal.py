@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.adjustment.bundle_adjustment import Free
+from calib.adjustment.bundle_adjustment import Free, misses
 from calib.calibrate import calibrate
 from calib.poses import focal
 from calib.sensor.focal_length import FocalLength
@@ -20,9 +20,9 @@ NAMES = {1: "cam1", 2: "cam2"}
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
-        ({}, "no file states it either, and it may be off by up to 20 %"),
+        ({}, "drawn towards what most cameras have and may be off by up to 44 %"),
         ({"cam1": 0.02, "cam2": 0.03}, "EXIF's are used, known to 3 %"),
-        ({"cam1": 0.02}, "EXIF's are used where files state them, and they may be off by up to 20 %"),
+        ({"cam1": 0.02}, "EXIF's are used where files state them, and they may be off by up to 42 %"),
     ],
 )
 def test_cameras_whose_focal_lengths_are_held_are_one_warning(monkeypatch, stated, words):
@@ -44,6 +44,28 @@ def test_a_camera_that_the_scene_determines_is_not_held():
     free, rungs = focal.settle_focal(model, Free(), 0.3, 1, NAMES, {})
     assert free.focal == {}
     assert [rung.taken for rung in rungs] == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("doubt", "expected", "spread"), [(10.0, 810, 0.45), (0.45, 2540, 0.32), (0.01, 7990, 0.01)]
+)
+def test_a_focal_length_is_drawn_towards_those_of_most_cameras(doubt, expected, spread):
+    """As far as the points do not determine it: 8,000 px, where most cameras have 800."""
+    px, doubtful = focal._likely(8000.0, doubt, 800.0)
+    assert px == pytest.approx(expected, rel=0.02)
+    assert doubtful == pytest.approx(spread, rel=0.02)
+
+
+def test_a_model_of_a_far_too_long_lens_comes_back(monkeypatch):
+    """As of three photographs of books on a table, which a lens seven times too long fitted as well."""
+    monkeypatch.setattr(focal, "effect", lambda *_: {1: 0.001, 2: 0.001})
+    model = made(3)
+    for number in NAMES:
+        focal._lengthen(model, number, 6 * 640.0)
+    focal.settle_focal(model, Free(), 0.3, 1, NAMES, {})
+    for camera in model.cameras.values():
+        assert camera.mean_focal_length() == pytest.approx(640, rel=0.2)
+    assert misses(model).typical < 0.5
 
 
 def test_a_walk_past_a_wall_is_not_sure_of_a_wrong_focal_length(tmp_path):
