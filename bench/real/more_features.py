@@ -34,12 +34,10 @@ PARTS = {
     "banana": ("::2", "1::2", ":11", "5:", ":"),
     "brighton": ("::2", "::3"),
     "fox": ("::5", "::7"),
-    "lund": ("::2", "1::2", "::3", "::5"),
-    "monstree": ("::4",),
-    "sceaux": ("1::3",),
+    "lund": ("::2", "1::2"),
 }
 """Slices of the sets of bench/real/judges.py, of their photographs by name."""
-FOREIGN = {"kermit": (":", "::2"), "NLE_tower": (":",), "sacre_coeur": ("::2",)}
+FOREIGN = {"kermit": (":",), "NLE_tower": (":",)}
 """The same of the sets in FOLDER."""
 
 
