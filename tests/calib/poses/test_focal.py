@@ -20,7 +20,7 @@ NAMES = {1: "cam1", 2: "cam2"}
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
-        ({}, "drawn towards what most cameras have and may be off by up to 44 %"),
+        ({}, "no file states it either, and it may be off by up to 44 %"),
         ({"cam1": 0.02, "cam2": 0.03}, "EXIF's are used, known to 3 %"),
         ({"cam1": 0.02}, "EXIF's are used where files state them, and they may be off by up to 42 %"),
     ],
@@ -54,6 +54,15 @@ def test_a_focal_length_is_drawn_towards_those_of_most_cameras(doubt, expected, 
     px, doubtful = focal._likely(8000.0, doubt, 800.0)
     assert px == pytest.approx(expected, rel=0.02)
     assert doubtful == pytest.approx(spread, rel=0.02)
+
+
+def test_a_focal_length_that_lenses_have_stays(monkeypatch):
+    monkeypatch.setattr(focal, "effect", lambda *_: {1: 0.001, 2: 0.001})
+    model = made(3)
+    for number in NAMES:
+        focal._lengthen(model, number, 3 * 640.0)
+    free, _ = focal.settle_focal(model, Free(), 0.3, 1, NAMES, {})
+    assert [prior.px for prior in free.focal.values()] == [3 * 640.0] * 2
 
 
 def test_a_model_of_a_far_too_long_lens_comes_back(monkeypatch):
