@@ -108,6 +108,8 @@ def rig_source(
             rig=table.rig,
             position=table.position,
             band=None if table.band is None else table.band.name,
+            focal_length=table.focal_length,
+            pixel_pitch=table.pixel_pitch,
         )
         for table in tables.camera
     )

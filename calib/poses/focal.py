@@ -38,7 +38,7 @@ def focal_priors(stated: Mapping[int, FocalLength]) -> dict[int, FocalPrior]:
 class _Held:
     """A camera whose focal length is held.
 
-    shift: movement of its points with 10 % more of it, px. spread: relative. stated: EXIF's words of it.
+    shift: movement of its points with 10 % more of it, px. spread: relative. stated: the words of a file.
     """
 
     name: str
@@ -56,12 +56,12 @@ def _undetermined(held: Sequence[_Held], cameras: int) -> str:
     widest = max(one.spread for one in held)
     up_to = "" if len(held) == 1 else "up to "
     if all(one.stated is not None for one in held):
-        words = f"EXIF's {held[0].stated} is used" if len(held) == 1 else "EXIF's are used"
+        words = f"the stated {held[0].stated} is used" if len(held) == 1 else "the stated ones are used"
         used = f"{words}, known to {100 * widest:.2g} %"
     elif all(one.stated is None for one in held):
         used = f"no file states it either, and it may be off by {up_to}{100 * widest:.2g} %"
     else:
-        used = f"EXIF's are used where files state them, and they may be off by up to {100 * widest:.2g} %"
+        used = f"those stated are used where there are any, and they may be off by up to {100 * widest:.2g} %"
     of = ""
     if cameras > 1:
         named = ", ".join(one.name for one in held[:NAMED])

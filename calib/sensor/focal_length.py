@@ -1,4 +1,4 @@
-"""Focal length from a photograph's metadata, in pixels, and its error."""
+"""Focal length from a photograph's metadata or the rig file, in pixels, and its error."""
 
 import math
 import tempfile
@@ -11,6 +11,7 @@ import numpy as np
 from imaging.files.colmap import pycolmap
 from imaging.files.photo import encode_jpeg
 from imaging.sensor.mosaic import FrameMetadata
+from imaging.session.records import CameraRecord
 
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
 """mm; what a 35 mm equivalent focal length refers to."""
@@ -23,6 +24,8 @@ _BUILT = 0.025
 _MILLIMETRES = 0.02
 _TABLE = 0.03
 """The same where the sensor's size comes from the file, and from a table of models."""
+_NOMINAL = 0.03
+"""The same of what is printed on a lens: to 5 % by its maker, and longer the nearer it is focused."""
 _EVEN = 1 / math.sqrt(3.0)
 """Standard deviation of what is spread evenly, in halves of its width."""
 _DISAGREE = 3.0
@@ -74,6 +77,15 @@ def focal_length(metadata: FrameMetadata, width: int, height: int) -> FocalLengt
             px, spread = px * (plain.px / px) ** share, min(spread, plain.spread)
             words = f"{words}, {plain.words}"
     return FocalLength(px, spread, f"{px:.0f} px ({words})")
+
+
+def rig_focal_length(camera: CameraRecord) -> FocalLength | None:
+    """Read the focal length that the rig file states of a camera; None where it states none."""
+    if camera.focal_length is None or camera.pixel_pitch is None:
+        return None
+    px = 1000.0 * camera.focal_length / camera.pixel_pitch
+    words = f"{camera.focal_length:g} mm before photosites {camera.pixel_pitch:g} um apart, by the rig file"
+    return FocalLength(px, _NOMINAL, f"{px:.0f} px ({words})")
 
 
 def _by_equivalent(metadata: FrameMetadata, width: int, height: int) -> FocalLength | None:

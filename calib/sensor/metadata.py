@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from calib.sensor.focal_length import FocalLength, focal_length
+from calib.sensor.focal_length import FocalLength, focal_length, rig_focal_length
 from calib.sensor.measure import MeasuredSensor
 from calib.sensor.rungs import rungs as sensor_rungs
 from imaging.errors import InputError
@@ -26,7 +26,7 @@ class CameraSensor:
     """Camera as its files describe it, and the measurements beyond that.
 
     noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
-    ColorMatrix; lens: no distortion, the focal length guessed; focal: that in a file.
+    ColorMatrix; lens: no distortion, the focal length guessed; focal: that of a file, or of the rig file.
     """
 
     noise: SensorNoise | None
@@ -54,7 +54,7 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
         noise, colour = raw.noise, raw.camera_from_rec709
     else:
         metadata = read_metadata(path)
-    focal = focal_length(metadata, shot.width, shot.height)
+    focal = focal_length(metadata, shot.width, shot.height) or rig_focal_length(camera)
     guess = GUESSED_FOCAL * max(shot.width, shot.height) if focal is None else focal.px
     lens = Lens(
         model="SIMPLE_RADIAL",

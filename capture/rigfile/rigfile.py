@@ -156,6 +156,19 @@ def _must_be_one_rig(rig: RigFile) -> None:
     ):
         if fault is not None:
             raise InputError(f"{rig.at('camera', fault[0], key)}: {fault[1]}")
+    for index, camera in enumerate(cameras):
+        if (camera.focal_length is None) != (camera.pixel_pitch is None):
+            there, lacks = ("focal_length", "pixel_pitch")[:: 1 if camera.focal_length else -1]
+            raise InputError(
+                f"{rig.at('camera', index, there)}: {camera.name} has {there} and no {lacks}; add {lacks} "
+                "(focal_length in mm, pixel_pitch in um), or leave both out."
+            )
+    subject = rig.tables.subject
+    if subject is not None and not subject.nearest <= subject.farthest:
+        raise InputError(
+            f"{rig.at('subject', 'farthest')}: farthest ({subject.farthest:g} m) is less than nearest "
+            f"({subject.nearest:g} m); exchange them."
+        )
     if trigger.leader is not None and trigger.leader not in {camera.name for camera in cameras}:
         raise InputError(
             f"{rig.at('trigger', 'leader')}: there is no camera {trigger.leader!r}; "

@@ -81,7 +81,8 @@ class CameraTable(_Table):
     the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
     camera; filters: those of the wheel before it, in the order of shooting. address: of a PTP/IP camera, or a
     GigE Vision camera that no broadcast reaches. node: the host that it is connected to; None: the one that
-    captures.
+    captures. focal_length: mm, and pixel_pitch: distance between photosites, um: for the plan
+    of focus and views, and for the calibration where files state no focal length.
     """
 
     name: Annotated[Name, Field(strict=True)]
@@ -92,6 +93,15 @@ class CameraTable(_Table):
     filters: Annotated[tuple[Band, ...], BeforeValidator(wheel_of)] = ()
     address: Annotated[NetworkAddress, BeforeValidator(address_of)] | None = None
     node: Annotated[Name, Field(strict=True)] | None = None
+    focal_length: Positive | None = None
+    pixel_pitch: Positive | None = None
+
+
+class SubjectTable(_Table):
+    """What is to be sharp: distances from the cameras to its nearest and its farthest, m."""
+
+    nearest: Positive
+    farthest: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True)] = math.inf
 
 
 class BracketTable(_Table):
@@ -147,6 +157,7 @@ class RigTables(_Table):
     bracket: BracketTable = BracketTable()
     trigger: TriggerTable = TriggerTable()
     board: Board | None = None
+    subject: SubjectTable | None = None
     camera: Annotated[tuple[CameraTable, ...], Field(min_length=1)]
 
     @property

@@ -39,6 +39,10 @@ mode = "software"           # "hardware": exposed by a rising edge on a line; "a
 # output = "Line1"          #   that goes out on this line of it; without a leader edges come from elsewhere
 tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one step that are still together
 
+# [subject]                 # distances from the cameras, in metres, for the plan of rig capture --dry-run:
+# nearest = 0.6             #   where to focus, at which f-number, and how far apart to shoot
+# farthest = 1.4            #   if not given, all beyond is to be sharp
+
 {{board}}
 # A camera is known by its serial number, wherever it is plugged in. Its name stands in the names of its
 # files: raw/0000/{{leader}}_0.dng. Cameras that name the same rig are fixed to each other for as long as a
@@ -114,9 +118,13 @@ def _camera(name: str, camera: ConnectedCamera, addresses: Sequence[NetworkAddre
         '# band = "650nm, 650, 40"     # the filter before a mono camera: name, nm of its middle and width\n'
         '# filters = ["450nm, 450, 40", "650nm, 650, 40"]  # of a wheel before it, turned at every frame\n'
     )
+    lens = "# focal_length = 8           # of its lens, mm; with the distance between photosites, um:\n"
+    lens += (
+        "# pixel_pitch = 3.45         #   for the plan of focus, and for rig calibrate if files state none\n"
+    )
     named = next((address for address in addresses if camera.where == address.where), None)
     at = "" if named is None else f'address = "{named}"\n'
-    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{at}{rig}{band}"
+    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{at}{rig}{lens}{band}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 
 

@@ -63,6 +63,10 @@ class CameraRecord(Record):
     """Measured position in its rig, m, in any axes: between two cameras it gives the scale."""
     band: Name | None = None
     """Filter that stays on it, one of the session's bands; None without one, or where it changes."""
+    focal_length: float | None = Field(default=None, gt=0)
+    """Focal length of its lens as the rig file states it, mm."""
+    pixel_pitch: float | None = Field(default=None, gt=0)
+    """Distance between its photosites as the rig file states it, um."""
 
 
 class SessionRecord(Record):

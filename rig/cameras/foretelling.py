@@ -41,12 +41,11 @@ def view_lines(forecast: Forecast, plan: PlanRecord) -> list[str]:
     for name, count in forecast.sizes.items():
         names.setdefault(count, []).append(name)
     exposures = counted(len(plan.bracket), "exposure")
-    lines = [
+    return [
         f"  {', '.join(group)}: {exposures} of {size(count)}, {size(count * len(plan.bracket))} a view"
         for count, group in names.items()
         if count is not None
     ]
-    return [*lines, "  Focus stays as the lenses are set: one focus for all exposures and views."]
 
 
 def forecast_data(forecast: Forecast, plan: PlanRecord) -> dict[str, Any]:

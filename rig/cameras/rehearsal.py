@@ -10,7 +10,7 @@ from capture.bracket import automatic
 from capture.record import shooting
 from capture.request import RigRequest
 from capture.rigfile import rigfile
-from rig.cameras import foretelling
+from rig.cameras import focusing, foretelling
 from rig.cameras.usb_bus import source_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult
@@ -28,10 +28,12 @@ def rehearse(
     rig: rigfile.RigFile | None,
     seed: int,
 ) -> CommandResult:
-    """StatusLine, plan and say so; nothing is written."""
+    """Plan what would be shot and say so; nothing is written."""
     with source_of(sim, seed, rig, request, status) as source:
         done = shooting.rehearse(source, out, request)
+        able = {name: camera.capabilities() for name, camera in source.cameras.items()}
     record = done.record
+    focus = {} if rig is None else focusing.focus_plans(rig.tables, able, record.bracket[0])
     steps = [str(exposure) for exposure in record.bracket]
     shots = len(record.cameras) * len(record.frames) * len(steps)
     width, height = done.size or (None, None)
@@ -47,6 +49,7 @@ def rehearse(
         "width": width,
         "height": height,
         "forecast": foretelling.forecast_data(done.forecast, record),
+        "focus": focusing.focus_data(focus),
     }
     lines = [
         f"{counted(len(record.cameras), 'camera')}, {counted(len(record.frames), _FRAMES[record.kind])}, "
@@ -55,6 +58,7 @@ def rehearse(
     ]
     pause = 0.0 if rig is None or sim is not None else rig.tables.pause
     lines += [foretelling.forecast_line(done.forecast, pause), *foretelling.view_lines(done.forecast, record)]
+    lines += focusing.focus_lines(focus, rig is None)
     if record.kind != "scene":
         return CommandResult(data, lines)
     more, table = _worth(done)

@@ -21,8 +21,8 @@ NAMES = {1: "cam1", 2: "cam2"}
     ("stated", "words"),
     [
         ({}, "no file states it either, and it may be off by up to 44 %"),
-        ({"cam1": 0.02, "cam2": 0.03}, "EXIF's are used, known to 3 %"),
-        ({"cam1": 0.02}, "EXIF's are used where files state them, and they may be off by up to 42 %"),
+        ({"cam1": 0.02, "cam2": 0.03}, "the stated ones are used, known to 3 %"),
+        ({"cam1": 0.02}, "those stated are used where there are any, and they may be off by up to 42 %"),
     ],
 )
 def test_cameras_whose_focal_lengths_are_held_are_one_warning(monkeypatch, stated, words):

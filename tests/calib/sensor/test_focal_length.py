@@ -1,14 +1,20 @@
 """The focal length of metadata in pixels, against cameras whose pitch is published."""
 
+import hashlib
 import math
+from datetime import UTC, datetime
 
+import numpy as np
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from calib.sensor.focal_length import focal_length, sensor_width
-from imaging.files.photo import read_metadata
+from calib.sensor.focal_length import focal_length, rig_focal_length, sensor_width
+from calib.sensor.metadata import describe
+from imaging.files.photo import encode_jpeg, read_metadata
 from imaging.sensor.mosaic import FrameMetadata
+from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
 
 
 def stated(width, height, **tags):
@@ -95,3 +101,34 @@ def test_the_sensor_is_what_the_resolution_in_the_focal_plane_says(tmp_path, uni
     tags[41486] = tags[41487] = IFDRational(0, 1)
     Image.new("RGB", (96, 64)).save(path, exif=exif)
     assert read_metadata(path).sensor_mm is None
+
+
+def test_a_lens_of_the_rig_file_counts_where_the_picture_states_none(tmp_path):
+    """An acA2440 (Sony IMX250, 3.45 um) behind a lens of 8 mm; a file that states its own is nearer to it."""
+    camera = CameraRecord(name="cam0", serial="1", kind="ldr", focal_length=8.0, pixel_pitch=3.45)
+    focal = rig_focal_length(camera)
+    assert focal.px == pytest.approx(8.0 / 3.45e-3)
+    assert 0.02 < focal.spread < 0.05
+    assert focal.words == "2319 px (8 mm before photosites 3.45 um apart, by the rig file)"
+    assert rig_focal_length(camera.model_copy(update={"pixel_pitch": None})) is None
+    session = Session.create(
+        tmp_path, SessionRecord(name="S", created=datetime.now(UTC), origin="RIG.toml", cameras=(camera,))
+    )
+    for said, expected in ((FrameMetadata(), 2319), (FrameMetadata(focal_length_35mm=26.0), 49)):
+        data = encode_jpeg(np.zeros((48, 64), np.uint8), metadata=said)
+        (tmp_path / "a.jpg").write_bytes(data)
+        shot = ShotRecord(
+            kind="scene",
+            plan="scene",
+            camera="cam0",
+            frame=0,
+            step=0,
+            file="a.jpg",
+            width=64,
+            height=48,
+            sha256=hashlib.sha256(data).hexdigest(),
+        )
+        sensor = describe(session, camera, shot)
+        assert sensor.focal is not None
+        assert sensor.lens.fx == sensor.focal.px
+        assert round(sensor.focal.px) == pytest.approx(expected, abs=1)

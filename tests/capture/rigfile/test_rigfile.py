@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from capture.bracket.goals import BracketGoals
 from capture.capture_rig import capture_rig
 from capture.rigfile.rigfile import RigFile, read_rig_file
+from capture.rigfile.tables import SubjectTable
 from capture.rigfile.template import EXAMPLE, rig_file_text
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.discovery import ConnectedCamera
@@ -100,6 +101,11 @@ def test_byte_order_marks_and_line_ends_of_other_systems_are_read(tmp_path: Path
         ('"left"', "3", 13, "name has to be text in quotes"),
         ('"A"', '""', 14, "serial has to be text that is not empty"),
         ('rig = "arm"', 'role = "eye"', 15, "there is no key 'role'; the keys here are name, serial, rig"),
+        ('serial = "B"', 'serial = "B"\nfocal_length = 8', 20, "right has focal_length and no pixel_pitch"),
+        ('serial = "B"', 'serial = "B"\npixel_pitch = 3', 20, "right has pixel_pitch and no focal_length"),
+        ('serial = "B"', 'serial = "B"\nfocal_length = 0', 20, "focal_length has to be above 0"),
+        ("pause = 10", "subject = {nearest = 2, farthest = 1}", 2, "farthest (1 m) is less than nearest"),
+        ("pause = 10", "subject = {farthest = 1}", 2, "the subject has no nearest; add it"),
         ('name = "right"', "", 17, "the camera has no name"),
         ('serial = "B"', "", 17, "the camera has no serial"),
         ('serial = "B"', 'serail = "B"', 19, "there is no key 'serail'; did you mean serial?"),
@@ -168,7 +174,7 @@ def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path, other: 
     stays and a wheel exclude each other."""
     lines = rig_file_text([listed("A", f_numbers=())]).splitlines()
     options = [n for n, line in enumerate(lines) if re.match(r"# (\[\w+\]|\w+ = )", line)]
-    assert len(options) == 17
+    assert len(options) == 22
     for number in options:
         if lines[number].startswith(f"# {other} = "):
             continue
@@ -176,6 +182,8 @@ def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path, other: 
     tables = read(tmp_path, "\n".join(lines)).tables
     bracket = tables.bracket
     assert tables.board == EXAMPLE
+    assert tables.subject == SubjectTable(nearest=0.6, farthest=1.4)
+    assert (tables.camera[0].focal_length, tables.camera[0].pixel_pitch) == (8, 3.45)
     assert (bracket.f_number, bracket.iso, bracket.total, bracket.slowest) == (8, 100, 2, 1 / 4)
 
 

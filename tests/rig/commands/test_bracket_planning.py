@@ -95,3 +95,35 @@ def test_shutter_times_are_read_as_cameras_show_them() -> None:
     from rig.options.common import shutter
 
     assert [shutter(text) for text in ("1/30", "0.5", "2s", " 1/8 s ")] == [1 / 30, 0.5, 2.0, 1 / 8]
+
+
+def test_focus_and_views_are_planned_with_exposures(rig, tmp_path: Path) -> None:
+    path, capture = tmp_path / "RIG.toml", ("capture", str(tmp_path / "RIG.toml"), str(tmp_path / "S"))
+    assert rig("init", str(path), "--sim", "toy")[0] == 0
+    dry = (*capture, "--sim", "toy", "--frames", "1", "--bracket", "0", "--dry-run")
+    assert json_of(rig, *dry)["focus"] == {}
+    assert "[subject] and the lenses in the rig file plan it" in rig(*dry)[1]
+    text = path.read_text().replace("# nearest", "nearest").replace("# farthest", "farthest")
+    path.write_text(text.replace("# [subject]", "[subject]").replace("\n# focal_length", "\nfocal_length", 1))
+    code, _, err = rig(*dry)
+    assert code == 2
+    assert "cam0 has focal_length and no pixel_pitch" in err
+    path.write_text(path.read_text().replace("\n# pixel_pitch", "\npixel_pitch", 1))
+    plans = json_of(rig, *dry)["focus"]
+    assert plans["cam0"]["focus"] == pytest.approx(0.84)
+    assert plans["cam0"]["f_number"] == 8
+    assert "focal_length (mm) and pixel_pitch (um) are not in the file" in plans["cam1"]
+    said = " ".join(rig(*dry)[1].split())
+    assert "Focus cam0 at 0.84 m. f/8 blurs the nearest and the farthest by 0.61 px" in said
+    assert "Focus of cam1 is not planned" in said
+
+
+def test_the_lens_of_a_rig_file_is_in_the_session(rig, tmp_path: Path) -> None:
+    path, folder = tmp_path / "RIG.toml", tmp_path / "S"
+    assert rig("init", str(path), "--sim", "toy")[0] == 0
+    text = path.read_text().replace("# focal_length", "focal_length").replace("# pixel_pitch", "pixel_pitch")
+    path.write_text(text)
+    done = rig("capture", str(path), str(folder), "--sim", "toy", "--frames", "1", "--bracket", "0")
+    assert done[0] == 0
+    for camera in json.loads((folder / "session.json").read_text())["cameras"]:
+        assert (camera["focal_length"], camera["pixel_pitch"]) == (8, 3.45)
