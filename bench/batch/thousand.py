@@ -1,13 +1,15 @@
 """A day of many small sessions, in parts that are killed and run again: what fails, and what a session costs.
 
     python -m bench.batch.thousand [--quick] [--json] [--write] [--sessions 1000] [--at-once 2] [--seed 0]
+        [--folder DIR]
 
 Sessions of ten kinds (bench/batch/kinds.py, one each, copied) are carried out by `rig batch --shard i/N`,
 five sessions to a part, some parts at once. A twentieth of the parts is killed, each at a random moment of
 the time that an undisturbed part takes, and run again. Then `rig batch --merge`. No failure may be a defect,
 no session may be missing, and copies of one session must end alike.
 
---write puts the table into bench/results/thousand.md.
+--write puts the table into bench/results/thousand.md. --folder keeps the sessions: with it, a day that was
+interrupted goes on with the parts that are not done.
 """
 
 import json
@@ -23,11 +25,13 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from bench.batch.kinds import KINDS
 from bench.support.record import arguments, deliver, machine, words
+from imaging.files import store
 from rig.batch.result import BatchRow
 
 PLAN = """sessions = ["scans/*"]
@@ -66,15 +70,17 @@ def begin(plan: Path, part: str) -> "subprocess.Popen[bytes]":
 def carried_out(
     plan: Path, parts: Sequence[str], killed: set[str], at_once: int, rng: random.Random
 ) -> tuple[float, int]:
-    """Carry out the parts, some at once, and kill some.
+    """Carry out the parts that are not done, some at once, and kill some.
 
     Returns:
         Processor seconds of the parts without their steps, and the number of them that were killed in time.
     """
-    waiting, took = list(parts), list[float]()
+    ledger = plan.with_name("killed.json" if killed else "again.json")
+    done: dict[str, dict[str, float]] = json.loads(ledger.read_text()) if ledger.exists() else {}
+    waiting = [part for part in parts if part not in done]
     going: dict[str, tuple[subprocess.Popen[bytes], float, float]] = {}
-    spent, died = 0.0, 0
     while waiting or going:
+        took = [one["took"] for part, one in done.items() if part not in killed]
         while waiting and len(going) < at_once:
             # A part that is killed waits for the first to say how long one takes.
             part = next(
@@ -91,12 +97,15 @@ def carried_out(
             ended, status, usage = os.wait4(process.pid, os.WNOHANG)
             if ended:
                 process.returncode = os.waitstatus_to_exitcode(status)
-                died += process.returncode == -signal.SIGKILL
-                spent += usage.ru_utime + usage.ru_stime
-                took += [] if part in killed else [time.monotonic() - began]
+                done[part] = {
+                    "died": process.returncode == -signal.SIGKILL,
+                    "spent": usage.ru_utime + usage.ru_stime,
+                    "took": time.monotonic() - began,
+                }
+                store.write_json(ledger, done)
                 del going[part]
         time.sleep(0.2)
-    return spent, died
+    return sum(one["spent"] for one in done.values()), round(sum(one["died"] for one in done.values()))
 
 
 def cause(row: BatchRow) -> str:
@@ -106,17 +115,18 @@ def cause(row: BatchRow) -> str:
 
 
 def day(count: int, at_once: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Make the sessions and carry them out."""
-    made = templates(folder / "kinds")
+    """Make the sessions, if they are not there, and carry them out."""
     rng, plan = random.Random(seed), folder / "PLAN.toml"
-    plan.write_text(PLAN)
-    kinds = {}
-    order = [list(made)[number % len(made)] for number in range(count)]
+    order = [list(KINDS)[number % len(KINDS)] for number in range(count)]
     rng.shuffle(order)
-    for number, kind in enumerate(order):
-        copy = folder / "scans" / f"{number:04d}"
-        shutil.copytree(made[kind], copy)
-        kinds[copy.absolute()] = kind
+    kinds = {(folder / "scans" / f"{number:04d}").absolute(): kind for number, kind in enumerate(order)}
+    if not plan.exists():
+        for part in ("kinds", "scans"):
+            shutil.rmtree(folder / part, ignore_errors=True)
+        made = templates(folder / "kinds")
+        for copy, kind in kinds.items():
+            shutil.copytree(made[kind], copy)
+        plan.write_text(PLAN)
     total = -(-count // OF_A_PART)
     parts = [f"{number + 1}/{total}" for number in range(total)]
     killed = set(rng.sample(parts, max(round(KILLED * total), 1)))
@@ -205,9 +215,10 @@ def main() -> int:
     parser.add_argument("--sessions", type=int, default=1000)
     parser.add_argument("--at-once", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path)
     options = parser.parse_args()
     count = QUICK if options.quick else options.sessions
-    with tempfile.TemporaryDirectory() as place:
+    with nullcontext(options.folder) if options.folder else tempfile.TemporaryDirectory() as place:
         result = day(count, options.at_once, options.seed, Path(place))
     text, problems = table(result, words(machine())), wrong(result)
     result["rows"] = [(kind, row.model_dump(mode="json")) for kind, row in result["rows"]]

@@ -98,7 +98,7 @@ class CameraTable(_Table):
 
 
 class SubjectTable(_Table):
-    """What is to be sharp: distances from the cameras to its nearest and its farthest, m."""
+    """Subject: distances from the cameras to its nearest and its farthest that are to be sharp, m."""
 
     nearest: Positive
     farthest: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True)] = math.inf
