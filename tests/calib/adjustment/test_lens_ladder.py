@@ -105,3 +105,30 @@ def test_a_view_counts_by_what_it_sees_of_the_held_out_points() -> None:
     each = gains[:10] / 200
     assert alike == pytest.approx((each.mean(), each.std(ddof=1) / 10**0.5))
     assert lens_ladder.mean_gain(np.zeros(4), np.zeros(4)) == (0.0, 0.0)
+
+
+def stretched(seed: int, by: float, noise: float) -> Any:
+    """Views whose pixels are higher than wide by this factor."""
+    model = synthesized(seed, [640.0, 320.0, 240.0, 0.0], 10, 5)
+    for index in sorted(model.reg_image_ids()):
+        for point in model.image(index).points2D:
+            x, y = np.ravel(point.xy)
+            point.xy = np.array([x, 240.0 + by * (y - 240.0)])
+    return with_noise(model, seed, noise)
+
+
+def tangential(model: Any, noise: float) -> Any:
+    """The rung of tangential terms and two focal lengths."""
+    _, rungs = lens_ladder.climb(model, Free(), noise, 1, unreported)
+    return next(rung for rung in rungs if rung.name == "lens_tangential")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pixels_that_are_not_square_have_to_save_more_than_noise_does(seed: int) -> None:
+    """Noise of three pixels lets focal lengths be 3 % apart, and saves up to 0.04 by it."""
+    assert tangential(stretched(seed, 1.07, NOISE), NOISE).taken
+    assert tangential(stretched(seed, 1.004, NOISE), NOISE).taken  # of a lens that is hardly so
+    noisy = tangential(stretched(seed, 1.03, 3.0), 3.0)
+    assert not noisy.taken
+    assert noisy.gain < 0.05
+    assert "pixels are square" in noisy.reason
