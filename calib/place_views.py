@@ -37,7 +37,7 @@ WORDS: dict[FeatureKind, str] = {
 FEW = 0.8
 """Share of the images that show something; further features are tried where SIFT's place fewer, since they
 double the seconds or more. Below it, more features place more views of 2 of 7 sets and parts of sets (6 for
-0 of 6 of a flight, 7 for 6 of 8 of fruit); above it of none of 4 (`bench/real/more_features.py`)."""
+0 of 6 of a flight, 7 for 6 of 8 of fruit); above it of none of 4 (`bench/real/poses/more_features.py`)."""
 LEAST_SIDE = 16
 """px; nothing can be found in narrower pictures, and what reduces them is made for no such strips."""
 

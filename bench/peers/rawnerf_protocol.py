@@ -24,7 +24,7 @@ import numpy as np
 import torch
 
 from bench.recon import inputs
-from bench.recon.noise_losses import (
+from bench.recon.parts.noise_losses import (
     RelativeSquares,
     Residual,
     Stabilised,

@@ -3,14 +3,14 @@
     python -m bench.recon.learning_curves [--quick] [--json] [--write] [--longest 45] [--work FOLDER]
                                     [--ladder FOLDER]
 
-Scenes of bench/recon/presets.py, in FOLDER of --work, and the first of each kind of bench/recon/ladder.py, in
-that of
---ladder, trained at the preset `best` with whole schedules of 6 to 3200 iterations, until one takes more
-than --longest seconds; some of them narrower or with few Gaussians too, and the real photographs where
-RIG_DATA names the folder that has them. A curve is fitted to each (recon.decide.cost.prediction), and each is
-predicted from each of its schedules by the curves of scenes of other kinds. Finished rows are kept in --work.
---write puts the table into bench/results/learning_curves.md and the curves into learning_curves.json, which a
-test holds the curves of recon.decide.cost.prediction against.
+Scenes of bench/recon/presets.py, in FOLDER of --work, and the first of each kind of
+bench/recon/parts/ladder.py, in that of --ladder, trained at the preset `best` with whole schedules of 6 to
+3200 iterations, until one takes more than --longest seconds; some of them narrower or with few Gaussians
+too, and the real photographs where RIG_DATA names the folder that has them. A curve is fitted to each
+(recon.decide.cost.prediction), and each is predicted from each of its schedules by the curves of scenes of
+other kinds. Finished rows are kept in --work. --write puts the table into bench/results/learning_curves.md
+and the curves into learning_curves.json, which a test holds the curves of recon.decide.cost.prediction
+against.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from bench.recon import ladder_scenes
+from bench.recon.parts import ladder_scenes
 from bench.recon.presets import CASTLE, SCENES, TOYS, folder_of
 from bench.support.record import RESULTS, WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
@@ -162,7 +162,7 @@ def main() -> None:
     parser.add_argument("--longest", type=float, default=45.0, help="seconds of a scene's longest training")
     parser.add_argument("--work", type=Path, default=WORK)
     parser.add_argument(
-        "--ladder", type=Path, default=WORK, help="where the sessions of bench/recon/ladder.py are"
+        "--ladder", type=Path, default=WORK, help="where the sessions of bench/recon/parts/ladder.py are"
     )
     options = parser.parse_args()
     options.lengths = LENGTHS

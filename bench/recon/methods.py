@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from bench.recon import inputs
-from bench.recon.softplus_radiance import SoftplusRadiance
+from bench.recon.parts.softplus_radiance import SoftplusRadiance
 from bench.support.differences import paired, stored_rows, units
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, Trial, prepare, run, session

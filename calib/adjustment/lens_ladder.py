@@ -31,8 +31,8 @@ HELD_OUT = 3
 MATERIAL = 0.025
 """Saving of loss that a further term needs to be taken by one standard error; less has to be
 `ONE_OF_SEVERAL`. An observation with the typical residual loses 0.7. Terms that lenses lack gain 0.021 at
-most on the scenes of bench/recon/ladder_scenes.py, where most of those that they have gain 0.08 and more; few
-views show even that by a standard error only. A fisheye is no further term but another model.
+most on the scenes of bench/recon/parts/ladder_scenes.py, where most of those that they have gain 0.08 and
+more; few views show even that by a standard error only. A fisheye is no further term but another model.
 """
 MOST_POINTS = 2000
 """Scene points that are enough to judge by: those seen in most views."""

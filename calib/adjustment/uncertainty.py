@@ -11,7 +11,7 @@ The step from the chosen lens to the one with all of these terms counts as an er
 random sign in each draw, and so does that to the lens without the terms that weak evidence added. Of
 photographs of buildings whose cameras were measured by laser, noise alone stated a half to a ninth of the
 true errors of their centres; with both steps these are 0.3 to 0.9 times the stated ones
-(`bench/real/laser.py`).
+(`bench/real/poses/laser.py`).
 """
 
 from collections import Counter

@@ -29,7 +29,8 @@ LEAST_FALLOFF = 0.02
 """And a falloff that takes less than this anywhere. One wrongly taken puts as much into every picture."""
 NOTICED_IN_SHEEN = 0.02
 """And so much where surfaces shine: views of one side still see unlike sheen, which passes for sensitivities
-that differ by 0.8 to 1.6 % on the glossy scenes of bench/recon/ladder_scenes.py, whose cameras are alike."""
+that differ by 0.8 to 1.6 % on the glossy scenes of bench/recon/parts/ladder_scenes.py, of cameras that are
+alike."""
 ASIDE = 10.0
 """Degrees between the first view of a side and its others: sheen changes little within them."""
 AT_BOUND = 1.02

@@ -5,7 +5,7 @@ of its look. Drawn twice as large it takes twice that blur with it, else it woul
 large it keeps half of it, and what a pixel blurs beyond that only spreads its light, so its opacity falls by
 the root of the ratio of determinants, else it would be too thick. The latter is the 2D filter of
 Mip-Splatting (Yu et al., arXiv 2311.16493), but from what was trained instead of an infinitely fine image:
-within the distances of the training views nothing changes (`bench/recon/scales.py`).
+within the distances of the training views nothing changes (`bench/recon/parts/scales.py`).
 """
 
 from collections.abc import Sequence

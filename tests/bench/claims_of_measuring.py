@@ -8,13 +8,13 @@ _PLACED = "turn, degrees", "place, mm"
 
 
 def _lasers(column: str, place: int = 0) -> list[tuple[float, float]]:
-    """A number of each set of bench/real/laser.py, of rig and of pycolmap."""
+    """A number of each set of bench/real/poses/laser.py, of rig and of pycolmap."""
     both = ([one[place] for one in cells("laser", column, program)] for program in ("rig", "pycolmap"))
     return list(zip(*both, strict=True))
 
 
 def _untouched(column: str) -> list[float]:
-    """First numbers of the sets of bench/real/untouched.py, of those that have any."""
+    """First numbers of the sets of bench/real/poses/untouched.py, of those that have any."""
     return [one[0] for one in cells("real_untouched", column) if one]
 
 

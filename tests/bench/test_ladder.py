@@ -1,9 +1,9 @@
-"""The verdict of bench/recon/ladder.py on rows that are made up, and what its scenes need."""
+"""The verdict of bench/recon/parts/ladder.py on rows that are made up, and what its scenes need."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from bench.recon import ladder
+from bench.recon.parts import ladder
 from imaging.session.records import Rung
 
 

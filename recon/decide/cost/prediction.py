@@ -61,7 +61,7 @@ def gains(tried: int, iterations: int, scenes: npt.ArrayLike = SCENES) -> Array:
 
 ENOUGH = 0.08
 """dB that a longer training gains in the mean over scenes, and that early stop does without
-(bench/recon/early_stop.py)."""
+(bench/recon/parts/early_stop.py)."""
 
 
 def enough(iterations: int) -> int:

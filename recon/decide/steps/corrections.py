@@ -30,7 +30,7 @@ points.
 """
 KNOWN_PX = 0.3
 """Pose error, in pixels of the training images, below which a correction has next to nothing to gain, and no
-trial can measure it (bench/recon/refine.py).
+trial can measure it (bench/recon/parts/refine.py).
 """
 KNOWN_PERCENT = 1.0
 """And exposures that are surer than this."""

@@ -32,7 +32,7 @@ TRIAL_SHARE = 0.1
 """Share of the training's iterations that a trial takes."""
 LOSS = 0.25
 """dB that fewer Gaussians may lose in a trial: on the demo and the gallery, 160 px wide, those that are
-chosen by it lose 0.08 and 0.14 dB of the light in a whole training (bench/recon/count.py)."""
+chosen by it lose 0.08 and 0.14 dB of the light in a whole training (bench/recon/parts/count.py)."""
 MATERIAL = (0.45, 0.2)
 """dB that a higher degree has to gain for sure, by one standard error, over 0 and over 1. Scenes without any
 gloss seem to gain 0.05 to 0.41 of RAW and, as photographs of 96 px, 0.40 to 0.63 with errors of 0.14 to 0.35;

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.real.laser import errors, truth
+from bench.real.poses.laser import errors, truth
 
 
 def test_turns_are_compared_below_the_rounding_of_published_ones(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.real import strangers
-from bench.real.strangers import COPIES, LONG_SIDE, SETS, STRANGERS, folders, judged, noise, report
+from bench.real.poses import strangers
+from bench.real.poses.strangers import COPIES, LONG_SIDE, SETS, STRANGERS, folders, judged, noise, report
 from bench.support.record import machine
 
 

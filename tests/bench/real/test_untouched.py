@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.real.untouched import differences
+from bench.real.poses.untouched import differences
 
 
 def test_turns_between_views_do_not_depend_on_the_world() -> None:

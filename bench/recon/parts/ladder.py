@@ -1,9 +1,9 @@
 """Choice of the modelled parts on scenes whose needs are known.
 
-    python -m bench.recon.ladder [--quick] [--json] [--write] [--minutes M] [--work FOLDER]
+    python -m bench.recon.parts.ladder [--quick] [--json] [--write] [--minutes M] [--work FOLDER]
 
-Each scene (bench/recon/ladder_scenes.py) is shot by the simulator, calibrated, and trained twice from the
-same calibration: with what the ladder takes, and with everything on: corrections of poses, exposures and
+Each scene (bench/recon/parts/ladder_scenes.py) is shot by the simulator, calibrated, and trained twice from
+the same calibration: with what the ladder takes, and with everything on: corrections of poses, exposures and
 falloff, harmonics of degree 2, as many Gaussians as the preset allows, and a method with a tone curve for
 photographs. Scenes with lamps are trained thrice each way, for the mean of their dB. Finished rows are kept
 in FOLDER/ladder.jsonl, a line a scene; a line that is deleted is measured again, from the session in the
@@ -21,7 +21,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from bench.recon.ladder_scenes import KINDS, Kind, Scene, scenes, session
+from bench.recon.parts.ladder_scenes import KINDS, Kind, Scene, scenes, session
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.session.calibration import CalibrationRecord, read_calibration
@@ -181,7 +181,7 @@ def report(result: Mapping[str, Any]) -> str:
     lines = [
         "# Is just what a scene requires modelled?",
         "",
-        f"`python -m bench.recon.ladder --write`, {words(result['machine'])}; rows made at loads up to "
+        f"`python -m bench.recon.parts.ladder --write`, {words(result['machine'])}; rows made at loads up to "
         f"{max(loads, default=0):g}. {total['scenes']} of {result['scenes']} simulated scenes, 24 views of "
         f"96 x 72; trainings of {preset['iterations']} iterations and up to {preset['gaussians']} Gaussians. "
         "Needed: what scenes of this kind require; all else that is judged has to be left out. Wrong: taken "

@@ -1,6 +1,6 @@
 """Photographs that are not what they should be, among real ones: what is placed, and what warnings say.
 
-    python -m bench.real.strangers [--quick] [--json] [--write] [--work FOLDER]
+    python -m bench.real.poses.strangers [--quick] [--json] [--write] [--work FOLDER]
 
 Folders as users make them by mistake, of the real sets under RIG_DATA at 640 px: photographs of scenes that
 have nothing in common, some of them in a set, one photograph saved several times, noise. A stranger is wrong
@@ -26,7 +26,7 @@ from PIL import Image
 
 from bench.calibration.placed import PlacedViews
 from bench.calibration.placed import place as placement
-from bench.real.judges import photographs
+from bench.real.poses.judges import photographs
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.data import learned
@@ -165,7 +165,8 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Photographs that do not belong",
         "",
-        f"`python -m bench.real.strangers --write`: real sets at {LONG_SIDE} px. {words(result['machine'])}.",
+        f"`python -m bench.real.poses.strangers --write`: real sets at {LONG_SIDE} px. "
+        f"{words(result['machine'])}.",
         "",
         "Strangers are photographs of other scenes, noise, or copies of one photograph, which show no depth. "
         "Wrong: strangers that are placed and that no warning names. Named: of the other views.",

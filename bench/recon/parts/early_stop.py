@@ -1,7 +1,7 @@
 """Early stopping, its cost and its saving: standard and best as they are, and ended where little is
 gained.
 
-    python -m bench.recon.early_stop [--quick] [--json] [--write] [--work FOLDER]
+    python -m bench.recon.parts.early_stop [--quick] [--json] [--write] [--work FOLDER]
 
 The scenes of bench/recon/presets.py, whose trainings in full are taken from its sweeps where they are there.
 dB as `rig evaluate` measures them, of the test views, by which nothing was ended; seconds of the training.
@@ -87,8 +87,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# What stopping early costs and saves",
         "",
-        f"`python -m bench.recon.early_stop --write`. {words(result['machine'])}. Held-out pictures as `rig "
-        "evaluate` measures them. Share: of the iterations, since seconds of another hour do not compare.",
+        f"`python -m bench.recon.parts.early_stop --write`. {words(result['machine'])}. Held-out pictures "
+        "as `rig evaluate` measures them. Share: of the iterations, since seconds of another hour do not "
+        "compare.",
         "",
         "| scene | preset | full, dB | s | iterations | stopped, dB | s | iterations | lost | share |",
         "|---|---|---|---|---|---|---|---|---|---|",

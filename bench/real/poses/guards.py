@@ -1,6 +1,6 @@
 """Cost of each rule of placing views on real sets, and its gain where parts of a scene look alike.
 
-    python -m bench.real.guards [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
+    python -m bench.real.poses.guards [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
 
 Each set is calibrated up to its poses as `rig calibrate` does, and once more without each rule that made a
 difference: one of its functions returned something else than would stand in its place without it. Learned
@@ -24,8 +24,8 @@ from PIL import Image
 from bench.calibration.foreign_poses import judged
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
 from bench.calibration.placed import FURTHER, PlacedViews, place
-from bench.real.judges import WRONG, away_of, photographs, published_centres, stated_focal
 from bench.real.made_sets import METAL, metal_and_glass
+from bench.real.poses.judges import WRONG, away_of, photographs, published_centres, stated_focal
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib import place_views
@@ -198,7 +198,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# What each rule of placing costs and gains",
         "",
-        f"`python -m bench.real.guards --write`. {words(result['machine'])}.",
+        f"`python -m bench.real.poses.guards --write`. {words(result['machine'])}.",
         "",
         "Views that are placed, of these wrongly (where it is known), and what is said, with all rules and",
         "without each that made a difference; empty: it made none. Then the focal length, in per cent above",

@@ -1,6 +1,6 @@
 """Pose error above which a correction in training pays.
 
-    python -m bench.recon.refine [--quick] [--json] [--write] [--work FOLDER]
+    python -m bench.recon.parts.refine [--quick] [--json] [--write] [--work FOLDER]
 
 Simulated sessions whose calibration is the truth but for the poses of the views that are trained on: each is
 turned and shifted at random, by a number of pixels as `rig reconstruct` counts them, half of them by either.
@@ -123,7 +123,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# From which error on poses are to be corrected",
         "",
-        f"`python -m bench.recon.refine --write`, {words(result['machine'])}. {WIDTH} px, {ITERATIONS} "
+        f"`python -m bench.recon.parts.refine --write`, {words(result['machine'])}. {WIDTH} px, {ITERATIONS} "
         f"iterations, {GAUSSIANS} Gaussians; dB of held-out pictures (`raw_psnr`), which have their true "
         "poses. Trial: what `rig reconstruct` would find before it trains, unless the calibration "
         f"states {KNOWN_PX:g} px or less.",

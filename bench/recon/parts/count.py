@@ -1,6 +1,7 @@
 """Number of Gaussians: needed by scenes, chosen by the ladder, and the cost of its trials.
 
-    python -m bench.recon.count [--quick] [--json] [--write] [--seeds 2] [--iterations 2000] [--work FOLDER]
+    python -m bench.recon.parts.count [--quick] [--json] [--write] [--seeds 2] [--iterations 2000]
+        [--work FOLDER]
 
 Simulated sessions with their true calibration, at several widths, trained as `rig reconstruct` trains
 `standard`: once with each of several numbers of Gaussians, all harmonics on, and once as the ladder has it.
@@ -119,7 +120,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# How many Gaussians scenes need",
         "",
-        f"`python -m bench.recon.count --write`: NH-3DGS on RAW brackets, true calibration, "
+        f"`python -m bench.recon.parts.count --write`: NH-3DGS on RAW brackets, true calibration, "
         f"{result['iterations']} iterations, at most {CAP:,} Gaussians. {words(result['machine'])}.",
         "",
         "To the truth (hdr_psnr_mu_aligned) / on held-out pictures (raw_psnr). needed: the smallest number "

@@ -1,4 +1,4 @@
-"""Scenes for bench/recon/ladder.py: simulated sessions of which it is known what a model of them requires.
+"""Scenes for bench/recon/parts/ladder.py: simulated sessions of which the model required is known.
 
 Each kind of scene has one thing that has to be modelled, or none; everything else is switched off in the
 simulator, so that whatever else a ladder takes is taken for nothing.

@@ -1,6 +1,6 @@
 """Environment behind the Gaussians: its gain before a far background.
 
-    python -m bench.recon.far_field [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
+    python -m bench.recon.parts.far_field [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
 
 Objects before a light probe, path-traced by Mitsuba and seen all around (`tests/foreign/scenes.py`), as RAW
 brackets with true poses and no points, trained by the preset draft with and without. Where it is taken is in
@@ -150,7 +150,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Light from far away",
         "",
-        "`python -m bench.recon.far_field --write`: objects in Grace Cathedral, 24 views of 240 px all "
+        "`python -m bench.recon.parts.far_field --write`: objects in Grace Cathedral, 24 views of 240 px all "
         f"around, path-traced; RAW brackets, true poses, draft, {result['iterations']} iterations. "
         f"{words(result['machine'])}.",
         "",

@@ -1,6 +1,6 @@
 """Layers of data of trained scenes, depth, normals and trust, against where the simulator's surfaces are.
 
-    python -m bench.recon.layers [--sets demo] [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
+    python -m bench.recon.parts.layers [--sets demo] [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
 The demo and the gallery, poses and exposures given, trained with the preset draft; held-out views. True depth
 is cast along the ray of each pixel, true normals are differences of true places, and the true trust is how
@@ -148,8 +148,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Depth, normals and trust of trained scenes",
         "",
-        f"`python -m bench.recon.layers --sets {result['sets']} --write`: draft, {result['seeds']} seed(s), "
-        "held-out views, pixels that the median calls a surface. By how much of itself the median depth, and "
+        f"`python -m bench.recon.parts.layers --sets {result['sets']} --write`: draft, "
+        f"{result['seeds']} seed(s), held-out views, pixels that the median calls a surface. By how "
+        "much of itself the median depth, and "
         "the mean, is off: median and 99th percentile over pixels. Degrees by which normals are off, of the "
         "Gaussians and of the mean depth, median. Views that trust counts, as many as there are in truth, "
         "and by how many a pixel is off, means. "

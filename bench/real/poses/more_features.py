@@ -1,11 +1,11 @@
 """Further features: views that they place, and their seconds, by the share that the usual ones place.
 
-    python -m bench.real.more_features [FOLDER] [--quick] [--json] [--write] [--work FOLDER]
+    python -m bench.real.poses.more_features [FOLDER] [--quick] [--json] [--write] [--work FOLDER]
 
-Sets and parts of sets under RIG_DATA, and those of FOLDER (bench/real/untouched.py), are calibrated up to
-their poses once by the usual number of SIFT's features and once by more of them. Learned features, an extra,
-are not used. Of sets whose views are all placed nothing else is tried, and they have no row. Rows, features
-and matches are kept in --work. --quick: every other photograph of the fruit.
+Sets and parts of sets under RIG_DATA, and those of FOLDER (bench/real/poses/untouched.py), are calibrated
+up to their poses once by the usual number of SIFT's features and once by more of them. Learned features, an
+extra, are not used. Of sets whose views are all placed nothing else is tried, and they have no row. Rows,
+features and matches are kept in --work. --quick: every other photograph of the fruit.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from typing import Any
 from unittest.mock import patch
 
 from bench.calibration.placed import place
-from bench.real.judges import photographs
-from bench.real.untouched import PHOTOGRAPHS
+from bench.real.poses.judges import photographs
+from bench.real.poses.untouched import PHOTOGRAPHS
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.spent import processor_seconds
 from bench.support.trial import Cache
@@ -36,7 +36,7 @@ PARTS = {
     "fox": ("::5", "::7"),
     "lund": ("::2", "1::2"),
 }
-"""Slices of the sets of bench/real/judges.py, of their photographs by name."""
+"""Slices of the sets of bench/real/poses/judges.py, of their photographs by name."""
 FOREIGN = {"kermit": (":",), "NLE_tower": (":",)}
 """The same of the sets in FOLDER."""
 
@@ -104,8 +104,8 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Further features",
         "",
-        f"`python -m bench.real.more_features FOLDER --write`. {words(result['machine'])}. Processor seconds "
-        "to the poses.",
+        f"`python -m bench.real.poses.more_features FOLDER --write`. {words(result['machine'])}. Processor "
+        "seconds to the poses.",
         "",
         f"Views placed by up to {MOST_FEATURES:,} features an image and by up to {MORE_FEATURES:,}; behind "
         "+, those that one pair only holds; doubted: more features would not be taken.",
@@ -131,7 +131,7 @@ def _cell(row: dict[str, Any]) -> str:
 def main() -> None:
     """Print the table, and keep it with --write."""
     parser = arguments(__doc__)
-    parser.add_argument("folder", type=Path, nargs="?", help="sets of bench/real/untouched.py")
+    parser.add_argument("folder", type=Path, nargs="?", help="sets of bench/real/poses/untouched.py")
     parser.add_argument("--work", type=Path, default=WORK / "more_features", help="keeps finished rows")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
 """Real photographs with known facts, calibrated by rig and by pycolmap's defaults, each in a process of its
 own.
 
-    python -m bench.real.judges [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
+    python -m bench.real.poses.judges [--quick] [--json] [--write] [--work FOLDER] [--sets fox,banana,...]
 
 With --write the table of goals in docs/figures.md is written, too (`bench/real/goals.py`).
 
@@ -203,7 +203,7 @@ PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set and program."""
-    alone = partial(row_of, "bench.real.judges")
+    alone = partial(row_of, "bench.real.poses.judges")
     cache = Cache(options.work / "judges.jsonl")
     rows = {
         name: {
@@ -220,7 +220,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Real photographs with known facts",
         "",
-        f"`python -m bench.real.judges --write`. {words(result['machine'])}. Processor seconds.",
+        f"`python -m bench.real.poses.judges --write`. {words(result['machine'])}. Processor seconds.",
         "",
         "Sets at full size, nothing set by hand, beside pycolmap's defaults (exhaustive pairs, one camera).",
         "",

@@ -1,6 +1,6 @@
 """Small sets of photographs that hardly a choice was made on, by rig and by pycolmap's defaults.
 
-    python -m bench.real.untouched FOLDER [--quick] [--json] [--write] [--work FOLDER] [--sets ET,...]
+    python -m bench.real.poses.untouched FOLDER [--quick] [--json] [--write] [--work FOLDER] [--sets ET,...]
 
 FOLDER holds a folder of photographs for each set: ET and kermit (examples/ of snavely/bundler_sfm, 640 px),
 crazyhorse (dataset/ of royshil/SfM-Toy-Library), sacre_coeur (datasets/sacre_coeur/mapping of
@@ -96,7 +96,7 @@ def differences(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[floa
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set."""
-    alone = partial(row_of, "bench.real.untouched")
+    alone = partial(row_of, "bench.real.poses.untouched")
     cache, rows = Cache(options.work / "untouched.jsonl"), {}
     for name in options.sets:
         folder = options.folder / name
@@ -114,7 +114,8 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Small sets of photographs",
         "",
-        f"`python -m bench.real.untouched FOLDER --write`. {words(result['machine'])}. Processor seconds.",
+        f"`python -m bench.real.poses.untouched FOLDER --write`. {words(result['machine'])}. "
+        "Processor seconds.",
         "",
         "Turns: by how much those between two views differ between the programs, median and largest, "
         "degrees. Focal length: the median of rig's over pycolmap's, and the farthest from 1. Draft: of rig, "

@@ -1,6 +1,7 @@
 """Renders smaller and larger than the photographs that were trained on: what a footprint filter is worth.
 
-    python -m bench.recon.scales [--sets lego,demo] [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
+    python -m bench.recon.parts.scales [--sets lego,demo] [--quick] [--json] [--write] [--seeds 2]
+        [--work FOLDER]
 
 Trained at a quarter of the width there is, and held-out views drawn at 1/4, 1/2, 1, 2 and 4 times that width.
 Truth: photographs (lego, castle, monstree), or the simulator's light (demo, poses and exposures given),
@@ -264,7 +265,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Renders at other widths than the photographs'",
         "",
-        f"`python -m bench.recon.scales --sets {result['sets']} --write`: {result['iterations']:,} "
+        f"`python -m bench.recon.parts.scales --sets {result['sets']} --write`: {result['iterations']:,} "
         f"iterations, {result['gaussians']:,} Gaussians, {result['seeds']} seed(s), trained at {trained_at}. "
         f"dB of at most {VIEWS} held-out views by the width drawn: mean and half the range over seeds. The "
         "filters are those of the script's head, and the first is that of 3DGS. "

@@ -1,6 +1,7 @@
 """Photographs of buildings whose cameras were measured by laser, placed by rig and by pycolmap's defaults.
 
-    python -m bench.real.laser FOLDER [--quick] [--json] [--write] [--work FOLDER] [--sets fountain-P11,...]
+    python -m bench.real.poses.laser FOLDER [--quick] [--json] [--write] [--work FOLDER]
+        [--sets fountain-P11,...]
 
 FOLDER holds the benchmark of Strecha et al. ("On Benchmarking Camera Calibration and Multi-View Stereo for
 High Resolution Imagery", CVPR 2008): six sets of 3072x2048 photographs without EXIF, lens distortion removed,
@@ -144,7 +145,7 @@ PROGRAMS = {"rig": by_rig, "pycolmap": by_pycolmap}
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """A row of each set and program, and the true lens."""
-    alone = partial(row_of, "bench.real.laser")
+    alone = partial(row_of, "bench.real.poses.laser")
     cache, rows = Cache(options.work / "laser.jsonl"), {}
     for name in options.sets:
         folder = options.folder / PLACE / name
@@ -163,7 +164,7 @@ def table(result: dict[str, Any]) -> str:
     lines = [
         "# Cameras measured by laser",
         "",
-        f"`python -m bench.real.laser FOLDER --write`. {words(result['machine'])}. Processor seconds.",
+        f"`python -m bench.real.poses.laser FOLDER --write`. {words(result['machine'])}. Processor seconds.",
         "",
         "Six sets of photographs of buildings without EXIF (Strecha et al. 2008), nothing set by hand, "
         "beside pycolmap's defaults (exhaustive pairs, one camera). Centres: median and largest distance "

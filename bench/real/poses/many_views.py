@@ -1,6 +1,6 @@
 """The memory and the disk of trainings on hundreds of brackets of a camera's full size.
 
-    python -m bench.real.many_views [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
+    python -m bench.real.poses.many_views [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
 Brackets of four RAW exposures of the simulator whose cells are repeated to 4160x3120, 13 megapixels
 (`bench/support/enlarged.py`), the 24 views of the demo once or many times over. Copies of a view are links to
@@ -114,7 +114,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Hundreds of brackets of full size",
         "",
-        f"`python -m bench.real.many_views --write`: views of {EXPOSURES} RAW exposures of "
+        f"`python -m bench.real.poses.many_views --write`: views of {EXPOSURES} RAW exposures of "
         f"{SIZE[0]}x{SIZE[1]}, {GAUSSIANS:,} Gaussians, {ITERATIONS} iterations, 8 GB of memory said to be "
         f"free. {words(result['machine'])}.",
         "",
