@@ -136,6 +136,8 @@ def _folds(sample: Any, free: Free, scale: float, threads: int) -> bool:
 
 def _oblong(sample: Any, free: Free, scale: float, threads: int) -> bool:
     """Return whether a lens with these terms has focal lengths that are `OBLONG` apart."""
+    if free.model not in ("OPENCV", "OPENCV_FISHEYE"):
+        return False
     fitted = pycolmap.Reconstruction(sample)
     adjust(fitted, free, scale, threads)
     lenses = [lens_of(camera) for camera in fitted.cameras.values()]

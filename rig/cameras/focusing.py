@@ -35,15 +35,12 @@ def focus_plans(tables: RigTables, able: Mapping[str, Capabilities], exposure: E
     return plans
 
 
-def focus_lines(plans: Plans, subject: bool) -> list[str]:
-    """Words for the plans; cameras of one plan share their lines."""
+def focus_lines(plans: Plans, has_file: bool) -> list[str]:
+    """Words for the plans; cameras of one plan share their lines. has_file: a rig file could plan more."""
     if not plans:
-        hint = (
-            ""
-            if subject
-            else " [subject] and the lenses in the rig file plan it, the f-number and the views."
-        )
-        return [f"  Focus stays as the lenses are set: one focus for all exposures and views.{hint}"]
+        hint = " State [subject] and the lenses in the rig file, and focus and views are planned, too."
+        stays = "  Focus stays as the lenses are set: one focus for all exposures and views."
+        return [stays + hint * has_file]
     groups: dict[FocusPlan | str, list[str]] = {}
     for name, plan in plans.items():
         groups.setdefault(plan, []).append(name)

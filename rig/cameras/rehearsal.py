@@ -58,9 +58,9 @@ def rehearse(
     ]
     pause = 0.0 if rig is None or sim is not None else rig.tables.pause
     lines += [foretelling.forecast_line(done.forecast, pause), *foretelling.view_lines(done.forecast, record)]
-    lines += focusing.focus_lines(focus, rig is None)
     if record.kind != "scene":
         return CommandResult(data, lines)
+    lines += focusing.focus_lines(focus, rig is not None)
     more, table = _worth(done)
     return CommandResult(data | more, lines + table)
 

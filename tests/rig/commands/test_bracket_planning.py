@@ -102,7 +102,7 @@ def test_focus_and_views_are_planned_with_exposures(rig, tmp_path: Path) -> None
     assert rig("init", str(path), "--sim", "toy")[0] == 0
     dry = (*capture, "--sim", "toy", "--frames", "1", "--bracket", "0", "--dry-run")
     assert json_of(rig, *dry)["focus"] == {}
-    assert "[subject] and the lenses in the rig file plan it" in rig(*dry)[1]
+    assert "State [subject] and the lenses in the rig file" in rig(*dry)[1]
     text = path.read_text().replace("# nearest", "nearest").replace("# farthest", "farthest")
     path.write_text(text.replace("# [subject]", "[subject]").replace("\n# focal_length", "\nfocal_length", 1))
     code, _, err = rig(*dry)
