@@ -155,10 +155,22 @@ def summarise(
 ) -> ViewSummary:
     """Merge the exposures of a view, find its features and the brightness of the scene around them.
 
-    kind: of features to look for.
-
     Features are found in the whole picture, since the border of a mask would look like a thing of the
     scene; those behind a mask are dropped then. No brightness is measured behind a mask.
+
+    Args:
+        session: Session of the view.
+        view: View, with its shots.
+        scale: Exposure scale of each shot's file, s.
+        response: Response of the camera, which only developed photographs need.
+        camera_from_rec709: Colour matrix of the camera, a row for each channel; None if it is not known.
+        kind: Features to look for.
+
+    Returns:
+        The summary of its images.
+
+    Raises:
+        InputError: A file or a mask is missing or damaged.
     """
     parts = of_one_band([view])
     bands = [_merged(session, part, scale, response, hidden=False) for part in parts]

@@ -87,7 +87,22 @@ def rig_source(
     positions: int | None,
     clock: Clock,
 ) -> Source:
-    """Source with cameras by the names in the file. CaptureError: one cannot shoot."""
+    """Source with cameras by the names in the file.
+
+    Args:
+        rig: Rig file.
+        named: Camera and identity by the name in the file, of every camera that it lists.
+        operator: Mover of rig, scene, lens caps and boards.
+        positions: Number of positions that the operator offers; None: unlimited.
+        clock: Clock of the cameras' drivers.
+
+    Returns:
+        The cameras, with the bracket, trigger, board and filters of the file.
+
+    Raises:
+        CaptureError: A camera cannot shoot.
+        CameraError: A camera does not report what it can be set to.
+    """
     tables = rig.tables
     cameras = {name: camera for name, (camera, _) in named.items()}
     able = {name: camera.capabilities() for name, camera in cameras.items()}

@@ -84,11 +84,24 @@ def nodes_source(
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
-    """Open the cameras of a rig file with nodes. links: the connection to each node that it names, left
-    open.
+    """Open the cameras of a rig file with nodes.
 
-    person: moves all that is not simulated. clock: ours; None: that of the machine. InputError and
-    CaptureError as `connected_source` has them.
+    Args:
+        rig: Rig file.
+        request: Options of the capture.
+        links: Connection to each node that the file names, left open.
+        person: Mover of all that is not simulated.
+        clock: Clock of this host; None: the machine's own.
+        say: Callback that shows a line that a person should know, such as a camera that the file does not
+            name.
+
+    Returns:
+        A context manager that gives the cameras as a source, and leaves the links open.
+
+    Raises:
+        InputError: A camera cannot be triggered as the file says, it describes no board where one is
+            requested, or more frames are asked for than the simulated rigs have positions.
+        CaptureError: A camera is not at its node, or cannot shoot.
     """
     require_board(rig, request.kind)
     clock = clock or SystemClock()
@@ -126,7 +139,23 @@ def ray_source(
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
-    """Open as `nodes_source`, with the nodes of a Ray cluster; errors also those of `ray_links`."""
+    """Open as `nodes_source`, with the nodes of a Ray cluster.
+
+    Args:
+        rig: Rig file.
+        request: Options of the capture.
+        ray: Address of the cluster, HOST:PORT; auto: that of this machine.
+        person: Mover of all that is not simulated.
+        clock: Clock of this host; None: the machine's own.
+        say: Callback that shows a line that a person should know.
+
+    Returns:
+        A context manager that gives the cameras as a source, and closes the links to the nodes in the end.
+
+    Raises:
+        InputError: There is no such cluster, or as `nodes_source`.
+        CaptureError: A node is not there, serves another capture, or as `nodes_source`.
+    """
     with (
         ray_links(ray, assignments_of(rig, request.compression)) as links,
         nodes_source(rig, request, links, person=person, clock=clock, say=say) as source,

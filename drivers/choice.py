@@ -31,10 +31,21 @@ class Place(NamedTuple):
 def find_cameras(
     backend: IBackend, clock: Clock, places: Sequence[Place], *, library: bool
 ) -> Iterator[tuple[str, Camera, str]]:
-    """Protocol, driver, and why it is that one, for each still camera on the USB and at these places.
+    """Protocol, driver, and why it is that one, for each still camera on the USB and at some addresses.
 
-    library: whether libgphoto2 may be asked. Where it is installed and both know a camera, that is opened and
-    asked. The reason is empty where there was no choice.
+    Where libgphoto2 is installed and may be asked, and both drivers know a camera, that is opened and asked.
+
+    Args:
+        backend: USB bus.
+        clock: Clock of the drivers.
+        places: Addresses of PTP/IP cameras.
+        library: True if libgphoto2 may be asked.
+
+    Returns:
+        An iterator over the cameras. The reason is empty where there was no choice.
+
+    Raises:
+        CameraError: The USB or libgphoto2 cannot list its cameras.
     """
     library = library and gphoto2.is_installed()
     known = {one.port: one for one in gphoto2.find_cameras(clock)} if library else {}

@@ -49,10 +49,22 @@ class ConnectedCamera:
 def find_cameras(
     backend: IBackend, clock: Clock, network: Network | None = None, places: Sequence[Place] = ()
 ) -> list[Camera]:
-    """A driver for every camera on the USB, at these places and, where a network is given, there, of GenTL
-    producers and of plug-ins, not open.
+    """A driver for every connected camera, not open.
 
     A plug-in or a GenTL producer that fails has no cameras here; `ask_all` says why.
+
+    Args:
+        backend: USB bus.
+        clock: Clock of the drivers.
+        network: Network whose cameras are found too, with those of GenTL producers, of plug-ins and of
+            libgphoto2; None: only cameras on the USB and at `places`.
+        places: Addresses of PTP/IP cameras.
+
+    Returns:
+        The drivers of the cameras, by protocol.
+
+    Raises:
+        CameraError: The USB or libgphoto2 cannot list its cameras.
     """
     cameras = (camera for _, camera, _ in _by_protocol(backend, clock, network, places))
     return [camera for camera in cameras if not isinstance(camera, CameraError)]
@@ -88,7 +100,23 @@ def ask_all(
     network: Network | None = None,
     places: Sequence[Place] = (),
 ) -> Iterator[ConnectedCamera]:
-    """Open each camera on the USB, the network, at these places and of plug-ins, ask what it is, close it."""
+    """Open each connected camera, ask what it is, close it.
+
+    Args:
+        backend: USB bus.
+        clock: Clock of the drivers.
+        progress: Callback for the address of the current camera, the cameras asked, and all of them.
+        network: Network whose cameras are asked too, with those of GenTL producers, of plug-ins and of
+            libgphoto2; None: only cameras on the USB and at `places`.
+        places: Addresses of PTP/IP cameras.
+
+    Returns:
+        An iterator over the cameras; one that fails is there with its error, and so is a plug-in or a GenTL
+        producer without cameras to offer.
+
+    Raises:
+        CameraError: The USB or libgphoto2 cannot list its cameras.
+    """
     progress("looking for cameras", 0, 0)
     cameras = list(_by_protocol(backend, clock, network, places))
     # Those of a network are apart from one another, and each may take its time, or 5 s not to answer.

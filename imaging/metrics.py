@@ -109,9 +109,21 @@ def pu21_psnr(
     display_peak: float = 1000.0,
     scene_peak: float | None = None,
 ) -> float:
-    """PSNR, dB, of PU21 values on a display whose peak, cd/m2, shows `scene_peak`.
+    """PSNR, dB, of PU21 values on a display.
 
-    `scene_peak` defaults to the truth's maximum; the one scale is applied to both images.
+    Args:
+        prediction: Linear light, of any shape.
+        truth: True light, of the same shape and unit.
+        display_peak: Peak luminance of the display, cd/m2.
+        scene_peak: Light that the display shows at its peak; None: the truth's maximum. The one scale is
+            applied to both images.
+
+    Returns:
+        The ratio, dB, within `PSNR_CAP` of 0.
+
+    Raises:
+        ValueError: The shapes differ or are empty, a value is not finite, or the peak is negative or not
+            finite.
     """
     a, b = _pair(prediction, truth)
     top = _peak(b, scene_peak)
@@ -168,11 +180,23 @@ def stops_median(
     at_least: Mask | None = None,
     at_most: Mask | None = None,
 ) -> float:
-    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 without any.
+    """Median |log2(prediction / truth)| over the values where the truth is positive.
 
-    among: quantiles of those values of the truth, 0..1, between which they count; (0, 0.1): the darkest
-    tenth. at_least, at_most: where the truth is but a lower or an upper bound, bool of the same shape: there
-    a prediction is wrong by what it lacks, or exceeds.
+    Args:
+        prediction: Linear light, of any shape.
+        truth: True light, of the same shape and unit.
+        among: Quantiles of the positive values of the truth, 0..1, between which they count; (0, 0.1): the
+            darkest tenth.
+        at_least: Values where the truth is but a lower bound, bool of the same shape: there a prediction is
+            wrong by what it lacks.
+        at_most: Values where the truth is but an upper bound, likewise: there a prediction is wrong by what
+            it exceeds.
+
+    Returns:
+        The median, stops; 0 where the truth is positive nowhere. Each value counts with `STOPS_CAP` at most.
+
+    Raises:
+        ValueError: The shapes differ or are empty, or a value is not finite.
     """
     a, b = _pair(prediction, truth)
     lit = b > 0

@@ -62,9 +62,15 @@ def adjust(
     points_only: bool = False,
     rough: bool = False,
 ) -> None:
-    """Adjust points, poses and lenses in place, with a Cauchy loss of `scale` px.
+    """Adjust points, poses and lenses in place, with a Cauchy loss.
 
-    points_only: poses and lenses stay. rough: only to identify outliers.
+    Args:
+        reconstruction: pycolmap's; its cameras that are not fixed get the lens model of `free`.
+        free: Free terms of the lenses, parts that stay, and priors.
+        scale: Typical miss of an observation, px; the scale of the loss is `LOSS` times it.
+        threads: Number of threads of the solver.
+        points_only: True to adjust the points alone; poses and lenses stay, and no priors count.
+        rough: True for fewer steps, which are enough to identify outliers.
     """
     for number, camera in reconstruction.cameras.items():
         if number not in free.fixed:

@@ -29,7 +29,13 @@ class FocalPrior:
 def add_focal_priors(
     problem: Any, reconstruction: Any, priors: Mapping[int, FocalPrior], scale: float
 ) -> list[Any]:
-    """Add what is known of focal lengths to a Ceres problem, in the unit of a Cauchy loss of `scale` px.
+    """Add what is known of focal lengths to a Ceres problem with a Cauchy loss.
+
+    Args:
+        problem: Ceres problem of a bundle adjustment; cameras that it does not have are passed over.
+        reconstruction: pycolmap's, whose parameters the problem adjusts.
+        priors: Focal lengths by COLMAP's numbers of the cameras.
+        scale: Typical miss of an observation, px, against which the priors are weighed.
 
     Returns:
         What has to live until the problem is solved: the problem does not own it.

@@ -47,11 +47,20 @@ def climb(
     why_fixed: str = "a board gave the lenses",
     uncut: Any | None = None,
 ) -> tuple[Free, tuple[Rung, ...]]:
-    """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.
+    """Try each term of the lenses on top of those already taken. Changes nothing.
 
-    why_fixed: reason without trials where every lens is fixed. uncut: the model before anything was dropped
-    from it, where the lenses may be fisheyes: only corners that radial terms drop distinguish those; other
-    outliers are in it, too.
+    Args:
+        reconstruction: pycolmap's, adjusted.
+        free: Terms to begin with, and what is fixed.
+        scale: Typical miss of an observation, px.
+        threads: Number of threads of the solver.
+        progress: Callback for the current step, the steps done, and all of them.
+        why_fixed: Reason without trials where every lens is fixed.
+        uncut: Model before anything was dropped from it, where the lenses may be fisheyes: only corners that
+            radial terms drop distinguish those; other outliers are in it, too. None: no fisheye is tried.
+
+    Returns:
+        The terms with those that were taken, and a rung for each trial.
     """
     if free.fixed.issuperset(reconstruction.cameras):
         return free, (Rung(name="lens_terms", taken=False, reason=why_fixed),)

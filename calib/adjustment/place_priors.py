@@ -56,7 +56,13 @@ def variance(points: int, width: int, scale: float) -> float:
 def add_place_priors(
     problem: Any, reconstruction: Any, places: Mapping[int, StatedPlace], scale: float
 ) -> list[Any]:
-    """Add what is stated of images, by COLMAP's numbers, to a Ceres problem with a Cauchy loss of `scale` px.
+    """Add what is stated of images to a Ceres problem with a Cauchy loss.
+
+    Args:
+        problem: Ceres problem of a bundle adjustment; frames that it does not have are passed over.
+        reconstruction: pycolmap's, whose poses the problem adjusts, in coordinates east, north and up, m.
+        places: Places and attitudes by COLMAP's numbers of the images.
+        scale: Typical miss of an observation, px, against which the priors are weighed (`variance`).
 
     Returns:
         What has to live until the problem is solved: the problem does not own it.

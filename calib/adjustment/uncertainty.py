@@ -72,10 +72,17 @@ class StandardErrors:
 def standard_errors(
     reconstruction: Any, free: Free, scale: float, progress: Progress, weak: Collection[str] = ()
 ) -> StandardErrors | None:
-    """Draw the model anew, DRAWS times; None when there are too few points. Changes nothing.
+    """Draw the model anew, DRAWS times. Changes nothing.
 
-    free: how the model was adjusted; what is fixed in it stays fixed. scale: of the Cauchy loss, px. weak:
-    terms of the lenses that were taken on weak evidence.
+    Args:
+        reconstruction: pycolmap's, adjusted.
+        free: Settings with which it was adjusted; what is fixed in them stays fixed.
+        scale: Typical miss of an observation, px, on which the scale of the Cauchy loss depends.
+        progress: Callback for the current step, the steps done, and all of them.
+        weak: Terms of the lenses that were taken on weak evidence.
+
+    Returns:
+        Standard errors of poses and lenses; None when there are too few points.
     """
     if reconstruction.num_points3D() < FEWEST_POINTS:
         return None

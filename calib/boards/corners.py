@@ -58,8 +58,17 @@ def find_all(
 ) -> tuple[dict[ViewId, Corners], Print]:
     """The corners in every picture that shows enough of the board, and how the board is printed.
 
-    read: the picture of a view, one at a time. CalibrationError if no picture shows the board that was
-    described.
+    Args:
+        board: Description of the board.
+        views: Views to search, at least one.
+        read: Function that gives the picture of a view, uint8 [H, W]; called for one view at a time.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Corners by view, of the views with `FEWEST` or more; and the printing that shows most of them.
+
+    Raises:
+        CalibrationError: No picture shows the board that was described.
     """
     some = views[:: -(-len(views) // _TRIALS)]
     counts = dict.fromkeys(PRINTS, 0)

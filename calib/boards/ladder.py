@@ -35,11 +35,23 @@ def richest(free: Free) -> Free:
 def climb(
     board: Board, corners: Mapping[ViewId, Corners], solved: Solved, progress: Progress
 ) -> tuple[Free, tuple[Rung, ...]]:
-    """The lens model to take for all cameras, and why; corners are those that `clean` left.
+    """The lens model to take for all cameras, and why.
 
     A fold's frames are held out of the fit; then only the poses of the board are found in them, and the
     corners have to fit. The gain is in px^2 of mean squared miss, its error over frames. Where a camera sees
     far from its axis, a fisheye is tried last against what was taken.
+
+    Args:
+        board: Description of the board.
+        corners: Corners by view, without outliers.
+        solved: Rig and poses of the board from these corners, from which every fit begins.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The lens model that was taken, and a rung for each trial.
+
+    Raises:
+        CalibrationError: The corners of a fold or of the others fit no lens.
     """
     frames = sorted({view.frame for view in corners})
     if len(frames) < FEWEST_FRAMES:

@@ -118,7 +118,17 @@ class Group:
 def solve_group(
     board: Board, corners: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
 ) -> Group:
-    """Everything about cameras that are mounted together."""
+    """Lenses, rig and errors of cameras that are mounted together.
+
+    Args:
+        board: Description of the board.
+        corners: Corners by view, of these cameras.
+        sizes: Width and height of each camera's pictures, px, by name.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The solved group; if the corners give no rig, the group with the reason in `refused`.
+    """
     names = tuple(sizes)
     try:
         begun = first_guess.first_guess(board, corners, sizes)

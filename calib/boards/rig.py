@@ -48,10 +48,22 @@ def solve(
     *,
     boards_only: bool = False,
 ) -> Solved:
-    """Adjust lenses, rig and board poses to the corners; boards_only: the board poses alone.
+    """Adjust lenses, rig and board poses to the corners.
 
-    Least squares, since what was no corner is left out before (`drop_outliers`). Views of cameras or frames
-    that the start does not place are ignored. CalibrationError when the corners lead to no lens at all.
+    Least squares, since what was no corner is left out before (`drop_outliers`).
+
+    Args:
+        board: Description of the board.
+        corners: Corners by view; views of cameras or frames that the start does not place are ignored.
+        start: Lenses, rig and board poses to begin with.
+        free: Lens model, and whether its principal point is free.
+        boards_only: True to adjust the board poses alone.
+
+    Returns:
+        The rig, and the miss of each corner that was used.
+
+    Raises:
+        CalibrationError: The corners lead to no lens at all.
     """
     model, rows = _model(board, corners, start, free)
     _adjust(model, free, boards_only=boards_only, robust=None)
@@ -61,7 +73,20 @@ def solve(
 def drop_outliers(
     board: Board, detected: Mapping[ViewId, Corners], start: Start | Solved, free: Free
 ) -> tuple[dict[ViewId, Corners], Solved]:
-    """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""
+    """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice.
+
+    Args:
+        board: Description of the board.
+        detected: Corners by view; views of cameras or frames that the start does not place are left out.
+        start: Lenses, rig and board poses to begin with.
+        free: Lens model, and whether its principal point is free.
+
+    Returns:
+        The corners that are left, of the views that keep four or more; and the rig that fits them.
+
+    Raises:
+        CalibrationError: The corners lead to no lens at all.
+    """
     inliers = {view: corners for view, corners in detected.items() if _placed(view, start)}
     solved: Start | Solved = start
     for scale in (2.0, 0.3):

@@ -60,7 +60,16 @@ def bootstrap(
 ) -> Uncertainty:
     """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
 
-    taken: how `solved` was found. No errors are known where all frames together give no rig.
+    Args:
+        board: Description of the board.
+        corners: Corners by view, without outliers.
+        solved: Rig that fits all of them.
+        taken: Lens model with which `solved` was found; all terms of its kind of lens are free in the draws.
+        seed: Seed of the random draws.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Standard errors; empty where all frames together give no rig.
     """
     # The richest lens that was tried: a simpler one would be sure of what it cannot express.
     free = richest(taken)

@@ -30,9 +30,17 @@ def balance(
     falloff: Falloff,
     anchors: Sequence[str],
 ) -> Balance:
-    """The white balance between the placed RAW cameras; colours: `ViewSummary.colour` of each view.
+    """The white balance between the placed RAW cameras.
 
-    anchors: cameras whose white is from a chart.
+    Args:
+        model: Placed views, whose scene points compare the cameras.
+        colours: `ViewSummary.colour` of each view [K, 3].
+        sensors: Colour matrices by camera name; cameras without one are left out.
+        falloff: Vignetting by camera name, divided out.
+        anchors: Names of cameras whose white is from a chart.
+
+    Returns:
+        Sensitivities of the channels; empty where fewer than two cameras have a matrix, or it is not taken.
     """
     placed = sorted(model.lenses)
     matrices = {name: sensors[name].camera_from_rec709 for name in placed}

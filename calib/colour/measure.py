@@ -83,9 +83,22 @@ def measure_charts(
     earlier: CalibrationRecord | None,
     progress: Progress,
 ) -> Charts:
-    """Search each RAW camera's views for a chart, and fit its colours; CalibrationError if none shows one.
+    """Search each RAW camera's views for a chart, and fit its colours.
 
-    earlier: a calibration of the session, whose vignetting is divided out; else only that of flats is.
+    Args:
+        session: Session of the views.
+        views: Views of the scene; those of RAW cameras are searched.
+        sensors: Sensors by camera name, with the colour matrices of the files.
+        light: Exposure scales and responses with which files are read.
+        earlier: Calibration of the session, whose vignetting is divided out; None: only that of flats is.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Matrices of the RAW cameras that a chart determines, the evidence, and the rungs.
+
+    Raises:
+        CalibrationError: No camera is RAW, or no view that was searched shows a chart.
+        InputError: A file is missing or damaged.
     """
     raw = [view for view in views if view.camera.kind == "raw"]
     if not raw:

@@ -37,9 +37,19 @@ _ROUNDS = 5
 def measured(
     session: Session, views: Sequence[View], sensors: Mapping[str, CameraSensor], light: Radiometry
 ) -> dict[str, CameraSensor]:
-    """The cameras with the row of W as their shots of the scene show it, where they have W and a matrix.
+    """The cameras with the row of W as their shots of the scene show it.
 
-    InputError for a missing or damaged file.
+    Args:
+        session: Session of the views.
+        views: Views of the scene, of which `VIEWS` of each camera are read.
+        sensors: Sensors by camera name; those without W or without a matrix stay as they are.
+        light: Exposure scales and responses with which files are read.
+
+    Returns:
+        Sensors by camera name, with the row of W replaced where enough cells determine it.
+
+    Raises:
+        InputError: A file is missing or damaged.
     """
     updated = dict(sensors)
     for name, sensor in sensors.items():

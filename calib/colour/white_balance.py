@@ -62,8 +62,16 @@ def estimate(
 ) -> Balance:
     """Sensitivities of channels that held-out tracks ask for.
 
-    cameras: names, in the order of `Sights.camera`; matrices: camera_from_rec709 [3, 3] of each; anchors:
-    cameras whose white is known, as from a chart: theirs stays in the mean. Without any the rig's does.
+    Args:
+        sights: Colours of scene points in the views that see them.
+        cameras: Names, in the order of `Sights.camera`.
+        matrices: camera_from_rec709 [3, 3] of each camera, in the same order.
+        anchors: Names of cameras whose white is known, as from a chart: theirs stays in the mean. Without any
+            the rig's does.
+
+    Returns:
+        Sensitivities and their errors, of cameras with `FEWEST_SIGHTS` observations or more; empty where
+        held-out tracks do not ask for them.
     """
     _, track = np.unique(sights.point, return_inverse=True)
     shared = np.isin(np.arange(len(cameras)), sights.camera)

@@ -139,9 +139,17 @@ def _matched(
 
 
 def unmasked(features: Features, counts: Mask, width: int, height: int) -> Features:
-    """The features of a picture of `width` x `height` that a mask lets through.
+    """The features of a picture that a mask lets through.
 
-    counts: bool [H, W] of the photograph, of which the picture is a smaller or an equal one.
+    Args:
+        features: Features, px of the picture.
+        counts: Mask of the pixels that count, bool [H, W], of the photograph, of which the picture is a
+            smaller or an equal one.
+        width: Width of the picture, px.
+        height: Its height, px.
+
+    Returns:
+        The features at pixels that count.
     """
     scale = counts.shape[1] / width, counts.shape[0] / height
     x, y = (features.points * scale).astype(int).T
@@ -160,11 +168,24 @@ def fill_database(
     unfinished: Unfinished,
     progress: Progress,
 ) -> dict[tuple[ViewId, ViewId], MatchedPair]:
-    """Write cameras, images and verified matches of pairs of views; returns the pairs that match.
+    """Write cameras, images and verified matches of pairs of views.
 
-    cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own here,
-    every image a frame; a common rig is found from their poses later. max_error: of the epipolar geometry,
-    px. tied: names of cameras that are mounted to each other. unfinished: matches of an earlier run.
+    Every camera is a rig of its own here, every image a frame; a common rig is found from their poses later.
+
+    Args:
+        database: pycolmap's, which is written to.
+        cameras: pycolmap cameras by name; their `camera_id` is set here.
+        features: Features of each view, px of its picture.
+        max_error: Largest miss of a match by the epipolar geometry, px.
+        tied: Names of cameras that are mounted to each other, a collection for each rig.
+        unfinished: Store of the matches of an earlier run, to which new ones are added.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The pairs of views that match, with the matches that fit their geometry.
+
+    Raises:
+        StorageError: The disk refuses to keep matches.
     """
     images: dict[ViewId, int] = {}
     rigs: dict[str, int] = {}

@@ -79,7 +79,20 @@ def of_one_band(views: Sequence[View]) -> list[View]:
 def read_view(
     session: Session, view: View, scales: Mapping[str, float], response: Response
 ) -> list[LinearFrame]:
-    """The exposures of a view as linear light; InputError if a file is missing or damaged."""
+    """The exposures of a view as linear light.
+
+    Args:
+        session: Session of the view.
+        view: View, with the measurements of its sensor.
+        scales: Exposure scale of each shot's file, s.
+        response: Response of the camera, which only developed photographs (`ldr`) need.
+
+    Returns:
+        One frame for each shot, in the order of the view's shots.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
     return [
         read_linear(session.file(shot), view.camera.kind, scales[shot.file], response, view.sensors)
         for shot in view.shots

@@ -38,9 +38,15 @@ def write_exports(
 ) -> None:
     """Write every export that the calibration allows into `folder`.
 
-    cameras: of the session, whose `rig` says what is mounted together. pictures: the lens of each camera at
-    the size of its previews. model: the COLMAP model, whose points go with transforms.json. OSError when the
-    disk refuses.
+    Args:
+        folder: Existing folder, without an `opencv` folder in it.
+        record: Calibration.
+        cameras: Cameras of the session, whose `rig` says what is mounted together.
+        pictures: Lens of each camera at the size of its previews, by name.
+        model: COLMAP model, whose points go with transforms.json; None: no points are written.
+
+    Raises:
+        OSError: The disk refuses.
     """
     known = [camera for camera in record.cameras if camera.lens is not None]
     if record.views:

@@ -21,7 +21,18 @@ def write_calibration(
     model: SceneModel | None,
     progress: Progress,
 ) -> None:
-    """Replace the session's `calibration/` as a whole; shown: what each view looks like, one at a time."""
+    """Replace the session's `calibration/` as a whole.
+
+    Args:
+        session: Calibrated session.
+        record: Calibration to write.
+        shown: Picture of each view, sRGB codes, uint8 [H, W, 3]; taken one at a time.
+        model: Scene model, written as COLMAP's with the colours of the pictures; None if it has none.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Raises:
+        StorageError: The disk refuses; the folder that was there stays.
+    """
     with store.replacing(session.folder / "calibration") as part:
         part.mkdir()
         colours = None if model is None else PointColours(model.reconstruction)

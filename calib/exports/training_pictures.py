@@ -43,9 +43,24 @@ def picture(
     size: tuple[int, int],
     factor: float,
 ) -> Bytes:
-    """A view as sRGB codes, uint8 [h, w, 3]; size: (w, h); factor: its `exposure`.
+    """A view as sRGB codes, all light brighter than white clipped.
 
     RAW of a camera whose colour is not known stays camera RGB.
+
+    Args:
+        session: Session of the view.
+        view: View to draw.
+        scale: Exposure scale of each shot's file, s.
+        response: Response of the camera, which only developed photographs need.
+        camera_from_rec709: Colour matrix of the camera, a row for each channel; None if it is not known.
+        size: Width and height of the result, px.
+        factor: Factor from radiance to display light (`exposure`).
+
+    Returns:
+        Codes, uint8 [h, w, 3].
+
+    Raises:
+        InputError: A file is missing or damaged.
     """
     merged = merge_bracket(read_view(session, view, scale, response))
     light = np.array(merged.radiance, np.float32)

@@ -84,8 +84,15 @@ def estimate(
 ) -> Development:
     """Estimate exposure and white balance of each photograph, each as far as held-out regions ask for it.
 
-    views: in the order of `PhotographSights.view`; stated: settings that the files state as constant for a
-    camera, which stay, with the factors that regions ask for beside them; without: parts to leave out.
+    Args:
+        sights: Colours of scene points in the photographs.
+        views: Views, in the order of `PhotographSights.view`.
+        stated: Settings that the files state as constant for a camera, which stay, with the factors that
+            regions ask for beside them.
+        without: Parts to leave out.
+
+    Returns:
+        The development of the photographs, with a rung for each of the two parts.
     """
     sights = shared(sights)
     points = np.unique(sights.point)

@@ -42,10 +42,16 @@ class PhotographSights:
 def sights_of(
     model: SceneModel, colours: Mapping[ViewId, Array], photographs: Collection[str], falloff: Falloff | None
 ) -> tuple[PhotographSights, list[ViewId]]:
-    """Return the light of shared points in the cameras named as `photographs`, and their views.
+    """Return the light of shared points in some cameras' photographs, and their views.
 
-    colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None if still
-    unknown.
+    Args:
+        model: Placed views and their scene points.
+        colours: Natural log of camera RGB at each feature of each view [K, 3], as `colour_at` gives it.
+        photographs: Names of the cameras whose views count.
+        falloff: Vignetting and gains to be divided out; None if still unknown.
+
+    Returns:
+        The observations, and the views in the order of `PhotographSights.view`.
     """
     usable: dict[ViewId, Mask] = {}
     for view, colour in colours.items():

@@ -61,11 +61,20 @@ def estimate(
 ) -> Falloff:
     """Estimate the falloff and gains that tracks of held-out regions ask for, and nothing else.
 
-    cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one model
-    share a falloff unless their own predict held-out tracks better. Of falloff and gains the one with the
-    larger effect is tried first, so that it is not mistaken for the other. comparable: whether the cameras
-    see the same light; if not, they get no gains. uncorrected: of each camera whose files are RAW, natural
-    log of light at the corner by the cosine's fourth power, at most 0. without: parts to leave out.
+    Cameras of one model share a falloff unless their own predict held-out tracks better. Of falloff and gains
+    the one with the larger effect is tried first, so that it is not mistaken for the other.
+
+    Args:
+        tracks: Brightness of scene points in the views that see them.
+        cameras: Names, in the order of `Tracks.camera`.
+        models: Make and model of each camera, by name.
+        comparable: True if the cameras see the same light; if not, they get no gains.
+        uncorrected: Natural log of light at the corner by the cosine's fourth power, at most 0 (`natural`),
+            of each camera whose files are RAW, by name.
+        without: Parts to leave out.
+
+    Returns:
+        Falloff and gain of every camera, neutral for what is not taken; and a rung for each trial.
     """
     count = len(cameras)
     none = Terms((), gains=False)

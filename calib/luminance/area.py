@@ -46,8 +46,20 @@ def area_light(session: Session, record: CalibrationRecord, view: ViewId, area: 
     """Merge an area of a view and measure its luminance; gain and vignetting of the camera are divided out.
 
     The error is of the noise, of quarters that differ, of the exposures and of a measured response.
-    CalibrationError when the area is not in the picture, too small, saturated or black, or when the colour of
-    the camera is not known; InputError for a missing or damaged file.
+
+    Args:
+        session: Session of the view.
+        record: Its calibration.
+        view: View of the scene.
+        area: Left, top, width and height, px of the file.
+
+    Returns:
+        Luminance in the unit of the calibration, its relative error, and the radius of the area's centre.
+
+    Raises:
+        CalibrationError: The area is not in the picture, too small, uneven, saturated or dark; the session
+            has no such view; or the exposure of a shot or the colour of the camera is not known.
+        InputError: A file is missing or damaged.
     """
     shots, place = _shots(session, view, area), f"{view}:{','.join(map(str, area))}"
     camera = record.camera(view.camera)

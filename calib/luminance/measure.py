@@ -36,8 +36,17 @@ def scaled(
 ) -> CalibrationRecord:
     """Add the scale of its light to the record, and the rung on its source.
 
-    readings: None: those of `earlier`, a calibration of the session before; empty: the scale is dropped.
-    Where it cannot be measured the record has no scale, and the rung gives the reason.
+    Args:
+        session: Session of the record.
+        record: Calibration without a scale, or with one that is replaced.
+        readings: Readings of luminance or illuminance; None: those of `earlier`; empty: the scale is dropped.
+        earlier: Scale of a calibration of the session before; None if there is no such scale.
+
+    Returns:
+        The record; where the scale cannot be measured it has none, and the rung gives the reason.
+
+    Raises:
+        InputError: A file is missing or damaged.
     """
     rungs = tuple(rung for rung in record.rungs if rung.name != RUNG)
     bare = record.model_copy(update={"luminance": None, "rungs": rungs})

@@ -87,7 +87,26 @@ def first_models(
     cameras: Mapping[str, Lens],
     max_error: float,
 ) -> FirstModels:
-    """Views mapped by their matches, without what contradicts itself."""
+    """Views mapped by their matches, without what contradicts itself.
+
+    Args:
+        inputs: Inputs of the poses.
+        steps: Steps of this attempt, of which those of a stopped run are not done again.
+        database: pycolmap's, with features and matches.
+        models: pycolmap cameras by name.
+        pairs: Pairs of views that match.
+        cameras: Lenses at picture size, by name.
+        max_error: Largest miss of a match or a point, px.
+
+    Returns:
+        The model of most views, and those of cameras that no match joins to it.
+
+    Raises:
+        OnePlace: All views were taken from one place.
+        Contradicted: Views contradict each other so much that none can be said to be right.
+        CalibrationError: No two views give a start from which the others can be placed.
+        StorageError: The disk refuses to keep a step.
+    """
     require_depth(pairs, cameras, max_error)
     placing = _Placing(inputs, steps, database, models, pairs, max_error)
     main, held, rest = placing.placed(frozenset(models))

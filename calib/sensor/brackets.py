@@ -64,10 +64,18 @@ def compare(
     counts: Mask | None = None,
     tile: Period = EVEN,
 ) -> ExposurePair | None:
-    """Two exposures, DN [H, W], by the levels `black` [sites] and `white`; None where they share too
-    little.
+    """Two exposures of a view, compared by the level of their photosites.
 
-    counts: bool [H, W], pixels that count in the masks of both; None: all. tile: rows and columns of the CFA.
+    Args:
+        longer: Longer exposure, DN [H, W].
+        shorter: Shorter exposure, DN [H, W].
+        black: Black level of each CFA site, DN [sites].
+        white: White level, DN, black included.
+        counts: Pixels that count in the masks of both, bool [H, W]; None: all.
+        tile: Rows and columns of the CFA.
+
+    Returns:
+        The pair by bins of level; None where the exposures share too little.
     """
     off = black[:, None, None]
     long, short = (sites(frame, tile).astype(np.float64) - off for frame in (longer, shorter))

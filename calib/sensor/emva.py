@@ -45,9 +45,16 @@ class Frames:
 def measure_emva(
     frames: Frames, nominal: Nominal, iso: float | None, gain: Measured | None = None
 ) -> tuple[SensorCalibration, FlatFalloff | None]:
-    """Measure the sensor from the frames; the fall of light is that of the f-number of the flats.
+    """Measure the sensor from the frames.
 
-    gain: known from elsewhere, for darks without flats.
+    Args:
+        frames: Stacks of darks and flats at one ISO, at least one.
+        nominal: Levels that the files state.
+        iso: ISO of the frames; None if the files state none.
+        gain: Gain known from elsewhere, DN per electron, for darks without flats.
+
+    Returns:
+        The measured quantities; and the fall of light at the f-number of the flats, None if no flat shows it.
     """
     stacks = [*frames.darks, *frames.flats]
     shape = stacks[0].variance.shape

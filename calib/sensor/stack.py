@@ -53,10 +53,20 @@ class Stack:
 def gather(
     frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float | None = None, tile: Period = EVEN
 ) -> Stack:
-    """Read repeated frames one after another; ValueError without any or if their sizes differ.
+    """Read repeated frames one after another.
 
-    black: of flats, DN: their light flickers, so frames are scaled to one level above it. Darks (None)
-    are shifted to one level instead. tile: as of `Stack`.
+    Args:
+        frames: Frames of one exposure, DN [H, W].
+        time: Exposure time, s; of flats any measure of the exposure.
+        black: Black level of flats, DN: their light flickers, so frames are scaled to one level above it.
+            Darks (None) are shifted to one level instead.
+        tile: Rows and columns after which the CFA repeats, as of `Stack`.
+
+    Returns:
+        Mean and scatter of the frames.
+
+    Raises:
+        ValueError: There are no frames, or their sizes differ.
     """
     first: Array32 | None = None
     previous = sums = square = halves = np.zeros(0, np.float32)

@@ -26,8 +26,20 @@ def read_control(
     marks: str | PathLike[str] | None,
     markers: str | None,
 ) -> Control | None:
-    """Read the control from these files; None without a survey. InputError of one sentence for unusable
-    files.
+    """Read the control from these files.
+
+    Args:
+        session: Session whose views the marks name.
+        survey: File with surveyed points.
+        marks: File with places in images that were clicked; None without.
+        markers: Name of the dictionary of printed markers; None without.
+
+    Returns:
+        The control; None without a survey.
+
+    Raises:
+        InputError: A file is unusable, the dictionary is unknown or fits no point, or only one of a survey
+            and its marks or markers is given.
     """
     if survey is None:
         if marks is not None or markers is not None:

@@ -34,10 +34,24 @@ def located(
     read: Callable[[View], Bytes],
     progress: Progress,
 ) -> tuple[SceneModel, CoordinateSystem | None]:
-    """Place the model in the best coordinates available, and return these; None: its own.
+    """Place the model in the best coordinates available, and return these.
 
-    features: of the views, as the model was made from them. target: a session whose coordinates are wanted.
-    read: returns the picture of a view, in which markers are detected. A rung of the model gives the reason.
+    Args:
+        session: Session of the views.
+        views: Views of the scene, with the photographs that may state GPS positions.
+        model: Scene model in coordinates of its own.
+        features: Features of the views, as the model was made from them.
+        control: Surveyed points with their marks, or None.
+        target: Session whose coordinates are wanted, or None.
+        read: Function that gives the picture of a view, uint8 [H, W], in which markers are detected.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The placed model, with a rung that gives the reason where other coordinates were to be had; and its
+        coordinates, None if they are its own.
+
+    Raises:
+        InputError: A file that markers or the other session's features are found in is missing or damaged.
     """
     if target is not None:
         try:

@@ -109,7 +109,15 @@ def find_markers(
 ) -> Marks:
     """The middles of all markers that are points of the survey, in every view.
 
-    read: the picture of a view, one at a time.
+    Args:
+        dictionary: OpenCV's name of the dictionary of the markers.
+        names: Names of the surveyed points, which give the numbers of their markers.
+        views: Views to search.
+        read: Function that gives the picture of a view, uint8 [H, W]; called for one view at a time.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Marks by point and view, px of the picture.
     """
     numbers = numbers_of(names)
     marks: Marks = {}

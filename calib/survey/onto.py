@@ -79,8 +79,18 @@ def place_onto(
 ) -> tuple[SceneModel, CoordinateSystem]:
     """The model in the coordinates of another session, and how well it stands in them.
 
-    features: of the views, as the model was made from them. Errors: CalibrationError of one sentence where
-    the two share too little; then the model is as it was.
+    Args:
+        model: Scene model, which stays as it is.
+        features: Features of the views, as the model was made from them.
+        target: Calibrated session whose coordinates are wanted.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The placed model, with a rung; and its coordinates, with their errors.
+
+    Raises:
+        CalibrationError: The two share too little; the message is one sentence.
+        InputError: A picture of the other session's calibration is missing or damaged.
     """
     ours, theirs, group = _shared_points(model, features, target, progress)
     similarity, fits = _agreeing(ours, theirs)

@@ -70,9 +70,19 @@ def place_by_survey(
 ) -> tuple[SceneModel, CoordinateSystem]:
     """Place the model in the coordinates of a survey, less its offset, and return the quality of the fit.
 
-    marks: px of the files. sizes: of the files of each camera, px. expected: the scale from another source.
-    Errors: CalibrationError of one sentence where too few points are seen, or they contradict the scene or
-    its scale; then the model is unchanged.
+    Args:
+        model: Scene model.
+        survey: Surveyed points, m.
+        marks: Places of the points in the views, px of the files.
+        sizes: Width and height of the files of each camera, px, by name.
+        expected: Scale from another source; None if no source gives one.
+
+    Returns:
+        The placed model, with a rung; and its coordinates, with their errors and the residual of each point.
+
+    Raises:
+        CalibrationError: Too few points are seen, or they contradict the scene or its scale; the message is
+            one sentence, and the model is unchanged.
     """
     shrunk = {name: np.array([lens.width, lens.height]) / sizes[name] for name, lens in model.lenses.items()}
     views = Views(model.reconstruction)

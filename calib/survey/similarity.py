@@ -47,10 +47,18 @@ class Similarity:
 
 
 def fit(source: Array, target: Array, weights: Array | None = None, *, rigid: bool = False) -> Similarity:
-    """The similarity [..., K, 3] to [..., K, 3] with the least weighted sum of squared misses.
+    """The similarity with the least weighted sum of squared misses.
 
-    rigid: its scale is 1. Umeyama, "Least-squares estimation of transformation parameters between two point
-    patterns", 1991.
+    Umeyama, "Least-squares estimation of transformation parameters between two point patterns", 1991.
+
+    Args:
+        source: Points [..., K, 3].
+        target: The same points where they are to come to lie [..., K, 3].
+        weights: Weight of each point [K]; None: all count alike.
+        rigid: True for a scale of 1.
+
+    Returns:
+        The similarity; of several sets of points it has their leading axes.
     """
     share = np.ones(source.shape[-2]) if weights is None else weights
     share = (share / share.sum())[:, None]
@@ -69,12 +77,20 @@ def fit(source: Array, target: Array, weights: Array | None = None, *, rigid: bo
 def consensus(
     source: Array, target: Array, noise: Array, *, rigid: bool = False, stated: bool = False
 ) -> tuple[Similarity, Mask, float]:
-    """The similarity that most of the points [K, 3] agree about, which these are, and their scatter.
+    """The similarity that most of the points agree about.
 
-    noise: [K], standard error of a coordinate of each point in the target as far as it is known; stated:
-    whether nothing else is expected. Triples of points are tried for the least median of squared misses
-    (Rousseeuw, 1984); then all that fit are taken, by the scatter of those that do. The scatter is that of a
-    coordinate, beside the noise.
+    Triples of points are tried for the least median of squared misses (Rousseeuw, 1984); then all that fit
+    are taken, by the scatter of those that do.
+
+    Args:
+        source: Points [K, 3].
+        target: The same points where they are to come to lie [K, 3].
+        noise: Standard error of a coordinate of each point in the target, as far as it is known [K].
+        rigid: True for a scale of 1.
+        stated: True if no other error than the noise is expected.
+
+    Returns:
+        The similarity; which points agree [K]; and their scatter: that of a coordinate, beside the noise.
     """
     count = len(source)
     tried = fit(*_triples(source, target), rigid=rigid)
@@ -130,12 +146,20 @@ def is_line(points: Array, noise: float) -> bool:
 def standard_errors(
     target: Array, misses: Array, noise: Array, groups: Integers | None = None
 ) -> tuple[float, float, float]:
-    """Standard errors of a fit: scale (relative), rotation (worst axis, degrees) and the middle's place
-    (worst axis).
+    """Standard errors of a fit: of its scale, its rotation and the place of the middle.
 
-    target, misses: [K, 3] of what was fitted; noise: [K], by which it was weighed. Errors are what noise
-    makes, or more where misses are more than noise explains. groups: [K], which points err together; then
-    by their sums (the sandwich: Liang and Zeger, 1986), where there are enough of them.
+    Errors are what noise makes, or more where misses are more than noise explains.
+
+    Args:
+        target: Points that were fitted, in the target [K, 3].
+        misses: Their misses by the fit [K, 3], in the unit of the target.
+        noise: Standard error of a coordinate by which each point was weighed [K], in the same unit.
+        groups: Number of the group of points that err together, of each point [K]; where there are enough
+            groups, errors are by their sums (the sandwich: Liang and Zeger, 1986).
+
+    Returns:
+        Errors of the scale, relative; of the rotation about its worst axis, degrees; and of the place of the
+        middle along its worst axis, in the unit of the target.
     """
     weights = 1 / noise**2
     share = weights / weights.sum()

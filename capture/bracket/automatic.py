@@ -31,8 +31,21 @@ def plan_automatically(
 ) -> Automatic:
     """Meter at the first, the middle and the last of `frames`, and plan one bracket for all cameras.
 
-    like: an exposure with the f-number to keep, since another would show another depth of field.
-    Errors are those of the meter and the planner.
+    Args:
+        cameras: Cameras by name.
+        like: Exposure with the f-number to keep, since another would show another depth of field.
+        wanted: Goals and limits of the bracket.
+        frames: Frames of the plan, at least one.
+        move_to: Callback that brings rig or scene to a frame, before it is metered.
+
+    Returns:
+        The bracket, the metering, and the reason in words.
+
+    Raises:
+        CaptureError: The cameras have no shutter time in common, the meter finds no light that can be
+            measured, or no bracket fits into the total time.
+        InputError: A limit leaves no exposure.
+        CameraError: A camera does not report what it can be set to.
     """
     metering, exposures = _metered(cameras, like, wanted, frames, move_to)
     if any(isinstance(target.noise, CodeNoise) for target in metering.targets):
@@ -52,7 +65,22 @@ def meter_rig(
     frames: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
 ) -> Metering:
-    """Return what a bracket that was chosen otherwise is up against."""
+    """Return what a bracket that was chosen otherwise is up against.
+
+    Args:
+        cameras: Cameras by name.
+        like: Exposure with the f-number to keep.
+        frames: Frames of the plan, at least one; the first, the middle and the last are metered.
+        move_to: Callback that brings rig or scene to a frame, before it is metered.
+
+    Returns:
+        The range of radiance of each colour channel of each camera, and the probes.
+
+    Raises:
+        CaptureError: The cameras have no shutter time in common, or the meter finds no light that can be
+            measured.
+        CameraError: A camera does not report what it can be set to.
+    """
     return _metered(cameras, like, BracketGoals(), frames, move_to)[0]
 
 

@@ -70,7 +70,14 @@ class Reach:
 def balance(reaches: Sequence[Reach], times: Array, count: int, most: float) -> list[int]:
     """`count` exposures that miss nothing, with the best worst hand-over, of those the quickest.
 
-    times: [n], s; most: s of all together. Indices ascend; empty if no bracket is quick enough.
+    Args:
+        reaches: Range of every exposure at each target, of n exposures in ascending order of scale.
+        times: Shutter times of the exposures, s, [n].
+        count: Length of the bracket.
+        most: Longest time of all its exposures together, s.
+
+    Returns:
+        Ascending indices of the exposures; empty if no bracket is quick enough.
     """
     shortest, longest = np.ones(len(times), bool), np.ones(len(times), bool)
     joined, worth = np.triu(np.ones((len(times),) * 2, bool), 1), np.full((len(times),) * 2, np.inf)

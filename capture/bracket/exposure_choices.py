@@ -37,9 +37,21 @@ def _bare(time: float) -> Exposure:
 def exposure_list(
     times: Sequence[float], isos: Sequence[float | None], f_number: float | None, wanted: BracketGoals
 ) -> tuple[Exposure, ...]:
-    """The exposures to choose from, in ascending order of their scale; InputError if a limit leaves none.
+    """The exposures to choose from, in ascending order of their scale.
 
     Up to the slowest time at the lowest ISO; then, since no more light is to be had, at higher ones.
+
+    Args:
+        times: Shutter times that all cameras have, s.
+        isos: ISO speeds that all cameras have, ascending; (None,) if one of them names no ISO.
+        f_number: F-number of all exposures; None: unknown.
+        wanted: Goals, of which the slowest time and the highest ISO are limits here.
+
+    Returns:
+        Every allowed time at the lowest ISO, then the slowest of them at each higher ISO.
+
+    Raises:
+        InputError: A limit leaves no exposure.
     """
     allowed = [time for time in times if wanted.slowest is None or time <= wanted.slowest * (1 + 1e-6)]
     if not allowed:

@@ -43,11 +43,22 @@ def meter(
     positions: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
 ) -> Metering:
-    """Probe the scene from the middle of `exposures` (ascending) outwards until both its ends are found.
+    """Probe the scene from the middle of `exposures` outwards until both its ends are found.
 
-    positions: of the rig, metered as one scene. All cameras expose together. A camera that fails or sees
-    nothing is left out and named. Memory is bounded, however large the frames. CaptureError if no camera
-    sees light, or if all see nothing but clipped light.
+    All cameras expose together. A camera that fails or sees nothing is left out and named. Memory is bounded,
+    however large the frames.
+
+    Args:
+        cameras: Cameras by name.
+        exposures: Exposures to probe with, ascending.
+        positions: Frames to go to, metered as one scene.
+        move_to: Callback that brings rig or scene to a frame, before each exposure there.
+
+    Returns:
+        A target for each colour channel of each camera, the probes, and the cameras that were left out.
+
+    Raises:
+        CaptureError: No camera gives a picture or sees light, or all see nothing but clipped light.
     """
     looks: dict[str, RawLook | CodeLook] = {}
     failed: dict[str, str] = {}

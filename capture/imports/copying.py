@@ -53,8 +53,20 @@ def begin_or_continue(
 ) -> tuple[Session, bool]:
     """A new session, or the one that a killed import of the same photographs left; and whether it is new.
 
-    last: the file, relative to the session, that the import writes last; without it there is more to do.
-    InputError for a folder that holds anything else, or all of this import.
+    Args:
+        out: Folder of the session.
+        cameras: Cameras of the import.
+        plans: Plans of the import.
+        places: Destination of every original.
+        last: File, relative to the session, that the import writes last; without it there is more to do.
+        bands: Filters of the cameras.
+
+    Returns:
+        The session, and True if it was begun here.
+
+    Raises:
+        InputError: The folder holds anything else, or all of this import.
+        StorageError: The disk refuses.
     """
     if not is_vacant(out):
         session = Session.open(out) if (out / "session.json").exists() else None

@@ -67,8 +67,18 @@ def survey(
 ) -> Survey:
     """Read every photograph of a folder and its subfolders; hidden files and folders are passed over.
 
-    named: these photographs and no others, in this order, and the exposures of a layout.
-    exposures: a list for all of them. InputError when that list cannot be read.
+    Args:
+        folder: Folder.
+        progress: Callback for the current file, the files read, and all of them.
+        named: Photographs of a layout, with the exposures that it states: these and no others are read, in
+            this order.
+        exposures: List of exposures for all photographs, in place of those in the folder.
+
+    Returns:
+        The photographs in order, readable or not, with notes, and the masks in folders of masks.
+
+    Raises:
+        InputError: The list of exposures cannot be read.
     """
     paths, others = _walked(folder)
     developed: dict[Path, Path] = {}

@@ -161,8 +161,17 @@ class Forecast:
 def forecast_of(
     plan: PlanRecord, pending: Sequence[ShotId], source: Source, out: Path, session: Session | None
 ) -> Forecast:
-    """Forecast shots of a plan. source: its cameras may be timed and have test shots; session: with earlier
-    runs and files, if there is one.
+    """Forecast shots of a plan.
+
+    Args:
+        plan: Plan.
+        pending: Shots of it that are still to be taken.
+        source: Cameras, which may be timed and have test shots.
+        out: Folder of the session, which need not exist; its disk is asked for room.
+        session: Session with earlier runs and files, if there is one.
+
+    Returns:
+        The seconds, bytes and number of the shots, with the origin of the seconds and the room on the disk.
     """
     cameras = source.cameras
     tests = {name: one.shots for name, one in cameras.items() if isinstance(one, TimedCamera) and one.shots}

@@ -40,18 +40,30 @@ def record(
 ) -> CaptureResult:
     """Take the shots of `plan` that are not finished; those that are stay as they are.
 
-    cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
-    or scene to a frame, before its first shot. turn_to: brings a filter of the wheel before every camera, if
-    the plan has bands. progress: called with the file of each shot once it is
-    finished, shots done, shots planned. tolerance: seconds between the shutters of a step beyond which the
-    result's problems say so. leader: the camera whose exposure triggers all others by a wire, if one does;
-    it exposes along whenever one of them is to, and a frame of its own that is there already stays.
+    A thread a camera: all that are to expose a step wait for one another before they are triggered, and none
+    for another's download. What a frame lacks is taken again at its end, RETRIES times, then left out; what
+    is missing is in the result, also when the disk refuses after the first shot: another call goes on from
+    there.
 
-    A thread a camera: all that are to expose a step wait for one another before they are triggered, and
-    none for another's download. What a frame lacks is taken again at its end, RETRIES times, then left
-    out; what is missing is in the result, also when the disk refuses after the first shot: another call
-    goes on from there. StorageError when it refuses before. CaptureError if a camera is not the one that
-    the session knows by its name.
+    Args:
+        session: Session that has the plan.
+        plan: Plan.
+        cameras: Cameras by the names of the plan, and the leader.
+        clock: Clock that their drivers were given.
+        move_to: Callback that brings rig or scene to a frame, before its first shot.
+        turn_to: Callback that brings a filter of the wheel before every camera, if the plan has bands.
+        compression: Compression of the RAW files.
+        progress: Callback for the file of each shot once it is finished, the shots done, and those planned.
+        tolerance: Time between the shutters of a step, s, beyond which the result's problems say so.
+        leader: Camera whose exposure triggers all others by a wire, if one does; it exposes along whenever
+            one of them is to, and a frame of its own that is there already stays.
+
+    Returns:
+        The number of shots, and what is missing or deviates.
+
+    Raises:
+        StorageError: The disk refuses before the first shot.
+        CaptureError: A camera is not the one that the session knows by its name.
     """
     names = plan.cameras if leader is None else dict.fromkeys([*plan.cameras, leader])
     taking_part = {name: cameras[name] for name in names}

@@ -68,7 +68,21 @@ def continued(
     plans: Sequence[PlanRecord],
     say: Callable[[str], None],
 ) -> PlanRecord | None:
-    """The last plan of that kind, or None; InputError where the request contradicts it."""
+    """The last plan of the kind that is requested.
+
+    Args:
+        session: Session to complete.
+        source: Cameras, and what is usual with them.
+        request: Options of the capture.
+        plans: Plans of the session, in order.
+        say: Callback for a line that says so where the rig's usual bracket is now another.
+
+    Returns:
+        The plan; None if there is no such plan.
+
+    Raises:
+        InputError: The request contradicts the plan, or the rig cannot take its shots.
+    """
     last = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
     if last is None:
         return None

@@ -39,12 +39,27 @@ def shoot(
 ) -> CaptureResult:
     """Shoot what is asked for into the session folder `out`.
 
-    A vacant folder becomes a session. One that is a session of the same cameras is added to: darks, flats
-    and the board as often as one likes, the scene once. say: shows a line that a person should know.
-    announce: shows the forecast, before the first shot; `runs.jsonl` has it beside what it came to.
+    A vacant folder becomes a session. One that is a session of the same cameras is added to: darks, flats and
+    the board as often as one likes, the scene once.
 
-    InputError: `out` is something else, or holds another capture. CaptureError: what is there cannot be
-    metered. StorageError: the disk refuses; what was finished stays.
+    Args:
+        source: Cameras, and what is usual with them.
+        out: Folder of the session.
+        request: Options of the capture.
+        progress: Callback for the current step, the shots done, and all of them.
+        say: Callback that shows a line that a person should know.
+        announce: Callback that shows the forecast, before the first shot; `runs.jsonl` has it beside what it
+            came to.
+
+    Returns:
+        The number of shots, and what is missing or deviates.
+
+    Raises:
+        InputError: `out` is something else, holds another capture, or is written by another process; or the
+            request is impossible.
+        CaptureError: The scene cannot be metered, no bracket fits into the limits, or a camera is not the one
+            that the session knows by its name.
+        StorageError: The disk refuses; what was finished stays.
     """
     if request.resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")

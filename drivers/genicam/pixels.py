@@ -84,10 +84,21 @@ def format_of(code: int) -> PixelFormat:
 
 
 def unpack(data: Bytes, pixels: PixelFormat, width: int, height: int, padding: int = 0) -> Image:
-    """The values of a frame, uint16 [height, width].
+    """The values of a frame.
 
-    data: uint8; padding: bytes after each row. Without any, rows follow on from one another bit by bit, so
-    that a row may begin inside a byte. CameraProtocol if there are too few bytes.
+    Args:
+        data: Bytes of the frame, uint8, which may be followed by others.
+        pixels: Format of the pixels.
+        width: Width of the frame, px.
+        height: Height of the frame, px.
+        padding: Bytes after each row. Without any, rows follow on from one another bit by bit, so that a row
+            may begin inside a byte.
+
+    Returns:
+        The values, uint16 [height, width].
+
+    Raises:
+        CameraProtocol: There are too few bytes.
     """
     if padding == 0:
         needed, rows, count = pixels.row_bytes(width * height), 1, width * height

@@ -43,9 +43,17 @@ class Opening:
 
 
 def latch(registers: DeviceClock, nodes: NodeMap, clock: Clock, surest: Latch | None = None) -> Latch | None:
-    """The device's clock now, by its registers, or else by its features; None if it has neither.
+    """The device's clock now, by its registers, or else by its features.
 
-    surest: an earlier one; one that is nearly as sure will do.
+    Args:
+        registers: Clock registers of the device.
+        nodes: Features of the device.
+        clock: Clock of the host.
+        surest: Earlier latch; one that is nearly as sure will do.
+
+    Returns:
+        The shortest of up to five latches; None if the device has neither registers nor features for it, or
+        cannot be asked now.
     """
     enough = 0.0 if surest is None else _AS_SHORT * surest.uncertainty
     try:
@@ -61,10 +69,19 @@ def latch(registers: DeviceClock, nodes: NodeMap, clock: Clock, surest: Latch | 
 
 
 def opening(before: Latch | None, after: Latch | None, stamp: int, exposure: float) -> Opening | None:
-    """The moment of a frame's `stamp` between two latches; None for a stamp that cannot be right.
+    """The moment of a frame's `stamp` between two latches.
 
-    exposure: s. A stamp is wrong if it is not between the latches (it may be 0, old, or of a clock that was
-    set back), and if the exposure could not have ended before the second.
+    A stamp is wrong if it is not between the latches (it may be 0, old, or of a clock that was set back), and
+    if the exposure could not have ended before the second.
+
+    Args:
+        before: Latch before the frame, if there is one.
+        after: Latch after the frame, if there is one.
+        stamp: Timestamp of the frame, in the unit of the device's clock.
+        exposure: Exposure time, s.
+
+    Returns:
+        The moment on the host's clock; None without two latches, and for a stamp that cannot be right.
     """
     if before is None or after is None or not before.device <= stamp <= after.device:
         return None

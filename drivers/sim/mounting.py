@@ -152,7 +152,20 @@ def mounts(
     lens: LensKind = "normal",
     cfa: Cfa | None = None,
 ) -> tuple[Mount, ...]:
-    """The cameras of a rig; cfa: of all, which each begins at a place of its own; None: a Bayer one."""
+    """The cameras of a rig.
+
+    Args:
+        seed: Seed of lenses, colours and sensors.
+        cameras: Number of cameras.
+        width: Width of their pictures, px.
+        height: Height of their pictures, px.
+        kind: Kind of their pictures: RAW or photographs.
+        lens: Kind of their lenses.
+        cfa: Colour of the photosites of all, which each begins at a place of its own; None: a Bayer one.
+
+    Returns:
+        The cameras as they are built and mounted to each other.
+    """
     rig_from_plate = _cam_from_plate(seed, 0)
     plate_from_rig: Array = np.asarray(np.linalg.inv(rig_from_plate), np.float64)
     return tuple(

@@ -38,7 +38,18 @@ def resident() -> int:
 
 
 def check_picture(name: str, width: int, height: int, channels: int = 3) -> None:
-    """InputError for a picture, px, that is larger than any or than the memory."""
+    """Refuse a picture that is larger than any, or than the memory.
+
+    Args:
+        name: Name of the picture, which begins the sentence of an error.
+        width: Width that its header states, px.
+        height: Height that its header states, px.
+        channels: Samples of each pixel.
+
+    Raises:
+        InputError: The size is not positive, has more than MOST_PIXELS pixels, or does not fit into the
+            memory.
+    """
     if width <= 0 or height <= 0:
         raise InputError(f"{name} is damaged, since it claims {width}x{height} pixels: copy it again.")
     if width * height > MOST_PIXELS:

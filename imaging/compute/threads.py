@@ -159,7 +159,17 @@ def in_turn(count: int, work: Callable[[int], T], most: int | None = None) -> It
 
 
 def in_order(pool: ThreadPoolExecutor, count: int, work: Callable[[int], T], ahead: int) -> Iterator[T]:
-    """Yield `work(number)` for 0..count-1 in order, computed by the pool with a bounded number in flight."""
+    """Yield `work(number)` for 0..count-1 in order, computed by the pool with a bounded number in flight.
+
+    Args:
+        pool: Threads.
+        count: Number of calls.
+        work: Function of a number, called on the threads of the pool.
+        ahead: Largest number of calls that are begun beyond the result in use.
+
+    Returns:
+        The results, in the order of the numbers; an exception of `work` is raised in the place of its result.
+    """
     begun: deque[Future[T]] = deque()
     for number in range(count):
         begun.append(pool.submit(work, number))

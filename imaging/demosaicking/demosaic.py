@@ -65,11 +65,19 @@ def demosaic(
     *,
     spread: bool = True,
 ) -> Demosaicked:
-    """Colour at every photosite of a linear mosaic [H, W] of any scale; recorded values stay as they are.
+    """Colour at every photosite of a linear mosaic; recorded values stay as they are.
 
-    valid: photosites that have a value; those next to one without are interpolated bilinearly from what is
-    there. sigma: [H, W], standard deviation of each photosite, infinite for a bound. spread: whether that of
-    the result is wanted, which takes as long as the result.
+    Args:
+        image: Mosaic [H, W], linear, of any scale.
+        cfa: Colour of its photosites.
+        valid: Photosites that have a value, [H, W]; those next to one without are interpolated bilinearly
+            from what is there. None: all that are finite.
+        sigma: Standard deviation of each photosite, [H, W], in the unit of the image, infinite for a bound.
+        spread: True if the standard deviation of the result is wanted, which takes as long as the result.
+
+    Returns:
+        The colour [H, W, channels], where it is known, and its standard deviation, if `sigma` is known and it
+        is wanted.
     """
     trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
     variance: Array | None = None

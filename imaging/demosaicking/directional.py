@@ -33,7 +33,17 @@ def greens(code: Array32, sites: Bytes) -> tuple[Mask, Array32, Array32]:
 
 
 def colours(code: Array32, sites: Bytes, horizontal: Mask, green: Array32) -> Array32:
-    """Red, green and blue [H, W, 3], float32, from a mosaic and its green, which is refined."""
+    """Red, green and blue from a Bayer mosaic and its green, which is refined.
+
+    Args:
+        code: Mosaic [H, W], float32.
+        sites: Channel of each photosite, [H, W].
+        horizontal: Mask of the interpolation along rows, [H, W], as `greens` gives it.
+        green: Interpolated green, [H, W].
+
+    Returns:
+        The colour [H, W, 3], float32.
+    """
     g = _mirrored(green)
     planes = np.zeros((*g.shape, 3), np.float32)
     planes[..., 1] = g

@@ -51,9 +51,18 @@ def read_depth(path: Path) -> tuple[Array32, bool]:
 
 
 def require_shape(path: Path, depth: Array32, height: int, width: int) -> None:
-    """InputError unless a depth map [h, w] has the proportions of its photograph, to a row or a column.
+    """Check that a depth map has the proportions of its photograph, to a row or a column.
 
     Scanners have fewer pixels than cameras: its pixels are evenly over the photograph.
+
+    Args:
+        path: File of the depth map, as the error names it.
+        depth: Depth map [h, w].
+        height: Height of the photograph, px.
+        width: Width of the photograph, px.
+
+    Raises:
+        InputError: The proportions differ.
     """
     rows, columns = depth.shape
     if abs(rows - height * columns / width) > 1 and abs(columns - width * rows / height) > 1:

@@ -77,11 +77,20 @@ def find_ghosts(
     tolerance: float = TOLERANCE,
     hidden: Mask | None = None,
 ) -> tuple[Mask, float]:
-    """Find where the exposures contradict the merged value, bool of its shape, and the noise over its model.
+    """Find where the exposures contradict the merged value.
 
     The chi-square of the rates is summed over the channels of a pixel, or the cell of a mosaic. Its median
     over the picture measures how much noisier than their model the frames are; the threshold scales with it.
-    hidden: as of `without_ghosts`.
+
+    Args:
+        frames: Exposures of the bracket.
+        merged: The same exposures merged.
+        tolerance: Relative disagreement of exposures that does not count as motion.
+        hidden: Pixels excluded by masks, bool [H, W].
+
+    Returns:
+        The contradictions, bool of the shape of `merged`, and the noise over its model, at least 1. Without a
+        noise model, or with one exposure, motion cannot be detected: no place is marked, and the noise is 1.
     """
     shape = merged.radiance.shape
     if len(frames) < 2 or any(frame.noise is None for frame in frames):

@@ -112,10 +112,20 @@ def read_linear(
     response: Response,
     sensors: Sequence[SensorCalibration] = (),
 ) -> LinearFrame:
-    """A file of a session as linear light; InputError if it is missing or damaged.
+    """Read a file of a session as linear light.
 
-    kind: of the camera (`CameraRecord.kind`); response: of its calibration, which only code values
-    (`ldr`) need; sensors: of its calibration, for RAW. Light (`hdr`) is taken as it is.
+    Args:
+        path: File.
+        kind: Kind of the camera (`CameraRecord.kind`). Light (`hdr`) is taken as it is.
+        k: Exposure scale, s.
+        response: Response of the camera's calibration, which only code values (`ldr`) need.
+        sensors: Measured sensors of the camera's calibration, by ISO, for RAW.
+
+    Returns:
+        The exposure: [H, W] of a RAW mosaic, else [H, W, 3].
+
+    Raises:
+        InputError: The file is missing or damaged.
     """
     if kind == "raw":
         return from_raw(read_raw(path), k, sensors)

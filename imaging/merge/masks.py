@@ -15,7 +15,21 @@ from imaging.session.session import Session
 
 
 def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Mask | None:
-    """Return which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
+    """Read the mask of a shot, if it has one.
+
+    Args:
+        session: Session.
+        shot: Shot.
+        height: Height of the shot, px.
+        width: Width of the shot, px.
+
+    Returns:
+        The pixels that count, bool [height, width], as `read_mask` has it; None where the shot has no mask,
+        and all count.
+
+    Raises:
+        InputError: The mask is missing, is not a JPEG, PNG or TIFF, is damaged or of another size.
+    """
     path = session.mask(shot)
     return None if path is None else read_mask(path, height, width)
 

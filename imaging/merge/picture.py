@@ -47,8 +47,17 @@ def picture_of(
 ) -> Picture:
     """A merged bracket in colour, with what lens and camera do to light divided out.
 
-    RAW of a camera whose colour is not known stays camera RGB, whatever the space. white_balance: that
-    photographs were developed with, if they were.
+    RAW of a camera whose colour is not known stays camera RGB, whatever the space.
+
+    Args:
+        best: Merged bracket, signal per second of exposure scale.
+        cfa: Colour of its photosites; None: it has colour already.
+        camera: Calibration of the camera, with its falloff and colour; None: without one.
+        space: Colour space of the light.
+        white_balance: Gains of red, green and blue that photographs were developed with, if they were.
+
+    Returns:
+        The light [H, W, 3], its standard deviation and its mask.
     """
     merged = best.merged
     height, width = merged.radiance.shape[:2]

@@ -16,7 +16,19 @@ WRONG = 0.03
 def warnings_of(
     frames: Sequence[LinearFrame], shares: Sequence[float], shift: float | None, *, check_labels: bool
 ) -> tuple[str, ...]:
-    """Return what a user should do otherwise next time."""
+    """Return what a user should do otherwise next time.
+
+    Args:
+        frames: Exposures of the bracket, without the pixels behind masks.
+        shares: Shares of the pixels, 0..1, that are clipped in every exposure, dark in every exposure, and
+            ghosts.
+        shift: Largest shift between two exposures, px; None if it cannot be measured.
+        check_labels: True to compare the exposures with their labels, where no calibration gives their
+            scales.
+
+    Returns:
+        Advice, a clause each; empty if all is well.
+    """
     clipped, dark, ghost = shares
     said = []
     if clipped > 0.5:

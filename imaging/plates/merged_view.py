@@ -98,8 +98,20 @@ def view_light(
 ) -> ViewLight:
     """Merge a bracket: light, its standard deviation and a mask, by a calibration or without one.
 
-    InputError if a file is missing or damaged, an exposure unknown, or the colour of the camera where a space
-    other than Rec.709 needs it.
+    Args:
+        session: Session.
+        view: Camera and frame of the bracket.
+        shots: Shots of the bracket.
+        calibration: Calibration of the session; None: exposures are those of the labels, and the response is
+            assumed.
+        space: Colour space of the light.
+
+    Returns:
+        The picture, and the clipped, dark, ghost and hidden shares of its pixels, with warnings.
+
+    Raises:
+        InputError: A file is missing or damaged, an exposure unknown, the shots differ in size, or the colour
+            of the camera is unknown where a space other than Rec.709 needs it.
     """
     camera = None if calibration is None else calibration.camera(view.camera)
     scales = None if calibration is None else calibration.exposure_scale
@@ -150,7 +162,24 @@ def merge_view(
     calibration: CalibrationRecord | None,
     plate: PlateFormat,
 ) -> MergedView:
-    """Merge a bracket into a file; one with the same inputs stays as it is."""
+    """Merge a bracket into a file; one with the same inputs stays as it is.
+
+    Args:
+        session: Session.
+        path: EXR file to write.
+        view: Camera and frame of the bracket.
+        shots: Shots of the bracket.
+        calibration: Calibration of the session; None: as in `view_light`.
+        plate: Colour space of the file, the factor on its light, and its storage.
+
+    Returns:
+        The file, and the clipped, dark, ghost and hidden shares of its pixels, with warnings.
+
+    Raises:
+        InputError: The bracket cannot be merged, as in `view_light`, or its light is too large for the
+            storage.
+        StorageError: The disk refuses.
+    """
     space, factor, storage = plate.space, plate.factor, plate.storage
     camera = None if calibration is None else calibration.camera(view.camera)
     scales = None if calibration is None else calibration.exposure_scale

@@ -44,14 +44,27 @@ def load(
     progress: Progress = unreported,
     examine: Examine = too_large,
 ) -> Dataset:
-    """Read every view that its own picture placed; images wider than `max_width` are scaled down.
+    """Read every view that its own picture placed; wider images are scaled down.
 
-    A session whose data set says what it tests on (split.json) holds out just that.
-    Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
-    are demosaicked and averaged, narrower ones are kept as they are. examine: called when a view of each
-    camera is read, before the others are. ReconstructionError when no view is registered, or all were
-    taken from one place; InputError for
-    missing or damaged files; StorageError where shots are to be kept on a disk without room.
+    A session whose data set says what it tests on (split.json) holds out just that. Photographs and EXR are
+    averaged over areas in linear light; mosaics of at least twice the width are demosaicked and averaged,
+    narrower ones are kept as they are.
+
+    Args:
+        session: Folder of a calibrated session.
+        max_width: Of the images, px; None: as they are.
+        progress: Callback for the current step, the steps done, and all of them.
+        examine: Called when a view of each camera is read, before the others are: True keeps the shots on the
+            disk. It may refuse by an error of its own.
+
+    Returns:
+        The views to train on and those that are held out, in scene coordinates.
+
+    Raises:
+        ReconstructionError: No view is registered, or all were taken from one place; a view does not fit the
+            others, as by shots of another size.
+        InputError: Files are missing or damaged.
+        StorageError: Shots are to be kept on a disk without room.
     """
     opened = Session.open(session)
     calibration = read_calibration(session)
@@ -124,9 +137,27 @@ def read_views(
     progress: Progress,
     examine: Examine = too_large,
 ) -> Dataset:
-    """The shots of each view as a data set, `out` of them held out; all have a pose.
+    """The shots of each view as a data set; all views have a pose.
 
-    world: where the scene lies, whose views they are.
+    Args:
+        session: Session of the shots.
+        calibration: Poses, lenses, responses and exposure scales, of all views in `groups`.
+        calibration_sha256: Hash that the data set states as that of its calibration.
+        groups: Shots of each view.
+        out: Views that are held out; the others are trained on.
+        world: Place of the scene, whose views they are, in the world.
+        max_width: Of the images, px; None: as they are.
+        progress: Callback for the current step, the steps done, and all of them.
+        examine: Called when a view of each camera is read, before the others are, as of `load`.
+
+    Returns:
+        The views to train on and those that are held out, in scene coordinates.
+
+    Raises:
+        ReconstructionError: A camera has no lens, the shots of a view differ in size, or one is of no band
+            where the session has the light of bands.
+        InputError: Files are missing or damaged.
+        StorageError: Shots are to be kept on a disk without room.
     """
     poses = {view.id: view for view in calibration.views}
     kinds = {session.camera(view.camera).kind for view in groups}

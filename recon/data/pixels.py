@@ -127,7 +127,18 @@ def _held(mask: Mask) -> Mask:
 def narrowed(
     shot: Shot, kind: ImageKind, cfa: Cfa | None, response: Response, width: int
 ) -> tuple[Shot, Cfa | None]:
-    """A shot at a smaller width, as its file would be read, and the CFA of what is still a mosaic."""
+    """A shot at a smaller width, as its file would be read.
+
+    Args:
+        shot: As read.
+        kind: Of its camera's files.
+        cfa: Of the shot, where it is a mosaic.
+        response: Of its camera, between code values and linear light; for photographs alone.
+        width: Of the result at most, px.
+
+    Returns:
+        The shot, and the CFA of what is still a mosaic; None of anything else.
+    """
     if kind == "raw":
         small, smaller_cfa = _mosaic(shot.linear(None, cfa), shot.file, width)
         if cfa is not None and smaller_cfa is None:  # what was demosaicked has numbers also behind a mask

@@ -36,11 +36,19 @@ ROUGHLY = 2 / 255
 def robust_score_db(training: Training, view: View, unsure: Collection[Unsure], extent: float) -> float:
     """Return how small the residuals of the half that is judged are, dB; more is better.
 
-    unsure: which of the view's own pose, exposures and gains are fitted first. Residuals are in standard
-    deviations of the noise, r: of RAW in those of the sensor where they are known, others, code values or
-    light through the mu-law as training compares them, in so much as `ROUGHLY` says. Each counts by
-    -10 log10(1 + r^2), as if errors were of a Cauchy distribution: a short training is wrong by a hundred
-    deviations at the edges of lamps, whose squares would drown all others.
+    Residuals are in standard deviations of the noise, r: of RAW in those of the sensor where they are known,
+    others, code values or light through the mu-law as training compares them, in so much as `ROUGHLY` says.
+    Each counts by -10 log10(1 + r^2), as if errors were of a Cauchy distribution: a short training is wrong
+    by a hundred deviations at the edges of lamps, whose squares would drown all others.
+
+    Args:
+        training: Training that is judged.
+        view: View that it did not see.
+        unsure: Which of the view's own pose, exposures and gains are fitted first.
+        extent: Of the data set, scene coordinates; the unit of a correction of a place.
+
+    Returns:
+        Mean over the half that is judged, dB.
     """
     with torch_on_one_thread():
         pose, logs, gains = _fitted(training, view, unsure, extent)

@@ -119,8 +119,16 @@ class Settings(Record):
 def asked_for(dataset: Dataset, method: str, request: TrainingRequest, *, processes: int) -> Settings:
     """Settings as requested: a size in the budget, else an override, else the preset.
 
-    method: as chosen. With several processes a step takes a view of each, and their number is divided by that
-    of the processes.
+    Args:
+        dataset: Views to train on: a preset's iterations and Gaussians depend on their number, and a budget
+            in Gaussians is limited to that of their pixels.
+        method: As chosen.
+        request: Of the training.
+        processes: That train together: a step takes a view of each, and the number of steps is divided by
+            theirs.
+
+    Returns:
+        Settings before anything is decided by the scene.
     """
     preset, budget, overrides = QUALITIES[request.quality], request.budget, request.overrides
     iterations = overrides.iterations or preset.iterations_of(len(dataset.train))

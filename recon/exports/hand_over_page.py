@@ -27,7 +27,18 @@ code { font: .9em ui-monospace, monospace; background: #f3f3f3; padding: .1em .3
 
 
 def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequence[Path]) -> str:
-    """The whole page, which loads nothing."""
+    """The whole page, which loads nothing.
+
+    Args:
+        scene: Scene that is handed over.
+        job: Export of its USD file: place, exposure and name.
+        loss: Loss of light in the USD file.
+        notes: What the folder does not hold, a part of a sentence each.
+        files: Files of the folder so far: that of the USD and its sky, renders, and plates if there are any.
+
+    Returns:
+        HTML.
+    """
     record, factor = scene.record, job.exposure_factor
     sky = next((path.name for path in files if path.suffix == ".exr" and path.parent == job.out.parent), None)
     absolute = "not known: it was not measured"

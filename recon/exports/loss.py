@@ -67,9 +67,17 @@ class Loss:
 
 
 def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress) -> Loss:
-    """Return what `held`, the Gaussians of a file as it has them, lost of a scene.
+    """Return what a file lost of a scene.
 
-    truth: the same Gaussians in the same order before the file's numbers held them; None of display values.
+    Args:
+        scene: Scene that the file was written of.
+        truth: The same Gaussians as `held`, in the same order, before the file's numbers held them; None of
+            display values.
+        held: The Gaussians of the file, as it has them.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Differences of light, in stops.
     """
     floor = floor_of(scene)
     median, worst = None, None

@@ -200,11 +200,20 @@ def exposure_factor(scene: Scene, factor: float) -> float:
 
 
 def display_splats(scene: Scene, stops: float | None, progress: Progress, end: float = 1.0) -> Splats:
-    """Convert a scene to display values: sRGB of the radiance times 2^stops, None: as splats.ply has it.
+    """Convert a scene to display values: sRGB of the radiance times a factor.
 
-    end: largest code, as `Splats` has it; of a scene of display values it is 1.
+    Args:
+        scene: Scene of light, or of display values, which stay as they are.
+        stops: log2 of the factor; None: as splats.ply has it.
+        progress: Callback for the current step, the steps done, and all of them.
+        end: Largest code, as `Splats` has it; of a scene of display values it is 1.
 
-    ReconstructionError for another exposure of a scene of display values.
+    Returns:
+        Gaussians of sRGB codes, with a dome where the scene has light from far away.
+
+    Raises:
+        ReconstructionError: Another exposure of a scene of display values is asked for.
+        InputError: splats.ply is damaged.
     """
     record = scene.record
     factor = record.exposure if stops is None else 2.0**stops
@@ -241,7 +250,19 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress, end: f
 def as_splats(
     file: PlySplats, world: WorldTransform, offset: Vector, *, linear: bool, factor: float
 ) -> Splats:
-    """The Gaussians of a file that can be drawn, in their order."""
+    """The Gaussians of a file that can be drawn, in their order.
+
+    Args:
+        file: Gaussians as a file has them: log scales, and logits of opacities.
+        world: Place of the scene in the world.
+        offset: What the file's coordinates leave out of those of the world.
+        linear: True if the colours are radiance times `factor`, else display values.
+        factor: On the radiance.
+
+    Returns:
+        Gaussians in the axes and the unit of the world; those with values that are not finite, no
+        opacity, or a rotation of zeros are left out.
+    """
     values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
     valid = np.isfinite(values).all(1) & (file.logits > -np.inf) & (np.abs(file.quats).max(1, initial=0) > 0)
     return Splats(

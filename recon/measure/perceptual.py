@@ -52,13 +52,22 @@ def compare_pictures(
     progress: Progress = unreported,
     until: float = math.inf,
 ) -> tuple[list[dict[str, float]], list[str]]:
-    """Write renders/ and references/ of the reported views; a row of figures for each of them, and the kinds
-    of figures that there was not time for of all.
+    """Write renders/ and references/ of the reported views, and compare them.
 
-    light: of the views, [H, W, 3], and where it is seen; truth: light, if it is known; scale: what aligns the
-    light with it. until: reading of `time.monotonic` after which neither FLIP nor ColorVideoVDP is begun.
     EXR of both are in the units of the scene, PNG at its exposure; of photographs PNG of every shot of a
     trained exposure instead, as they are.
+
+    Args:
+        folder: Of the scene.
+        opened: Scene, with its photographs.
+        light: Renders of the views, linear [H, W, C], and where each is seen.
+        truth: True light of the views [H, W, C]; None where it is not known.
+        scale: What aligns the light with the truth.
+        progress: Callback for the current step, the steps done, and all of them.
+        until: Reading of `time.monotonic` after which neither FLIP nor ColorVideoVDP is begun.
+
+    Returns:
+        A row of figures for each view, and the kinds of figures that there was not time for of all.
     """
     views = opened.dataset.reported
 

@@ -50,11 +50,19 @@ def mu_law(signal: Tensor, mu: float) -> Tensor:
 
 
 def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None, mu: float) -> Tensor:
-    """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1,
-    ...].
+    """Odd mu-law of one signal at several exposures.
 
-    ceiling [J, ...]: values above it count as it and have no gradient; infinite without a limit.
     Differentiable in the signal and in the scales.
+
+    Args:
+        signal: Linear signal of any shape [...].
+        scales: Exposure scale of each shot, [J, 1, ...], with as many dimensions as the result.
+        ceiling: Values in mu-law, [J, ...], above which predictions count as them and have no gradient;
+            infinite where there is no limit; None: no limit anywhere.
+        mu: Constant of the mu-law.
+
+    Returns:
+        The mu-law of `signal * scales`, [J, ...].
     """
     result: Tensor = _MuLaw.apply(signal, scales, ceiling, mu)  # type: ignore[no-untyped-call]
     return result

@@ -101,10 +101,17 @@ def curve_parameters(values: Array) -> Tensor:
 
 
 def apply_curve(x: Tensor, values: Tensor, nodes: Tensor, *, leaky: bool) -> Tensor:
-    """g(x) [...] for one channel's values [M] at nodes [M]; differentiable in x and in the values.
+    """g(x) [...] for one channel's curve; differentiable in x and in the values.
 
-    Leaky (training): `LEAK (x - a)` below the grid, `1 + LEAK - LEAK / sqrt(x - b + 1)` above, both
-    continuous, so that no sample is without gradient. Otherwise clamped to 0..1.
+    Args:
+        x: Samples of any shape.
+        values: Values of the curve at the nodes, [M], from 0 to 1.
+        nodes: Rising places of the nodes on the x axis, [M], from a to b.
+        leaky: True for training: `LEAK (x - a)` below the grid, `1 + LEAK - LEAK / sqrt(x - b + 1)` above,
+            both continuous, so that no sample is without gradient. False: clamped to 0..1.
+
+    Returns:
+        Code values, of the shape of x.
     """
     if leaky and x.device.type == "cpu" and x.dtype == values.dtype == nodes.dtype == torch.float32:
         return look_up(x, values, nodes, LEAK)
@@ -138,7 +145,17 @@ def middle_of(response: Response) -> float:
 
 
 def sampled(response: Response, nodes: Array, rate: float, middle: float) -> Tensor:
-    """The curve of a calibrated or assumed response at the nodes, as parameters [3, M - 1]."""
+    """The curve of a calibrated or assumed response at the nodes, as parameters [3, M - 1].
+
+    Args:
+        response: Response of a camera.
+        nodes: Places of the nodes on the x axis, [M].
+        rate: Factor r of `x = r (ln E + ln k - m)` (`remap_rate`).
+        middle: Constant m of it, ln (E k) where x is 0 (`middle_of`).
+
+    Returns:
+        Parameters, float32, of which `curve_values` makes the curve.
+    """
     light = np.exp(nodes / rate + middle)
     codes = encode(np.repeat(light[:, None], 3, axis=1), response).astype(np.float64)
     # The response is flat where it clips; a little of a sigmoid there keeps the curve rising.

@@ -50,11 +50,20 @@ _COLMAP_MODELS = {
 def read_camera_path(
     path: Path, scene: Scene, *, within: Path | None = None, camera: str | None = None
 ) -> CameraPath:
-    """The cameras of a file or folder; InputError, naming the place in it, for what cannot be read.
+    """The cameras of a file or folder, in the world of the calibration.
 
-    What it says nothing of is taken from the first view: size of the picture, focal length. within: the file
-    of `rig export` in whose coordinates it is, unless it says that itself. camera: the name of one, where a
-    stage of USD has several.
+    Args:
+        path: File transforms.json, a table (CSV) or a stage of USD; or a folder with a transforms.json or a
+            COLMAP model.
+        scene: Scene whose first view gives what the file does not say: size of the picture, focal length.
+        within: File of `rig export` in whose coordinates the path is, unless it says that itself.
+        camera: Name of the camera to take, where a stage of USD has several.
+
+    Returns:
+        The cameras, with a note on which camera of the file they are, and on the coordinates.
+
+    Raises:
+        InputError: A file cannot be read, or has no cameras or too many; the message names the place in it.
     """
     given = _read(path, lens_of_path(scene.views), camera)
     path_read, placement = given.path, given.placement

@@ -23,10 +23,22 @@ _ROUNDING = 1e-3
 def camera_of(
     world_from_camera: npt.ArrayLike, lens: Mapping[str, Any], where: str, *, opengl: bool
 ) -> SplatCamera:
-    """A camera by its pose [4, 4] or [3, 4] and the numbers of its lens; InputError, naming `where`.
+    """A camera by its pose and the numbers of its lens, checked.
 
-    opengl: the pose is of axes x right, y up, z back; else OpenCV's. A camera that is larger or smaller sees
-    the same: what scales its axes alike is left out.
+    A camera that is larger or smaller sees the same: what scales its axes alike is left out.
+
+    Args:
+        world_from_camera: Pose [4, 4] or [3, 4].
+        lens: Fields of `SplatCamera` by name, all but the pose: lengths in px, and the distortion.
+        where: Place in a file that errors name.
+        opengl: True if the axes of the pose are x right, y up, z back; False for those of OpenCV.
+
+    Returns:
+        The camera.
+
+    Raises:
+        InputError: The pose is not finite, or it stretches, shears or mirrors; the lens is invalid; the
+            picture is too large; or a fisheye sees too far from its axis.
     """
     try:
         motion = np.asarray(world_from_camera, np.float64)

@@ -64,9 +64,19 @@ def write_light(
 ) -> None:
     """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
 
-    light: Rec.709, in the unit of `header` (`header_of`). alpha [H, W]: written as channel A, by which the
-    light is premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name.
-    storage: of the light, as in `write_exr`.
+    Args:
+        path: File.
+        light: Light of the bands, or linear Rec.709, in the unit of `header`.
+        header: Attributes of the EXR (`header_of`, `seen_by`).
+        bands: Bands of the light; empty: red, green and blue.
+        space: Space to whose primaries Rec.709 is converted; it does not affect bands.
+        alpha: Alpha [H, W], written as channel A, by which the light is premultiplied already.
+        layers: Data [H, W] or [H, W, 3] by layer, each written in a part of its name.
+        storage: Storage of the light, as in `write_exr`.
+
+    Raises:
+        StorageError: The disk refuses.
+        InputError: A value does not fit into the storage.
     """
     header, primaries = dict(header), None
     if bands:

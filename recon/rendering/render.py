@@ -190,10 +190,24 @@ def render_probe(
     """Render all light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in
     `out`.
 
-    place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is.
-    request, options: as of `render`, of which width (of the map, half as high), exposure, space, exr and
-    shown count. The layout of the map, in its header, is that of the scene's environment.exr. InputError for
-    an invalid place.
+    The layout of the map, in its header, is that of the scene's environment.exr.
+
+    Args:
+        folder: Reconstruction, or a session for its newest.
+        out: Folder of the two files.
+        place: Coordinates x, y, z in the world of the calibration, or the name of a view, whose camera's
+            centre it is.
+        request: Options as of `render`, of which width (of the map, half as high), exposure, space, exr and
+            shown count.
+        options: Options by name, in place of those of `request`.
+
+    Returns:
+        The files, EXR first.
+
+    Raises:
+        InputError: The place is invalid, or other primaries are wanted of a scene of bands.
+        ReconstructionError: There is no such reconstruction or view.
+        StorageError: The disk refuses.
     """
     out = Path(out)
     store.require_writable(out)
@@ -274,8 +288,18 @@ def camera_path(
 ) -> CameraPath:
     """Resolve the path of `render` by its name, `orbit`, `spline:240` or a file.
 
-    within: the file of `rig export` that defines the coordinates of a file without its own; None: those of
-    the calibration. camera: of a stage of USD, by name. InputError for an invalid path.
+    Args:
+        scene: Scene that the path leads through.
+        path: Name of the path, or its file (`read_camera_path`).
+        within: File of `rig export` that defines the coordinates of a file without its own; None: those of
+            the calibration.
+        camera: Name of a camera of a stage of USD.
+
+    Returns:
+        The cameras in the world of the calibration.
+
+    Raises:
+        InputError: The path is invalid.
     """
     frames = named_path(scene, str(path))
     if frames is None:

@@ -45,7 +45,17 @@ def picture(
     scale: float,
     shown: Shown = displayed,
 ) -> Bytes:
-    """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
+    """Light times a scale for a display.
+
+    Args:
+        light: Linear Rec.709 [H, W, 3]; with `alpha`, premultiplied by it.
+        alpha: Opacity [H, W], 0..1; None of an opaque picture.
+        scale: Factor on the light.
+        shown: Encoding for the display.
+
+    Returns:
+        uint8 [H, W, 3]; with alpha straight RGBA [H, W, 4], as PNG has it.
+    """
     if alpha is None:
         return shown(light, scale)
     straight = np.asarray(light / np.maximum(alpha, _FAINT)[..., None], np.float32)

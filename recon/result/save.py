@@ -47,8 +47,18 @@ def write_scene(
     loss: float | None,
     progress: Progress,
 ) -> None:
-    """The PLY files, refinement.json of what was corrected, calibration.json as it was, and last model.json:
-    all is there then.
+    """Write a scene, model.json last: all is there then.
+
+    Before it come the PLY files, the environment if there is one, refinement.json of what was corrected, and
+    calibration.json as it was.
+
+    Args:
+        folder: Of the scene.
+        dataset: Views that it was trained on and is judged by, as calibrated.
+        training: Training whose present state is written.
+        plan: As it was decided.
+        loss: Last that was logged; None before the first.
+        progress: Callback for the current step, the steps done, and all of them.
     """
     gauge = _gauge(dataset)
     corrected = as_corrected(dataset, training.refinement)
@@ -73,7 +83,20 @@ def record_of(
     degree: int,
     display_db: float | None,
 ) -> ModelRecord:
-    """Return what is to be said of a training as it is now, drawn with harmonics of this degree."""
+    """Return what is to be said of a training as it is now.
+
+    Args:
+        dataset: Views that it trains on and is judged by, as calibrated.
+        training: Training, which has begun.
+        plan: As it was decided.
+        loss: Last that was logged; None before the first.
+        exposure: Factor on radiance that shows the scene as middle grey.
+        degree: Of the harmonics that the scene is drawn with.
+        display_db: PSNR of splats.ply, as of `write_splats`; None where it is not known.
+
+    Returns:
+        The content of model.json.
+    """
     light, refinement, schedule = training.light, training.refinement, training.schedule
     assert schedule is not None
     why = () if refinement is None else refinement.described_rungs()

@@ -84,15 +84,23 @@ def write_splats(
     luminance: tuple[float, float] | None,
     progress: Progress,
 ) -> float | None:
-    """splats.ply, of display values, and radiance.ply, of linear Rec.709 radiance in scene units.
+    """Write splats.ply, of display values, and radiance.ply, of linear Rec.709 radiance in scene units.
 
     Of a scene of bands both are in false colours, as viewers know three channels; the light is in the
-    checkpoint.
+    checkpoint. A scene that was trained on display values has splats.ply alone, with just the coefficients
+    that were trained.
 
-    exposure: factor on radiance in the units of the calibration, `gauge`, before it is encoded. luminance:
-    what that is in cd/m2, with its standard error, if it is known. Returns the PSNR of splats.ply
-    (`DisplayColours.db`); None of a scene that was trained on display values, which has that file alone, with
-    just the coefficients that were trained.
+    Args:
+        folder: Of the scene.
+        dataset: Views that it was trained on and is judged by, as corrected.
+        training: Training whose present state is written.
+        exposure: Factor on radiance in the units of the calibration before it is encoded.
+        gauge: Name of those units.
+        luminance: What 1 in those units is in cd/m2, with its standard error, if it is known.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The PSNR of splats.ply, dB (`DisplayColours.db`); None of a scene that was trained on display values.
     """
     method, light = training.method, training.light
     degree, offset = method.degree(1.0), offset_of(dataset)

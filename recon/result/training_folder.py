@@ -20,8 +20,18 @@ def place_for(
 ) -> tuple[Path, Checkpoint | None]:
     """The folder to train in, and the training of just these settings to go on with, if it is there.
 
-    It is another one than `folder`, beside it, where what `folder` holds is to be replaced in the end.
-    InputError where that holds other settings and is not to be replaced.
+    Args:
+        folder: Of the scene.
+        wanted: Settings as requested.
+        calibration_sha256: Hash of the calibration, which has to be that of a training to go on with.
+        replace: True if what the folder holds is to be replaced in the end.
+
+    Returns:
+        The folder, which is another one than `folder`, beside it, where what that holds is to be replaced;
+        and the checkpoint, None to begin anew.
+
+    Raises:
+        InputError: The folder holds other settings and is not to be replaced.
     """
     taken = (folder / CHECKPOINT).is_file() or (folder / MODEL).is_file()
     place = folder.with_name(f".{folder.name}.new") if taken and replace else folder

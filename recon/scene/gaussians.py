@@ -186,9 +186,22 @@ class Renderer:
 def drawn_values(
     shapes: Shapes, values: Tensor, camera: SplatCamera, limits: Limits, stats: SplatStats | None = None
 ) -> Render:
-    """Values [N, C] of Gaussians blended as their light is, over black.
+    """Values of Gaussians blended as their light is, over black.
 
     Brightness does not influence a Gaussian's extent: values are no light.
+
+    Args:
+        shapes: Shapes and opacities of the N Gaussians for the camera (`Renderer.shapes`).
+        values: Values [N, C] of 1 to 16 channels.
+        camera: View to draw, in scene coordinates.
+        limits: Cut-offs, whose luminance reference is left out.
+        stats: Counts that the render adds to; None: not counted.
+
+    Returns:
+        The values [H, W, C] as image, and alpha [H, W]; differentiable.
+
+    Raises:
+        InputError: Shapes, dtypes or devices do not agree.
     """
     return rasterize(*shapes, values, camera, None, replace(limits, luminance_reference=None), stats)
 

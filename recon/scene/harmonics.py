@@ -40,8 +40,15 @@ def basis(directions: Tensor, degree: int) -> Tensor:
 def series(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> Tensor:
     """Sum of a series at one direction each, using degrees up to `degree`: [N, C].
 
-    constant [N, 1, C] and rest [N, 8, C] are its coefficients, in which it is differentiable; the
-    directions [N, 3] are taken as constants, as in 3DGS.
+    Args:
+        constant: Coefficients of degree 0, [N, 1, C]; differentiable.
+        rest: Coefficients of degrees 1 and 2, [N, 8, C]; differentiable.
+        directions: Unit vectors [N, 3] from the camera to the Gaussians, world axes; taken as constants, as
+            in 3DGS.
+        degree: Highest degree in use, 0 to 2.
+
+    Returns:
+        The sums.
     """
     if degree == 0:
         return C0 * constant[:, 0]

@@ -77,10 +77,20 @@ def write_ply(
     normals: bool = False,
     more: Mapping[str, Array] = MappingProxyType({}),
 ) -> None:
-    """Write the Gaussians with the colours of `plain_harmonics`, each of `comments` on a line of its own.
+    """Write the Gaussians with the colours of `plain_harmonics`.
 
-    Coordinates are those of the world less `offset`. normals: see `properties`. more: other ones,
-    [N] each, by name.
+    Args:
+        path: File.
+        gaussians: N Gaussians on the CPU, in scene coordinates.
+        harmonics: Coefficients of their colours, [N, (degree + 1)^2, 3].
+        comments: Comments of the header in ASCII, each written on a line of its own.
+        world: Transform from the scene to the world.
+        offset: Offset that is subtracted from the coordinates of the world.
+        normals: True to write normals of zero (see `properties`).
+        more: Further properties, [N] each, by name.
+
+    Raises:
+        StorageError: The disk refuses.
     """
     count = len(gaussians)
     parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}

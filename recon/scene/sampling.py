@@ -105,8 +105,18 @@ def spacing_of(away: Tensor, camera: SplatCamera) -> Tensor:
 
 
 def footprint(away: Tensor, scales: Tensor, quats: Tensor, camera: SplatCamera, blur: float) -> Tensor:
-    """[N] the integral of each Gaussian over the picture plane, px^2, its peak being 1; arguments as of
-    `Sampling.drawn`."""
+    """The integral of each Gaussian over the picture plane, px^2, its peak being 1: [N].
+
+    Args:
+        away: Vectors [N, 3] from the camera to the Gaussians, in world axes.
+        scales: Standard deviations [N, 3] along the own axes, in the unit of `away`.
+        quats: Rotations [N, 4], wxyz, of any length but 0.
+        camera: Camera that sees them.
+        blur: Variance that the rasteriser adds, px^2.
+
+    Returns:
+        The integrals.
+    """
     spacing = spacing_of(away, camera)
     ray = torch.nn.functional.normalize(away, dim=1)
     sharp, wide = _determinants(ray, (scales / spacing[:, None]).square(), quats)

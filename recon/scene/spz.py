@@ -52,7 +52,19 @@ _MOST = 100_000_000
 def pack(
     means: Array, log_scales: Array, quats: Array, opacities: Array, harmonics: Array, version: Version = 3
 ) -> bytes:
-    """A file of Gaussians as `PlySplats` has them, but opacities [N] within 0..1, and quats of length 1."""
+    """A file of Gaussians as `PlySplats` has them, but with opacities in 0..1 and quats of length 1.
+
+    Args:
+        means: Places [N, 3], in the axes of PLY files.
+        log_scales: Natural logarithms of the standard deviations, [N, 3].
+        quats: Rotations [N, 4], wxyz, of length 1.
+        opacities: Opacities [N], within 0..1.
+        harmonics: Coefficients [N, (degree + 1)^2, 3], up to degree 3.
+        version: Version of the format: 3 in gzip, 4 in streams of Zstandard.
+
+    Returns:
+        The bytes of the file.
+    """
     degree = math.isqrt(harmonics.shape[1]) - 1
     flips, flips_quat, flips_rest = _signs(_OPENGL)
     reach = max(float(np.abs(means).max(initial=0)), 1e-12)

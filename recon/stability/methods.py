@@ -82,9 +82,18 @@ def learned(
     labels: Sequence[float] = (),
     glow: float = 0.02,
 ) -> tuple[Array32, Array32]:
-    """The held-out view's light, as it was learned and as it is, [H, W, 3].
+    """The held-out view's light, as it was learned and as it is.
 
-    scales: true exposures; labels: what is said of them, if it is anything else; glow: light behind all.
+    Args:
+        name: Of the method.
+        kind: Of the photographs that are made.
+        seed: Of the scene, its start and the training.
+        scales: True exposure scales of a view's shots.
+        labels: What is said of them, if it is anything else.
+        glow: Light behind all.
+
+    Returns:
+        Radiance [H, W, 3] by the training, and of the scene.
     """
     tensors = [tensor.float() for tensor in cloud(seed, COUNT, size=0.2)]
     views = tuple(_view(index, tensors, kind, scales, labels or scales, glow) for index in range(VIEWS))

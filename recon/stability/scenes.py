@@ -30,7 +30,18 @@ class Case:
 def camera(
     width: int = 40, height: int = 30, depth: float = 3.0, turn: float = 0.3, bent: bool = False
 ) -> SplatCamera:
-    """Turned about y, `depth` in front of the origin; bent: by LENS."""
+    """Camera turned about y, in front of the origin.
+
+    Args:
+        width: Of the picture, px; the focal lengths follow from it.
+        height: Of the picture, px.
+        depth: Distance from the camera to the origin, along its axis; negative where the origin is behind it.
+        turn: About y, radians.
+        bent: True for a lens with the distortion `LENS`.
+
+    Returns:
+        The camera, with its pose in the coordinates of the scene.
+    """
     motion = np.eye(4)
     motion[0, 0] = motion[2, 2] = math.cos(turn)
     motion[0, 2], motion[2, 0] = math.sin(turn), -math.sin(turn)

@@ -60,7 +60,17 @@ def _room(count: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
 
 
 def view(name: str, width: int, height: int, turn: float = 0.3) -> SplatCamera:
-    """A camera of 65 degrees: at the object from outside, or from the middle of the room."""
+    """A camera of 65 degrees: at the object from outside, or from the middle of the room.
+
+    Args:
+        name: `object` or `room`, as of `workload`.
+        width: Of the picture, px; the angle of 65 degrees is across it.
+        height: Of the picture, px.
+        turn: Direction about the vertical, radians: from which the object is seen, or in which the room is.
+
+    Returns:
+        The camera, without distortion.
+    """
     around = np.array([np.cos(turn), np.sin(turn)])
     if name == "object":
         eye, target = np.array([*(2.2 * around), 1.3]), np.array([0.0, 0.0, 0.15])

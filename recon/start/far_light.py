@@ -36,12 +36,22 @@ def far_light(
     units: Callable[[torch.Tensor], torch.Tensor],
     finest: int = FINEST,
 ) -> Environment:
-    """The environment that training starts from, of `finest` rows at most; images: radiance images of views.
+    """The environment that training starts from.
 
     Of the lights that views see in the direction of a texel it has the one that most others are like: what
     stands before it in one view looks otherwise from the next. Saturated pixels are lower bounds, which are
     like any brighter light. Directions in which no two views see alike have the light of the nearest in which
     two do.
+
+    Args:
+        views: Training views.
+        images: Radiance image [H, W, 3] of each view, and the mask [H, W] of where it is trusted; elsewhere
+            it counts as a lower bound.
+        units: Conversion from radiance to what a rendered image holds (`Observation.units`).
+        finest: Rows of the map at most.
+
+    Returns:
+        The environment, whose poles lie where the cameras' own up and down do.
     """
     focal = float(np.median([max(view.lens.fx, view.lens.fy) for view in views]))
     rows = int(np.clip(round(np.pi * focal / TEXEL), 16, finest))
@@ -106,7 +116,19 @@ def without_far(
     """The points that Gaussians start from where an environment has the light of all beyond.
 
     A sky has no depth: the swept points of it stand in the air, and a Gaussian there that shows it to one
-    camera hides a sun from the next. images, units: as of `far_light`.
+    camera hides a sun from the next.
+
+    Args:
+        start: Points to choose from.
+        views: Training views.
+        images: Radiance image [H, W, 3] of each view, and the mask [H, W] of where it is trusted; elsewhere
+            it counts as a lower bound.
+        far: Environment of the scene (`far_light`).
+        units: Conversion from radiance to what a rendered image holds (`Observation.units`).
+
+    Returns:
+        The points within `BEYOND` extents of the cameras that views do not look through; all of `start` where
+        these would be fewer than 8.
     """
     reachable = within_reach(views, start.xyz) & ~looked_through(start, views, images, far, units)
     if reachable.sum() < FEWEST_POINTS:
@@ -126,7 +148,18 @@ def looked_through(
     """Return at which swept points the views rather see the light from far away, bool [P].
 
     Most of those that look there see it to `ALIKE`, and all together differ less from it than from the light
-    of the point; saturated pixels are lower bounds of both. images, units: as of `far_light`.
+    of the point; saturated pixels are lower bounds of both.
+
+    Args:
+        start: P points with their radiance, of which the swept ones, behind the first `sparse`, are examined.
+        views: Training views.
+        images: Radiance image [H, W, 3] of each view, and the mask [H, W] of where it is trusted; elsewhere
+            it counts as a lower bound.
+        far: Environment of the scene (`far_light`).
+        units: Conversion from radiance to what a rendered image holds (`Observation.units`).
+
+    Returns:
+        The mask; False at all other points.
     """
     looks, through = np.zeros(len(start.xyz), np.int64), np.zeros(len(start.xyz), np.int64)
     gain = np.zeros(len(start.xyz))

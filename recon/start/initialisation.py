@@ -57,11 +57,26 @@ def start_points(
 ) -> Start:
     """Choose at most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
-    `images` are the radiance images of the training views. Poses that came without any points get theirs
-    from a first sweep over all depths; first: what `points_of_poses` found by it, if it was made. light: of
-    the scene, if it is known. over: asked before each view is swept; those that are due when it says yes are
-    left out. ReconstructionError when there are fewer than 8 points, or fewer are seen, since then nothing
-    says where the scene is.
+    Poses that came without any points get theirs from a first sweep over all depths.
+
+    Args:
+        dataset: Data set to train on.
+        images: Radiance images of the training views.
+        count: Number of points at most.
+        rng: Source of the random choice of points.
+        progress: Callback for the current step, the steps done, and all of them.
+        over: Callback that is asked before each view is swept; a view at which it returns True is left out.
+        first: Points [P, 3] that `points_of_poses` found by the first sweep, if it was made.
+        light: Light of the scene, if it is known; None: computed from the images.
+
+    Returns:
+        The points that the images show, SfM points first.
+
+    Raises:
+        ReconstructionError: There are fewer than 8 points, or fewer are seen, so that nothing says where the
+            scene is.
+        InputError: A depth map is missing or damaged.
+        StorageError: The disk refuses the scratch file of views that are not held in memory.
     """
     model = dataset.points()
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
@@ -126,7 +141,17 @@ def points_of_poses(
 ) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm.
 
-    light: of the scene, if it is known.
+    Args:
+        dataset: Data set with poses.
+        images: Radiance images of the training views.
+        progress: Callback for the current step, the steps done, and all of them.
+        light: Light of the scene, if it is known; None: computed from the images.
+
+    Returns:
+        The points, in scene coordinates.
+
+    Raises:
+        InputError: A depth map is missing or damaged.
     """
     points = [np.zeros((0, 3))]
     dimmest = _dimmest(dataset, images, light)

@@ -71,13 +71,27 @@ def plane_sweep(
 ) -> list[DepthMap]:
     """Depth maps of at most `most` of the `views`, from the radiance images of all of them.
 
-    points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters. The range of depths of
-    each view comes from the points in front of it, widened by a quarter in inverse depth; views that see
-    fewer than 8 of them get no map. Views whose depth was measured are not swept, and gaps of their scanners
-    are filled in from the surroundings. Without points (None) the range goes from infinity to as near as the
-    planes resolve, seen from the neighbours. over: called before each view; once it returns True, the
-    remaining views get no map and their indices go into `skipped`. Views are taken in an order that soon has
-    some of everywhere.
+    The range of depths of each view comes from the points in front of it, widened by a quarter in inverse
+    depth; views that see fewer than 8 of them get no map. Views whose depth was measured are not swept, and
+    gaps of their scanners are filled in from the surroundings. Without points the range goes from infinity to
+    as near as the planes resolve, seen from the neighbours. Views are taken in an order that soon has some of
+    everywhere.
+
+    Args:
+        views: Training views.
+        images: Radiance images of all views.
+        points: Sparse points of the scene, [P, 3], scene coordinates; None: without.
+        dimmest: Least radiance that matters.
+        progress: Callback for the current step, the steps done, and all of them.
+        most: Number of maps at most.
+        over: Callback, from any thread, before each view; where it returns True the view gets no map.
+        skipped: List that receives the indices of the views that got no map for that reason.
+
+    Returns:
+        The maps, in the order of the views.
+
+    Raises:
+        InputError: A depth map is missing or damaged.
     """
     chosen = spread(views, most)
     everyone = range(len(views))

@@ -15,12 +15,15 @@ SOFT = 1e-4
 
 
 def warp(lens: SplatCamera, picture: Array32, rays: Array, shift: Array, out: Array32, shown: Mask) -> None:
-    """Fill `out` [h, w] with what a picture of a camera shows at points `rays + shift`, `shown` with where.
+    """Fill `out` with what a picture of a camera shows at points `rays + shift`, `shown` with where it does.
 
-    Elsewhere `out` is what the nearest border shows, or 0 behind the camera.
-
-    picture: float32 [H, W], the whole image of `lens` at any size. rays: float64 [h, w, 3], in the axes of
-    that camera; shift: float64 [3].
+    Args:
+        lens: Camera of the picture.
+        picture: Float32 [H, W], the whole image of `lens` at any size.
+        rays: Float64 [h, w, 3], in the axes of that camera.
+        shift: Float64 [3], in the same axes.
+        out: Values [h, w] to fill; outside the picture what the nearest border shows, or 0 behind the camera.
+        shown: Mask [h, w] to fill, True where the picture shows the point.
     """
     _warp(picture, rays, shift, *_constants(lens), out, shown)
 
@@ -35,11 +38,20 @@ def compare_planes(
     first: Array32,
     second: Array32,
 ) -> None:
-    """Raise the best scores [D, h, w] of an image [h, w], on each of D planes, to those of a picture.
+    """Raise the best scores of an image, on each of D planes, to those of a picture.
 
     A score is the correlation of patches of the image and of what the camera shows at points
     `rays + planes[i] * shift` (see `warp`); it is -1 where that is beyond the camera's picture.
-    second: the second best scores, or `first` again where one is enough.
+
+    Args:
+        lens: Camera of the picture.
+        picture: Log light, float32 [H, W], the whole image of `lens` at any size.
+        rays: Float64 [h, w, 3], through the pixels of the image, in the axes of that camera.
+        shift: Float64 [3], from that camera to the one of the image, in the same axes.
+        planes: Inverse depths [D] of the planes.
+        image: Log light, float32 [h, w].
+        first: Best scores so far, [D, h, w], changed in place; -1 at the start.
+        second: Second best scores, likewise, or `first` again where one is enough.
     """
     two = first is not second
     _compare(picture, rays, shift, planes, *_constants(lens), image, first, second, two)

@@ -36,7 +36,21 @@ def train_apart(
 ) -> Point:
     """`train_point` in a process of its own, with its share of a machine.
 
-    ends: reading of `time.time`, which machines agree on, at which it is given up.
+    Args:
+        share: Part of the machine that the process keeps to.
+        session: Folder of a calibrated session.
+        choice: What is trained.
+        trade: Trade-off that the point belongs to: method, seed and size.
+        at_once: Trainings that may share the machine with it, itself included.
+        ends: Reading of `time.time`, which machines agree on, at which it is given up; None: never.
+
+    Returns:
+        The point.
+
+    Raises:
+        OutOfTime: The training was given up.
+        WorkerLost: The process was killed at each attempt.
+        RigError: The training fails, as by `recon.reconstruct.reconstruct`.
     """
     return apart(share, _work_on, session, choice, trade, at_once, ends)
 
@@ -57,7 +71,20 @@ def train_point(
 ) -> Point:
     """Train a choice and measure it at the trade's own size; what was trained is removed.
 
-    until: reading of `time.monotonic` at which it is given up, by OutOfTime.
+    Args:
+        session: Folder of a calibrated session.
+        choice: What is trained.
+        trade: Trade-off that the point belongs to: method, seed and size.
+        at_once: Trainings that may share the machine with it, itself included.
+        progress: Callback for the current step, the steps done, and all of them.
+        until: Reading of `time.monotonic` at which it is given up; None: never.
+
+    Returns:
+        The point: its size, its cost, and the quality of the held-out views.
+
+    Raises:
+        OutOfTime: The training was given up.
+        RigError: The training fails, as by `recon.reconstruct.reconstruct`.
     """
 
     def watched(message: str, done: int, total: int) -> None:

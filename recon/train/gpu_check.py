@@ -103,7 +103,17 @@ def trusted(
 ) -> torch.device:
     """Return the device if its kernels are right, else the CPU, and say so in a sentence.
 
-    alone: False for one of several processes, whose devices have to be alike: ReconstructionError there.
+    Args:
+        device: Device to train on; the CPU is returned as it is.
+        say: Callback for the sentence.
+        progress: Callback for the current step, the steps done, and all of them.
+        alone: False for one of several processes, whose devices have to be alike.
+
+    Returns:
+        The device to use.
+
+    Raises:
+        ReconstructionError: The kernels are wrong, and the process is one of several.
     """
     if device.type == "cpu":
         return device

@@ -57,7 +57,19 @@ def held_out_psnr(
 
     The same figure as `raw_psnr` or `ldr_psnr` of an evaluation, of these views, over what masks leave of
     them; EXR, which has no white, is compared in mu-law. The planes that the loss compares would hide the end
-    of a training: noise fills them in the dark. The ranks share the views and all return the same number.
+    of a training: noise fills them in the dark.
+
+    Args:
+        method: Method in training, whose observation predicts the shots.
+        gaussians: Gaussians as they are.
+        renderer: Drawing of them.
+        refinement: Corrections, of which those of the lenses are applied; None: without.
+        views: Held-out views.
+        progress: Share of the training that is done, 0..1.
+        ranks: Processes that share the views.
+
+    Returns:
+        The mean, the same on all ranks; `-PSNR_CAP` if no view has a valid sample.
     """
     total, count = 0.0, 0
     with torch.no_grad():

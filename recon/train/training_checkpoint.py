@@ -60,9 +60,18 @@ def restored(
     device: torch.device = _CPU,
     refinement: Refinement | None = None,
 ) -> Training:
-    """The training that `checkpoint` was taken of; `method` is composed anew, as it was then.
+    """The training that `checkpoint` was taken of.
 
-    refinement: `Refinement.stored` in the same checkpoint, where anything is corrected.
+    Args:
+        method: Method composed anew, as it was then; its shared parameters are set to those of the
+            checkpoint.
+        checkpoint: Checkpoint of a training (`checkpoint_of`).
+        extent: Extent of the scene, which scales the learning rate of the means.
+        device: Device to train on.
+        refinement: `Refinement.stored` in the same checkpoint, where anything is corrected.
+
+    Returns:
+        The training, which goes on bit for bit.
     """
     for name, value in checkpoint.part("shared").items():
         method.observation.shared[name].data.copy_(value)

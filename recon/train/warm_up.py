@@ -28,8 +28,13 @@ def warm_up(
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `imaging.compute.jit`; Triton has a cache of its own) and loaded in a fraction of a second
     afterwards. A GPU's kernels are compared with the CPU's then (`recon.train.gpu_check`).
-    progress: (message, done, total). fisheye: also those that project through fisheyes, compiled apart;
-    channels: of the light, for which the blending is; depth: also those that draw depth beside it.
+
+    Args:
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device of the training.
+        fisheye: True to run also the kernels that project through fisheyes, which are compiled apart.
+        channels: Channels of the light, for which the blending is compiled.
+        depth: True to run also the kernels that draw depth beside the light.
     """
     cached = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if cached else "compiling, once on this machine,"

@@ -23,7 +23,17 @@ children, None where that is not known."""
 
 
 def run(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes]) -> Ending:
-    """Run `rig` with these words in a fork, its output into open files. Linux alone."""
+    """Run `rig` with these words in a fork, its output into open files. Linux alone.
+
+    Args:
+        share: Part of the machine that the command keeps to.
+        words: Arguments of the command line, without `rig` itself.
+        out: File for the standard output.
+        err: File for the standard error.
+
+    Returns:
+        How the command ended; as if killed by SIGKILL where its process ended without a word.
+    """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(STAGES)
     hears, tells = context.Pipe(duplex=False)

@@ -116,7 +116,15 @@ def run_scenes(
 def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress) -> None:
     """A session of a scene's photographs and poses; one that has them is kept.
 
-    InputError where the scene lists a photograph that is not there: its figures would be of another set.
+    Args:
+        scene: Folder of the scene, as its data set has it.
+        session: Folder of the session.
+        layout: Of the data set.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Raises:
+        InputError: The scene lists a photograph that is not there: its figures would be of another set.
+        PartialError: A photograph cannot be read.
     """
     if not (session / "calibration" / "calibration.json").is_file():
         given = read_layout(scene, layout)

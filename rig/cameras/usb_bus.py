@@ -77,7 +77,20 @@ def source_of(
     """Source named on the command line: the cameras of a rig file, or with `sim` simulated ones in their
     place.
 
-    InputError and CaptureError as `connected_source`, `simulated_source` and `ray_source` have them.
+    Args:
+        sim: Name of a simulated rig; None: the cameras that are connected. Without a rig file it is needed.
+        seed: Of the simulated rig.
+        rig: Rig file; None: the simulated rig alone.
+        request: Of the capture.
+        status: Line of the terminal, where a person is asked, too.
+        rough: True if the simulated cameras fail now and then, by `drivers.sim.faults.ROUGH`.
+
+    Returns:
+        A context manager that gives the source, and closes its cameras in the end.
+
+    Raises:
+        InputError: As of `connected_source`, `simulated_source` and `ray_source`.
+        CaptureError: As of `connected_source` and `ray_source`.
     """
     if rig is None:
         assert sim is not None  # the command line was looked through

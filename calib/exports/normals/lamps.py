@@ -46,9 +46,16 @@ def check_lamps(record: LampsRecord, frames: Sequence[int], where: Path) -> None
 
 
 def on_plane(record: LampsRecord, lens: Lens | None, width: int, height: int) -> Array | None:
-    """Places of the pixels on the plane of the things, m, float64 [H, W, 3]; None where lamps are far.
+    """Places of the pixels on the plane of the things.
 
-    lens: None for one without distortion.
+    Args:
+        record: Lamps, with the width of the plane that the picture shows, m, or None for lamps far away.
+        lens: Lens of the picture; None for one without distortion.
+        width: Width of the picture, px.
+        height: Its height, px.
+
+    Returns:
+        Places, m, float64 [H, W, 3], x to the right and y upwards from the middle; None where lamps are far.
     """
     if record.across is None:
         return None

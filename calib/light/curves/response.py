@@ -253,8 +253,16 @@ def _exported(
 def held_out(
     channels: Sequence[Channel], noise: Sequence[CodeNoise], shape: Shape, *, labels_hold: bool = False
 ) -> Judged:
-    """Held-out loss of a shape: fitted to some parts of the views, it is applied to the exposures of the
-    others.
+    """Held-out loss of a shape, fitted to some parts of the views and applied to the exposures of others.
+
+    Args:
+        channels: Samples of each channel; their groups are parts of the views, numbered alike.
+        noise: Noise of the codes of each channel.
+        shape: Shape of the curve.
+        labels_hold: True to take the exposures of the labels as they are; else they are fitted along.
+
+    Returns:
+        The shape with its loss in each part, NaN for parts without samples that were held out.
     """
     groups = int(max(channel.group.max() for channel in channels)) + 1
     folds = np.arange(groups) % FOLDS

@@ -41,9 +41,20 @@ GUESS = Response(kind="srgb", evidence="to find features by")
 def sample_tracks(
     session: Session, views: Sequence[View], labels: Mapping[str, float], progress: Progress
 ) -> Samples | None:
-    """Points that views of different exposure share, as samples; None where the labels hardly differ.
+    """Points that views of different exposure share, as samples.
 
-    Of a view with several exposures the middle one counts. labels: exposure scale of each file, s.
+    Args:
+        session: Session of the views.
+        views: Views of cameras that develop their photographs. Of a view with several exposures the middle
+            one counts; views without exposure data are passed over.
+        labels: Exposure scale of each file, s.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        Samples; None where the labels hardly differ, or views share no point.
+
+    Raises:
+        InputError: A photograph or a mask is missing or damaged.
     """
     shots = {
         view.id: sorted(view.shots, key=lambda shot: labels[shot.file])[len(view.shots) // 2]

@@ -79,6 +79,15 @@ def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], 
     """Tie the cameras of each rig together.
 
     Those whose places are known; else those that several frames show with a common reference camera.
+
+    Args:
+        database: pycolmap's, of the model; its rigs and frames are changed.
+        reconstruction: pycolmap's, whose rigs and frames are changed.
+        rigs: Names of the cameras of each rig.
+        known: Poses of cameras in their rig that a board gave.
+
+    Returns:
+        Rung that says whether cameras were tied, and why.
     """
     frames: dict[str, set[int]] = {}
     for index in reconstruction.reg_image_ids():

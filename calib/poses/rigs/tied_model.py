@@ -37,7 +37,20 @@ def tied_model(
     max_error: float,
     metric: bool,
 ) -> TiedModel:
-    """Tie rigs together, as far as that does not show that the cameras moved against each other."""
+    """Tie rigs together, as far as that does not show that the cameras moved against each other.
+
+    Args:
+        inputs: Inputs of the poses.
+        database: pycolmap's, of the model.
+        joined: Models that are one; its reconstruction is changed in place.
+        free: Free terms of the lenses, what is fixed, and priors.
+        max_error: Largest miss of a match, px, from which the cuts of outliers follow.
+        metric: True if the model is in metres.
+
+    Returns:
+        The adjusted model, tied or not; where cameras that motion joined are not rigid, the untied model,
+        not adjusted, with the `typical` of the tied one.
+    """
     threads, progress, reconstruction = inputs.threads, inputs.progress, joined.reconstruction
     known, free = inputs.known, free.within(reconstruction)
     if joined.cameras and not metric:
@@ -62,9 +75,20 @@ def tied_model(
 
 
 def polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
-    """Adjust robustly and drop what misses, a few times; returns the typical miss, px.
+    """Adjust robustly and drop what misses, a few times.
 
     The scale of the loss follows the data: sub-pixel corners deserve more than a fixed pixel.
+
+    Args:
+        reconstruction: pycolmap's, changed in place.
+        free: Free terms of the lenses, what is fixed, and priors.
+        max_error: Largest miss of a match, px: an eighth of it is the typical miss at first, and observations
+            that miss by less than 0.15 of it are kept.
+        threads: Number of threads of the solver.
+        progress: Callback for the current step, the steps done, and all of them.
+
+    Returns:
+        The typical miss, px.
     """
     typical = 0.125 * max_error
     for turn in range(ROUNDS):

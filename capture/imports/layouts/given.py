@@ -120,9 +120,20 @@ def pose_seen(world_from_cam: Array, where: str) -> Pose:
 
 
 def lens_of(model: LensModel, size: tuple[int, int], parameters: dict[str, float], where: str) -> Lens:
-    """A lens for pictures of `size` (width, height); InputError, naming `where`, if it cannot be one.
+    """A lens for pictures of a size.
 
-    parameters: fx, fy, cx, cy and any of k1, k2, p1, p2, of a fisheye of k1, k2, k3, k4.
+    Args:
+        model: Lens model.
+        size: Width and height of the pictures, px.
+        parameters: fx, fy, cx, cy, px, and any of k1, k2, p1, p2, of a fisheye of k1, k2, k3, k4.
+        where: Name of the place in the layout, which begins the sentence of an error.
+
+    Returns:
+        The lens.
+
+    Raises:
+        InputError: There can be no such lens: a parameter is invalid or out of proportion to the size. It
+            names `where`.
     """
     width, height = size
     try:

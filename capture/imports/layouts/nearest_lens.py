@@ -24,10 +24,18 @@ def nearest_lens(
     centred: tuple[float, float, float, float],
     where: str,
 ) -> tuple[Lens | None, float]:
-    """The lens of `rig` nearest to one that puts tangents (x/z, y/z) [N, 2] at pixels [N, 2]; its miss, px.
+    """The lens of `rig` nearest to one of another model.
 
-    centred: fx, fy, cx, cy of the other lens. None where every model misses by more than FARTHEST_OFF, or
-    where the other lens does not reach all of the picture. InputError as `lens_of`.
+    Args:
+        image_of: Function of the other lens, from tangents (x/z, y/z) [N, 2] to pixels [N, 2].
+        size: Width and height of the pictures, px.
+        centred: fx, fy, cx, cy of the other lens, px.
+        where: Name of the place in the layout, as `lens_of` takes it.
+
+    Returns:
+        The lens and its miss, px, at the farthest. The lens is None where every model misses by more than
+        FARTHEST_OFF, where the nearest is out of proportion to the size, or where the other lens does not
+        reach all of the picture; the miss is then infinite in the last case.
     """
     focal, centre = np.array(centred[:2]), np.array(centred[2:])
     across, down = (np.linspace(0.0, side, count) for side, count in zip(size, _GRID, strict=True))

@@ -53,11 +53,20 @@ def sort_into_cameras(
     its own.
 
     Photographs without camera metadata are of one camera, unless those of each folder are as many and their
-    times agree. by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is
-    believed unless `by` says otherwise, and photographs of two words are never mixed. filters: names of bands
-    in lower case, whose folders are of no camera of their own. turn: whether photographs that stand upright
-    are turned to lie as the others of their camera do. A file that could not be read belongs to the only
-    camera of its folder and kind, if there is one.
+    times agree. A file that could not be read belongs to the only camera of its folder and kind, if there is
+    one.
+
+    Args:
+        folder: Folder of the import.
+        originals: Photographs, in order, readable or not.
+        by: Key to sort by instead of the metadata.
+        lenses: A layout's word for the camera of each photograph; it is believed unless `by` says otherwise,
+            and photographs of two words are never mixed.
+        filters: Names of bands in lower case, whose folders are of no camera of their own.
+        turn: True to turn photographs that stand upright, to lie as the others of their camera do.
+
+    Returns:
+        The photographs of each camera, and a sentence for each guess.
     """
     readable = [original for original in originals if original.picture is not None]
     apart = by == "folder" or _fired_together(folder, readable, filters)

@@ -53,8 +53,15 @@ def match_frames(
 ) -> Matched:
     """Number the frames of all cameras; by time when `together` is None.
 
-    ordered: the cameras are declared to have shot together, so that without times the n-th brackets of
-    cameras with equal numbers are of one instant. Otherwise no two cameras share a frame.
+    Args:
+        cameras: Cameras.
+        brackets: Brackets of each of the cameras, in the same order.
+        together: Criterion that joins brackets into a frame; None: their time, if all brackets have one.
+        ordered: True if the cameras are declared to have shot together, so that without times the n-th
+            brackets of cameras with equal numbers are of one instant. Otherwise no two cameras share a frame.
+
+    Returns:
+        The frames of each camera's brackets, the rigs, and a sentence for each decision.
     """
     in_order = tuple(tuple(range(len(camera_brackets))) for camera_brackets in brackets)
     if len(cameras) < 2:

@@ -10,7 +10,14 @@ from imaging.errors import InputError
 def beside(photos: Iterable[Path], root: Path, folder: Path, suffixes: Sequence[str]) -> dict[Path, Path]:
     """The files in a folder, by photograph: that of a/b.jpg is a/b.jpg.png, as COLMAP has it, or a/b.png.
 
-    suffixes: that they may have, of which the first that is there counts.
+    Args:
+        photos: Photographs; those outside `root` have no such file.
+        root: Folder of the photographs.
+        folder: Folder with the same subfolders that holds the files.
+        suffixes: Suffixes that they may have, with the dot, of which the first that is there counts.
+
+    Returns:
+        The file of each photograph that has one.
     """
     companions = {}
     for photo in photos:
@@ -30,9 +37,20 @@ def beside(photos: Iterable[Path], root: Path, folder: Path, suffixes: Sequence[
 def asked(
     photos: list[Path], root: Path, folder: Path, suffixes: Sequence[str], what: str
 ) -> dict[Path, Path]:
-    """Find the same in a folder that the user named; what: the name of such files.
+    """Find the files that come with photographs in a folder that the user named.
 
-    InputError without any, or where they lie among the photographs.
+    Args:
+        photos: Photographs.
+        root: Folder of the photographs.
+        folder: Folder that holds the files, as in `beside`.
+        suffixes: Suffixes that they may have, with the dot, of which the first that is there counts.
+        what: Name of such files in messages, singular.
+
+    Returns:
+        The file of each photograph that has one, of one at least.
+
+    Raises:
+        InputError: The folder is missing, holds no such file, or lies among the photographs.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: name the one that holds the {what}s.")

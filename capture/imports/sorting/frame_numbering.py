@@ -38,8 +38,21 @@ def frames_in_time(
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets of `count` photographs, or as guessed; those of one instant share a frame.
 
-    Cameras that were fired together become a rig. band_of: which of the `bands` photographs were taken
-    through. ordered: as of `match_frames`. Returned with a sentence for each guess.
+    Cameras that were fired together become a rig.
+
+    Args:
+        series: Photographs of each camera.
+        count: Photographs in each bracket; None: guessed.
+        together: Criterion that joins brackets of several cameras into a frame; None: guessed.
+        band_of: Name of the filter that each photograph was taken through; None: without filters.
+        bands: Filters that `band_of` names.
+        ordered: True if the cameras are declared to have shot together, as in `match_frames`.
+
+    Returns:
+        The brackets of each camera by frame, and a sentence for each guess.
+
+    Raises:
+        InputError: A camera has unequal numbers of frames through its filters.
     """
     split = [
         split_by_band(sequence, count, band_of, bands) if band_of else split_into_brackets(sequence, count)
@@ -84,8 +97,18 @@ def frames_of_layout(
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets and frames of a layout, if it defines them and `count` does not contradict.
 
-    Photographs of one frame, where the layout numbers frames; else photographs in a row that have one
-    pose and differ in exposure; else each for itself, since each has a pose of its own.
+    Photographs of one frame, where the layout numbers frames; else photographs in a row that have one pose
+    and differ in exposure; else each for itself, since each has a pose of its own.
+
+    Args:
+        series: Photographs of each camera, all of them named by the layout.
+        given: Layout.
+        count: Photographs in each bracket; None: as the layout has them.
+        together: Criterion that joins brackets of several cameras into a frame, in place of the layout; None:
+            as the layout has them, or guessed if it has neither poses nor frames.
+
+    Returns:
+        The brackets of each camera by frame, and a sentence for each guess.
     """
     if together is not None or not any(
         photo.cam_from_world or photo.frame is not None for photo in given.photos

@@ -50,10 +50,25 @@ def own_name() -> str:
 
 
 def connect(host: str, port: int, clock: Clock, patience: float = PAIRING_SECONDS) -> IpTransport:
-    """Open both connections to a camera. patience: seconds that it may take to accept the first.
+    """Open both connections to a camera.
 
-    CameraNotFound: no answer. CameraPermission: it wants to be paired. CameraClaimed: another host has it.
-    CameraRefused, CameraTimeout, CameraLost, CameraProtocol.
+    Args:
+        host: Name or IP address of the camera.
+        port: TCP port of the camera.
+        clock: Clock of the transport.
+        patience: Time that the camera may take to accept the first connection, s.
+
+    Returns:
+        The transport, open.
+
+    Raises:
+        CameraNotFound: No answer.
+        CameraPermission: The camera wants to be paired.
+        CameraClaimed: Another host has the camera.
+        CameraRefused: The camera accepts no connection, for another reason.
+        CameraTimeout: The camera does not accept in time.
+        CameraLost: The connection ends.
+        CameraProtocol: An answer is damaged.
     """
     commands = Link(host, port)
     try:

@@ -173,12 +173,22 @@ def cfa(tags: Directory) -> Cfa | None:
 def black(
     tags: Directory, top: int, left: int, shape: tuple[int, int], tile: tuple[int, int]
 ) -> tuple[Tile, Offset] | None:
-    """Black of the photosites of a window that begins at row `top`, column `left` of the stored image.
+    """Black of the photosites of a window of the stored image.
 
-    The mean of each site of the tile, whose rows and columns `tile` gives, DN, and float32 of `shape` that
-    says how far each photosite departs from the mean of its site; None where none does. BlackLevel repeats
-    from the corner of the active area; BlackLevelDeltaV and BlackLevelDeltaH add to its rows and columns.
-    None if the file has no levels, or they contradict its size.
+    BlackLevel repeats from the corner of the active area; BlackLevelDeltaV and BlackLevelDeltaH add to its
+    rows and columns.
+
+    Args:
+        tags: Tags of the image.
+        top: First row of the window in the stored image.
+        left: First column of the window in the stored image.
+        shape: Rows and columns of the window.
+        tile: Rows and columns of the tile of the mosaic.
+
+    Returns:
+        The mean of each site of the tile, DN, and float32 of `shape` that says how far each photosite departs
+        from the mean of its site, DN; None for the latter where no photosite does. None in place of both if
+        the file has no levels, or they contradict its size.
     """
     levels = numbers(tags, BLACK)
     rows, columns = (*integers(tags, BLACK_REPEAT)[:2], 1, 1)[:2]

@@ -32,7 +32,17 @@ ELSEWHERE = "or put CUDA_VISIBLE_DEVICES= in front of the command to train on th
 
 
 def needed(pixels: int, step: int, gaussians: int, degree: int) -> int:
-    """Bytes at the peak. pixels: of the largest view; step: bytes of its comparison with its shots."""
+    """Bytes of a GPU that a training takes at the peak.
+
+    Args:
+        pixels: Of the largest view.
+        step: Bytes of the largest view's comparison with its shots, as of `step_bytes`.
+        gaussians: Most Gaussians of the training.
+        degree: Of the harmonics, 0..2.
+
+    Returns:
+        Bytes.
+    """
     numbers = sum(NUMBERS[: degree + 1])
     pairs = PAIRS_OF_PIXEL * pixels + PAIRS_OF_GAUSSIAN * gaussians
     return gaussians * (FLOAT * ADAM * numbers + TABLES) + PAIR * pairs + step

@@ -109,11 +109,21 @@ def need(
     *,
     stored: bool = False,
 ) -> Need:
-    """Peak memory of a training. firsts: a view of each camera; counts: of its views, and to train on.
+    """Peak memory of a training.
 
     Of shots in memory the peak is either where the start has the light of all views beside them, or where
-    training has come to hold the targets of all of them. stored: the shots are on the disk; then one view at
-    a time has its shots, its light or its targets in memory.
+    training has come to hold the targets of all of them. Of shots on the disk one view at a time has its
+    shots, its light or its targets in memory.
+
+    Args:
+        firsts: A view of each camera.
+        counts: Number of views of each camera in all, and to train on.
+        gaussians: Most Gaussians of the training.
+        degree: Of the harmonics, 0..2.
+        stored: True if the shots are on the disk.
+
+    Returns:
+        Bytes, by what takes them.
     """
     shots = sum(_number(counts, view, 0, stored) * decoded_bytes(view) for view in firsts)
     start = sum(_number(counts, view, 1, stored) * _light(view) for view in firsts)
@@ -162,10 +172,17 @@ def fitting(
     free: int,
     request: TrainingRequest,
 ) -> tuple[Need, bool]:
-    """Return the demand of a training where `free` bytes are left, and whether its images stay on the disk
-    for that.
+    """Return the demand of a training, and whether its images stay on the disk to leave room.
 
-    firsts: a view of each camera.
+    Args:
+        firsts: A view of each camera.
+        counts: Number of views of each camera in all, and to train on.
+        free: Bytes that the training may take.
+        request: Of the training; its budget, overrides and preset give the number of Gaussians, and the
+            degree.
+
+    Returns:
+        The demand, and True if the images have to stay on the disk.
     """
     overrides = request.overrides
     asked = None if request.budget is None else request.budget.gaussians
@@ -188,9 +205,20 @@ def forecast(
     threads: int,
     request: TrainingRequest,
 ) -> int:
-    """Forecast the peak bytes of a training, where a process of that many threads may take `room` in all.
+    """Forecast the peak memory of a training from a view of each camera, which it reads.
 
-    Reads a view of each camera. InputError, with the setting that would fit, where it takes more.
+    Args:
+        session: Folder of a calibrated session.
+        room: Bytes that the process may take in all.
+        threads: Of the process; each sets `ARENA` bytes of address space aside.
+        request: Of the training.
+
+    Returns:
+        Bytes at the peak.
+
+    Raises:
+        InputError: It takes more, with the setting that would fit; or files are missing or damaged.
+        ReconstructionError: The session cannot be trained on, as by `recon.data.load.load`.
     """
     looks: list[tuple[Sequence[View], Counts]] = []
 

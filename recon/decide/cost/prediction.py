@@ -80,10 +80,17 @@ SLOWER, FASTER = 0.5, 1.5
 def predicted(
     db: float, tried: int, iterations: int, scenes: npt.ArrayLike = SCENES, *, timed: bool = False
 ) -> Prediction:
-    """The end of a training of `iterations`, with an interval that holds in 95 of 100.
+    """Predict the end of a training, with an interval that holds in 95 of 100.
 
-    db: held-out, at the end of a schedule of `tried` iterations. scenes: curves [S, 3] as `SCENES` has them.
-    timed: the training is within a time, so that it may come to fewer iterations, or more.
+    Args:
+        db: Held-out quality at the end of the miniature's schedule, dB.
+        tried: Iterations of that schedule.
+        iterations: Of the training that is predicted.
+        scenes: Curves [S, 3] as `SCENES` has them.
+        timed: True if the training is within a time, so that it may come to fewer iterations, or more.
+
+    Returns:
+        Held-out quality and its interval, dB.
     """
     expected, half = _expected(db, tried, iterations, scenes)
     low, high = expected - half, expected + half

@@ -65,8 +65,18 @@ def probe(
     """Train to the end of a schedule of some dozen iterations, and discard the result.
 
     It grows to as many Gaussians and switches on as many harmonics as the one that is planned, so its mean
-    pace is that of the true one. `begin` makes a new training; `seconds` is the time in all, None without a
-    limit. If that is too short for it, a few iterations have to do.
+    pace is that of the true one. If the time is too short for it, a few iterations have to do.
+
+    Args:
+        begin: Makes a new training.
+        dataset: Views to train on.
+        plan: Of the true training.
+        seconds: The time in all; None without a limit.
+        progress: Callback for the current step, the steps done, and all of them.
+        clock: Seconds.
+
+    Returns:
+        Pace and held-out quality of the miniature.
     """
 
     progress("probing the scene", 0, 1)

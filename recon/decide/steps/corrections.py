@@ -73,8 +73,16 @@ def corrections_for(
 ) -> Corrections:
     """Return the corrections of a training with these settings: as requested, else by evidence.
 
-    images: radiance images of the training views. against_trials: the reason against trials, or None if they
-    are allowed.
+    Args:
+        dataset: Views to train on, with their calibration.
+        images: Radiance images of the training views.
+        settings: Of the training; corrections that were set by hand override the evidence.
+        against_trials: The reason against trials, or None if they are allowed.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains in a trial.
+
+    Returns:
+        The corrections, with a rung for each of `ALL`.
     """
     asked = settings.overrides.refine
     shares, glare = glare_of(dataset, images, "refine glare")
@@ -116,7 +124,18 @@ def tried(
     progress: Progress,
     device: torch.device = CPU,
 ) -> dict[Refined, Rung]:
-    """A short training without corrections and one with each of `names`, judged on views that none saw."""
+    """A short training without corrections and one with each of `names`, judged on views that none saw.
+
+    Args:
+        dataset: Views to train on; one view in four is held out of the trials.
+        names: Corrections to try, each alone.
+        settings: Of the training that is decided on.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains.
+
+    Returns:
+        A rung for each of `names`.
+    """
     most = min(TRIAL_GAUSSIANS, room(dataset))
     trials = Trials.from_new_points(dataset, settings, most // 2, progress, device)
     part, judged, extent = trials.part, trials.judged, trials.part.extent

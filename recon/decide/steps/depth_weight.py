@@ -57,9 +57,20 @@ def depth_for(
     progress: Progress,
     device: torch.device = CPU,
 ) -> tuple[float, tuple[Rung, ...]]:
-    """The weight of measured depth in the loss, and the rungs; none without maps.
+    """The weight of measured depth in the loss: as asked, else by trials, else by the number of views.
 
-    dataset: with its depth maps in scene coordinates, or without any where they do not fit.
+    Without trials the maps have to agree closely with the scene points, too.
+
+    Args:
+        dataset: With its depth maps in scene coordinates, or without any where they do not fit.
+        fitted: Agreement of the maps with the scene points, as of `depth_fit`; None without maps.
+        settings: Of the training; a weight that was set by hand overrides the evidence.
+        against_trials: The reason against trials, or None if they are allowed.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains in a trial.
+
+    Returns:
+        The weight, and the rungs; 0 and no rungs without maps.
     """
     asked = settings.overrides.depth
     if fitted is None:
@@ -91,8 +102,20 @@ def tried(
     progress: Progress,
     device: torch.device = CPU,
 ) -> tuple[float, Rung]:
-    """A short training without measured depth in its loss and one with each weight, judged on views that none
-    saw: the best weight, 0 if none is better, and its rung.
+    """The best weight, by short trainings without measured depth in the loss and with each weight.
+
+    They are judged on views that none of them saw.
+
+    Args:
+        dataset: Views to train on, with depth maps in scene coordinates; one view in four is held out of the
+            trials.
+        settings: Of the training that is decided on.
+        weights: Of measured depth in the loss, each above 0.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains.
+
+    Returns:
+        The best weight, 0 if none is better, and its rung.
     """
     if settings.max_width > TRIAL_WIDTH:
         small = again(dataset, TRIAL_WIDTH, progress)

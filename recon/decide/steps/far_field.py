@@ -52,10 +52,23 @@ def environment_for(
     progress: Progress,
     device: torch.device = CPU,
 ) -> Rung:
-    """Return whether there is an environment, and why: as asked, else by geometry, where that is sure.
+    """Decide on an environment: as asked, else by geometry, and by a trial where that suggests one.
 
-    images: radiance images of the training views; points: those that training would start from; units: as of
-    `far_light`.
+    Args:
+        dataset: Views to train on.
+        settings: Of the training; an environment that was set by hand overrides the evidence.
+        images: Radiance images of the training views.
+        points: Those that training would start from.
+        units: Radiance as images of the scene hold it, as of `far_light`.
+        against_trials: The reason against trials, or None if they are allowed.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains in a trial.
+
+    Returns:
+        Rung of the environment, with the reason.
+
+    Raises:
+        ReconstructionError: An environment was asked for, and the light is that of bands.
     """
     asked = settings.overrides.environment
     if dataset.bands:
@@ -117,7 +130,18 @@ def far_share(
 def tried(
     dataset: Dataset, settings: Settings, reason: str, progress: Progress, device: torch.device = CPU
 ) -> Rung:
-    """A short training without an environment and one with, judged on views that neither saw."""
+    """A short training without an environment and one with, judged on views that neither saw.
+
+    Args:
+        dataset: Views to train on; one view in four is held out of the trial.
+        settings: Of the training that is decided on.
+        reason: What is known without the trial; the reason of the rung begins with it.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains.
+
+    Returns:
+        Rung of the environment: taken if the gain in dB exceeds `ERRORS` standard errors.
+    """
     if settings.max_width > TRIAL_WIDTH:
         small = again(dataset, TRIAL_WIDTH, progress)
         dataset = replace(settings.overrides.subset(small), watched=dataset.watched)

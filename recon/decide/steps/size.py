@@ -62,8 +62,14 @@ def degree_for(
 ) -> tuple[int, Rung]:
     """The degree of the harmonics, and why: as asked, else by the evidence.
 
-    images: radiance images of the training views. points: of the scene, where calibration has none. The
-    rung's parameters are those of one Gaussian.
+    Args:
+        dataset: Views to train on, with the scene points of their calibration.
+        settings: Of the training; a degree that was set by hand overrides the evidence.
+        images: Radiance images of the training views.
+        points: Of the scene [P, 3], where calibration has none.
+
+    Returns:
+        The degree, and its rung, whose parameters are those of one Gaussian.
     """
     evidence, asked = None, settings.overrides.degree
     if asked is not None:
@@ -121,8 +127,19 @@ def gaussians_for(
 ) -> tuple[int, Rung]:
     """Number of Gaussians, and the reason: as asked, else by trials, else by the samples there are.
 
-    against_trials: the reason against trials, or None if they are allowed. refined: corrections that the
-    training makes. points: the start of a training of `most_for` Gaussians.
+    Args:
+        dataset: Views to train on.
+        settings: Of the training, with the most Gaussians that it may have.
+        against_trials: The reason against trials, or None if they are allowed.
+        degree: Of the harmonics, also of those in trials; a budget in bytes holds fewer Gaussians of a higher
+            one.
+        refined: Corrections that the training makes.
+        points: The start of a training of `most_for` Gaussians.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains in a trial.
+
+    Returns:
+        The most Gaussians of the training, and the rung of their number.
     """
     most = most_for(dataset, settings, degree)
     if _asked(settings):

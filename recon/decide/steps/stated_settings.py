@@ -31,9 +31,17 @@ def overruled_parts(
     progress: Progress,
     device: torch.device = CPU,
 ) -> tuple[tuple[StatedPart, ...], tuple[Rung, ...]]:
-    """The parts in which scene points overrule the files, and a rung for each part that was considered.
+    """The parts in which scene points overrule the files: as requested, else by trials.
 
-    As requested, else by trials. against_trials: the reason against them, or None.
+    Args:
+        dataset: Views to train on, whose calibration has the factors that scene points ask for.
+        settings: Of the training; parts that were set by hand override the evidence.
+        against_trials: The reason against trials, or None if they are allowed.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains in a trial.
+
+    Returns:
+        The parts, and a rung for each part that was considered.
     """
     asks = asked_parts(dataset)
     wanted = settings.overrides.overrule
@@ -74,8 +82,19 @@ def tried(
     progress: Progress,
     device: torch.device = CPU,
 ) -> dict[StatedPart, Rung]:
-    """A short training as the files state it, and one more with the factors of each part after the other,
-    judged on views that none of them saw.
+    """Judge the parts by short trainings, on views that none of these saw.
+
+    One is as the files state it, and there is one more with the factors of each part after the other.
+
+    Args:
+        dataset: Views to train on; one view in four is held out of the trials.
+        parts: Parts to try, in order; a part that is taken stays in the trials of the next.
+        settings: Of the training that is decided on.
+        progress: Callback for the current step, the steps done, and all of them.
+        device: Device that trains.
+
+    Returns:
+        A rung for each part.
     """
     small = dataset
     if settings.max_width > TRIAL_WIDTH:

@@ -89,9 +89,16 @@ class Packed:
 
 
 def packed_splats(splats: Splats, least: Array, most: Array, floor: float) -> Packed:
-    """Gaussians of linear light, one or more, with the spacings [N] that they were trained at, scene units.
+    """Gaussians of linear light, one or more, as the page has them.
 
-    floor: the dimmest colour that matters, in the unit of the colours.
+    Args:
+        splats: Of linear light.
+        least: Least spacing [N] that each was trained at, scene units.
+        most: Most spacing [N] that each was trained at, scene units.
+        floor: The dimmest colour that matters, in the unit of the colours.
+
+    Returns:
+        Codes, and the Gaussians as these hold them.
     """
     unit = splats.world.unit
     origin = np.asarray(splats.world.origin) - splats.offset

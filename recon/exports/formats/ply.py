@@ -73,7 +73,17 @@ def write_points(job: Job) -> Written:
 
 
 def comments(job: Job, *, linear: bool, factor: float, dome: int = 0) -> list[str]:
-    """Return what the header of a file says of its colours and coordinates."""
+    """Return what the header of a file says of its colours and coordinates.
+
+    Args:
+        job: Export, whose scene and place are described.
+        linear: True if the colours are radiance, else display values.
+        factor: On the radiance, in the file.
+        dome: Number of the last Gaussians, which represent light from far away; 0 without them.
+
+    Returns:
+        Lines of ASCII.
+    """
     record = job.scene.record
     what = what_is_shown(record.bands)
     if linear:

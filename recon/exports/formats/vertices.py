@@ -25,10 +25,17 @@ def packed_vertices(
     light: npt.ArrayLike | None = None,
     faces: npt.NDArray[np.integer] | None = None,
 ) -> bytes:
-    """A file of vertices [N, 3], float32, with colours [N, 3] of 8 bits.
+    """A file of coloured vertices, binary PLY.
 
-    light: linear colours [N, 3], float32, as properties of their own. faces: triangles [M, 3] by the rows of
-    their vertices.
+    Args:
+        places: [N, 3], written as float32.
+        codes: Colours [N, 3] as screens show them.
+        comments: Lines of the header.
+        light: Linear colours [N, 3], written as float32 properties of their own.
+        faces: Triangles [M, 3] by the rows of their vertices.
+
+    Returns:
+        The bytes of the file.
     """
     fields = [(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in _SHOWN]
     columns = [*np.asarray(places).T, *codes.T]

@@ -28,11 +28,22 @@ def photographed(
     below: Tensor | None,
     above: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
-    """Prediction and codes, float32 [shots * 3, H, W], of an image [H, W, 3] on the CPU.
+    """Prediction and codes of photographs, float32 [shots * 3, H, W], of an image on the CPU.
 
-    The prediction of a shot is the image times shade [H, W] (of size 0: 1) times its gains [shots, 3].
-    stored: codes, float32 or, over 255, uint8. below, above: where predictions beyond the code on that side
-    count as it, without gradient; None: nowhere. Differentiable in the image.
+    The prediction of a shot is the image times the shade times its gains. Differentiable in the image.
+
+    Args:
+        image: Display values, float32 [H, W, 3].
+        shade: Factors on each pixel, the same for all shots, [H, W]; of size 0: 1 everywhere.
+        gains: Factors on the channels of each shot, [shots, 3].
+        stored: Codes of the photographs, [shots * 3, H, W]: float32 in 0..1, or uint8, which are divided by
+            255.
+        below: Mask [shots * 3, H, W] of where predictions below the code count as it, without gradient; None:
+            nowhere.
+        above: The same for predictions above the code.
+
+    Returns:
+        The prediction, and the codes in 0..1.
     """
     result: tuple[Tensor, Tensor]
     result = _Photographed.apply(image, (shade, gains, stored, below, above))

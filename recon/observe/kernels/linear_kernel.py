@@ -55,11 +55,24 @@ def recorded(
     valid: Tensor | None,
     mu: float,
 ) -> Tensor:
-    """The mu-law of J shots of an image [H, W, 3], float32 [J, P, h, w], all on the CPU.
+    """The mu-law of J shots of an image, float32 [J, P, h, w], all on the CPU.
 
-    scales [J]: of the shots. falloff [P, h, w] or [1, h, w]; target, saturated and valid [J, P, h, w]: where
-    a sample is saturated, what is above the target counts as it, without gradient; where it is not valid,
-    all does. None: nowhere. Differentiable in the image and in the scales.
+    Differentiable in the image and in the scales.
+
+    Args:
+        image: Linear light, float32 [H, W, 3]; H and W are multiples of the period of the tile.
+        scales: Exposure scale of each shot, [J].
+        sites: The P sites of the tile.
+        falloff: Factors on the light at each sample, [P, h, w], or [1, h, w] for all sites alike.
+        target: Recorded values in mu-law, [J, P, h, w].
+        saturated: Mask [J, P, h, w] of the samples whose prediction above the target counts as it, without
+            gradient; None: nowhere.
+        valid: Mask [J, P, h, w] of the samples that count; elsewhere every prediction is the target, without
+            gradient. None: all of them count.
+        mu: Constant of the mu-law.
+
+    Returns:
+        The predicted values in mu-law.
     """
     result: Tensor = _Recorded.apply(image, scales, (sites, falloff, target, saturated, valid, mu))
     return result

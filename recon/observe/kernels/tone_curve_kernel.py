@@ -23,7 +23,17 @@ find the one below a sample costs a misjudged branch each time, four times all t
 
 
 def look_up(x: Tensor, values: Tensor, nodes: Tensor, leak: float) -> Tensor:
-    """Look up as `recon.observe.tone_grid.apply_curve`, leaky, for float32 tensors on the CPU."""
+    """Look up as `recon.observe.tone_grid.apply_curve`, leaky, for float32 tensors on the CPU.
+
+    Args:
+        x: Samples of any shape.
+        values: Values of the curve at the nodes, [M], from 0 to 1.
+        nodes: Rising places of the nodes on the x axis, [M]; constants without gradient.
+        leak: Slope below the grid; just above the grid the slope begins at half of it.
+
+    Returns:
+        g(x), of the shape of x, differentiable in x and in the values.
+    """
     result: Tensor = _LookUp.apply(x, values, nodes, leak)  # type: ignore[no-untyped-call]
     return result
 

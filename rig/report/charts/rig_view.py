@@ -37,9 +37,17 @@ def turntable(
 ) -> Markup:
     """Cameras as frusta by colour, joined where they belong to one frame; scene points as dots.
 
-    poses: cam_from_world [4, 4]. points: float64 [P, 3]. metric: lengths are metres.
-    boards: the corners of a board at each frame, in order around it, world, float64 [4, 3]. group: of the
-    buttons, another for each turntable of a page.
+    Args:
+        poses: cam_from_world [4, 4] of each view.
+        lenses: By camera; a camera without one gets a frustum of a usual angle.
+        points: float64 [P, 3], world; those that are not finite are left out.
+        metric: True if lengths are metres.
+        boards: The corners of a board at each frame, in order around it, world, float64 [4, 3].
+        group: Of the buttons, another for each turntable of a page.
+
+    Returns:
+        Drawings from `STEPS` directions, with the buttons that choose among them, and a legend of the
+        cameras.
     """
     axes = ground(list(poses.values()))
     axes = np.stack([*axes, np.cross(axes[0], axes[1])])  # right, away, up

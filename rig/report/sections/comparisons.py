@@ -65,10 +65,16 @@ class PicturesSection:
 def pictures(
     opened: Opened, scale: float, progress: Progress, until: float = math.inf
 ) -> PicturesSection | None:
-    """Draw held-out views (training views if none is held out, and says so); None without any view.
+    """Draw held-out views; training views if there are no held-out ones, which the section says.
 
-    scale: the one factor that the evaluation aligned all renders with. until: reading of `time.monotonic`
-    after which no view is begun but the first.
+    Args:
+        opened: Scene, with its photographs.
+        scale: The one factor that the evaluation aligned all renders with.
+        progress: Callback for the current step, the steps done, and all of them.
+        until: Reading of `time.monotonic` after which no view is begun but the first.
+
+    Returns:
+        The section; None without any view.
     """
     held_out = opened.dataset.reported
     there = held_out or opened.dataset.train

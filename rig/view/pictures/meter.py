@@ -15,7 +15,16 @@ def reading(
 ) -> str:
     """The light of a pixel in stops, in the units of the scene, and in cd/m2 where those are known.
 
-    residuals: what is known of the error of the scene.
+    Args:
+        drawing: Picture that is measured, with what it is compared with, and the layer in its place, if any.
+        show: Name of what is shown: a layer, or one of the names in `rig.view.pictures.painter`.
+        scene: Scene whose exposure defines middle grey, and whose scale of luminance, if known, gives cd/m2.
+        row: Of the pixel, from the top.
+        column: Of the pixel, from the left.
+        residuals: What is known of the error of the scene.
+
+    Returns:
+        Lines of Markdown.
     """
     colour = drawing.light[row, column]
     luminance = float(colour @ LUMINANCE)
