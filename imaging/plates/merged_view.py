@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.arrays import Array32, Mask
+from imaging.arrays import Array, Array32, Mask
 from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage, Space
 from imaging.errors import InputError
 from imaging.files import store
@@ -33,6 +33,7 @@ from imaging.merge.ghosts import TOLERANCE, without_ghosts
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, Picture, picture_of
+from imaging.optics.lens import Lens
 from imaging.plates.bracket_advice import warnings_of
 from imaging.plates.bracket_exposures import exposure_scales, response_of
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response
@@ -187,7 +188,9 @@ def merge_view(
     absolute = None
     if calibration is not None and (known := calibration.luminance) and view.camera in known.cameras:
         absolute = known.value / factor, known.error / factor
-    made = [space, factor, storage, absolute, _white_balance(session, view, calibration)]
+    placed = _placed(view, calibration)
+    stands = None if placed is None else [one.tolist() for one in (placed[0], placed[1].matrix)]
+    made = [space, factor, storage, absolute, _white_balance(session, view, calibration), stands]
     key = _key(session, shots, k, response, camera, made)
     reused = _finished(path, key)
     if reused is not None:
@@ -212,7 +215,7 @@ def merge_view(
         "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
         "rig:result": json.dumps([*numbers, merged.warnings]),
         "software": f"rig {version('hdr-rig')}",
-        **_camera_of(view, shots, calibration),
+        **_camera_of(shots, placed),
     }
     if absolute is not None and picture.known_colour:
         attributes |= white_luminance(*absolute)
@@ -228,20 +231,24 @@ def merge_view(
     return MergedView(view, path, len(shots), *numbers, False, merged.warnings)
 
 
-def _camera_of(
-    view: ViewId, shots: Sequence[ShotRecord], calibration: CalibrationRecord | None
-) -> dict[str, ExrValue]:
+def _placed(view: ViewId, calibration: CalibrationRecord | None) -> tuple[Array, Lens] | None:
+    """Pose, camera from world [4, 4], and lens of a view; None where one of them is not known."""
+    lens = None if calibration is None else calibration.camera(view.camera).lens
+    if lens is None or calibration is None:
+        return None
+    poses = (placed.cam_from_world.matrix() for placed in calibration.views if placed.id == view)
+    pose = next(poses, None)
+    return None if pose is None else (pose, lens)
+
+
+def _camera_of(shots: Sequence[ShotRecord], placed: tuple[Array, Lens] | None) -> dict[str, ExrValue]:
     """Attributes of the camera, where its pose is known, and the date of the first shot, where that is."""
     taken = next((shot.captured_at for shot in shots if shot.captured_at is not None), None)
     dated = {} if taken is None else capture_date(taken)
-    lens = None if calibration is None else calibration.camera(view.camera).lens
-    if lens is None or calibration is None:
+    if placed is None:
         return dated
-    for placed in calibration.views:
-        if placed.id == view:
-            motion = placed.cam_from_world.matrix()
-            return dated | camera_attributes(motion, lens.matrix, (lens.width, lens.height))
-    return dated
+    motion, lens = placed
+    return dated | camera_attributes(motion, lens.matrix, (lens.width, lens.height))
 
 
 def _white_balance(
@@ -280,7 +287,7 @@ def _key(
     camera: CameraCalibration | None,
     asked: Sequence[object],
 ) -> str:
-    """Digest of all that a file is made from; asked: space, factor, storage, scale and white balance."""
+    """Digest of all that a file is made from; asked: space, factor, storage, scale, white balance and camera."""
     parts: list[object] = [
         VERSION,
         asked,

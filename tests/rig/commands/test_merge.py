@@ -71,6 +71,14 @@ def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path
     record.write_text(json.dumps(known))
     third = json.loads(rig(*chosen)[1])["files"]
     assert [entry["reused"] for entry in third] == [True, False]
+    # The camera stands in the file, too.
+    known["cameras"][0]["lens"]["fx"] *= 1.25
+    known["cameras"][0]["lens"]["fy"] *= 1.25
+    record.write_text(json.dumps(known))
+    before = read_exr(file).attributes["pinholeFocalLength"]
+    fourth = json.loads(rig(*chosen)[1])["files"]
+    assert [entry["reused"] for entry in fourth] == [False, True]
+    assert read_exr(file).attributes["pinholeFocalLength"] == pytest.approx(1.25 * before)
 
 
 def test_light_is_stored_as_asked_and_a_file_of_another_storage_is_made_again(
