@@ -127,7 +127,7 @@ def drawn_poses(
     Args:
         reconstruction: pycolmap's, adjusted; it is not changed.
         free: How it was adjusted.
-        scale: Of the Cauchy loss, px.
+        scale: Typical miss, px.
     """
     linear = linearise(reconstruction, free)
     return _drawn(reconstruction, linear, _moves(linear, reconstruction, free, scale))

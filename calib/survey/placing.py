@@ -223,7 +223,7 @@ def _exchanged(points: _Points, fits: Mask, noise: Array, stated: bool) -> str:
             return f": {points.names[one]} and {points.names[other]} fit if their names are exchanged"
     for axes, words in (((1, 0, 2), "x and y"), ((2, 1, 0), "x and z"), ((0, 2, 1), "y and z")):
         if consensus(points.here, points.there[:, axes], noise, stated=stated)[1].all():
-            return f": all fit if {words} are exchanged,since the survey is mirrored"
+            return f": all fit if {words} are exchanged, since the survey is mirrored"
     return ""
 
 

@@ -128,7 +128,7 @@ def after(first: float | None, moment: float | None) -> float | None:
 
 
 class CaptureRun:
-    """State of one call of `record`. kept: shots of earlier calls. kept: shots that were there before."""
+    """State of one call of `record`. earlier: number of shots of earlier calls."""
 
     def __init__(
         self,

@@ -62,8 +62,7 @@ def names() -> tuple[str, ...]:
 def simulate(
     name: str, seed: int = 0, *, clock: Callable[[], float] | None = None, **overrides: Any
 ) -> "SimulatedRig":
-    """Simulate a rig. InputError for an unknown name, with the list of names. InputError for a name that is
-    none, listing those that are.
+    """Simulate a rig. InputError for an unknown name or setting, with a list of those that there are.
 
     seed: of lenses, colours, sensors, noise and the arm's small errors; the scene is always the same.
     overrides: any field of `RigSettings` but `kind`.

@@ -287,7 +287,10 @@ def _key(
     camera: CameraCalibration | None,
     asked: Sequence[object],
 ) -> str:
-    """Digest of all that a file is made from; asked: space, factor, storage, scale, white balance and camera."""
+    """Digest of all that a file is made from.
+
+    asked: space, factor, storage, scale, white balance and camera.
+    """
     parts: list[object] = [
         VERSION,
         asked,

@@ -183,7 +183,9 @@ class _Run:
 
     def result(self) -> BatchResult:
         """Return what is done so far."""
-        order = [(session, number) for session in self.plan.sessions for number in range(self.total)]
+        order = [
+            (session, number) for session in self.plan.sessions for number in range(len(self.plan.scenes))
+        ]
         rows = tuple(self.rows[key] for key in order if key in self.rows)
         return BatchResult(plan=self.plan.path, rows=rows, shard=self.plan.shard)
 

@@ -54,8 +54,9 @@ def asked(
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: name the one that holds the {what}s.")
-    if folder.resolve().is_relative_to(root.resolve()) and any(
-        photo.is_relative_to(folder) for photo in photos
+    place = folder.resolve()
+    if place.is_relative_to(root.resolve()) and any(
+        photo.resolve().is_relative_to(place) for photo in photos
     ):
         raise InputError(f"{folder} is inside the folder of photographs {root}: move it out of there.")
     companions = beside(photos, root, folder, suffixes)

@@ -153,7 +153,7 @@ def _step_row(
 
 def _exposures(exposures: Iterable[Exposure | None]) -> str:
     """`1/60 s f/8 ISO 100`, a range of them, or `not stated`."""
-    stated = sorted({e for e in exposures if e is not None}, key=lambda e: e.scale) if exposures else []
+    stated = sorted({e for e in exposures if e is not None}, key=lambda e: e.scale)
     if not stated:
         return "not stated"
     return str(stated[0]) if len(stated) == 1 else f"{stated[0]} to {stated[-1]}"

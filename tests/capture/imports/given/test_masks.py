@@ -102,7 +102,7 @@ def test_names_of_masks(tmp_path):
     assert masks_beside(paths, root, masks) == {paths[0]: colmap, paths[1]: plain}
 
 
-def test_masks_that_cannot_be_used(photos, tmp_path):
+def test_masks_that_cannot_be_used(photos, tmp_path, monkeypatch):
     picture(tmp_path / "small" / "1.png", 0, (8, 6))
     with pytest.raises(InputError, match="has 8x6 pixels and its photograph 16x12: make it of the same size"):
         import_photos(photos, tmp_path / "S", masks=tmp_path / "small")
@@ -117,6 +117,9 @@ def test_masks_that_cannot_be_used(photos, tmp_path):
     picture(photos / "covers" / "0.png", 0)
     with pytest.raises(InputError, match="is inside the folder of photographs"):
         import_photos(photos, tmp_path / "S", masks=photos / "covers")
+    monkeypatch.chdir(photos.parent)
+    with pytest.raises(InputError, match="is inside the folder of photographs"):
+        import_photos(photos.name, tmp_path / "S", masks=photos / "covers")
 
 
 @pytest.fixture
