@@ -62,7 +62,7 @@ class RawLook:
     def lit(self, exposure: Exposure) -> bool:
         """Return whether the dark percentile of every channel stands clear of the noise."""
         shots = self._probes[exposure]
-        slope, floor = RawNoise.of(next(iter(shots.values()))).profile(_exposure(shots))
+        slope, floor = self._noise().profile(_exposure(shots))
         for channel in _counted(shots):
             takes = [_channel(shots, take, channel) for take in range(TAKES)]
             signal = percentile(takes[0], takes[1], DARK_PERCENTILE)
@@ -70,11 +70,22 @@ class RawLook:
                 return False
         return True
 
+    def _noise(self) -> RawNoise:
+        """Noise that the frames state, or that their takes show."""
+        return RawNoise.of(
+            [
+                (shots[key], shots[key[0], 1])
+                for shots in self._probes.values()
+                for key in shots
+                if key[1] == 0 and (key[0], 1) in shots
+            ]
+        )
+
     def targets(self, name: str) -> list[Target]:
         """The range of each channel, from the merged probes."""
         ascending = [self._probes[key] for key in sorted(self._probes, key=lambda key: key.stops)]
         shortest, longest = ascending[0], ascending[-1]
-        noise = RawNoise.of(next(iter(shortest.values())))
+        noise = self._noise()
         positions = sorted({position for position, _ in shortest})
         frame = next(iter(shortest.values()))
         channels = np.concatenate([_sites(frame).ravel() for _ in positions])
@@ -82,7 +93,13 @@ class RawLook:
         for take in range(TAKES):
             merged = [
                 merge_bracket(
-                    [from_raw(shots[position, take], _exposure(shots).scale) for shots in ascending]
+                    [
+                        from_raw(
+                            replace(shots[position, take], noise_profile=noise.profile(_exposure(shots))),
+                            _exposure(shots).scale,
+                        )
+                        for shots in ascending
+                    ]
                 )
                 for position in positions
             ]

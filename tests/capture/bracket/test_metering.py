@@ -1,5 +1,7 @@
 """The meter and the plan that follows from it, on simulated cameras that look at light that is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.goals import BracketGoals
 from capture.bracket.metering import meter
 from capture.bracket.planner import SLACK, plan_bracket
+from capture.bracket.raw_noise import profile_of
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError
@@ -223,3 +226,53 @@ def test_limits_that_leave_nothing_are_said():
         planned(ramp(4), BracketGoals(slowest=1 / 8000, total=1.0))
     with pytest.raises(CaptureError, match=r"no bracket fits into 0\.0001 s in all"):
         planned(ramp(4), BracketGoals(total=1e-4))
+
+
+class Silent:
+    """A camera whose frames do not state their noise, as those of machine vision cameras."""
+
+    def __init__(self, camera: SimulatedCamera) -> None:
+        self._camera = camera
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def collect(self):
+        return replace(self._camera.collect(), noise_profile=None)
+
+
+@pytest.mark.parametrize(("stops", "middle"), [(8, 8.0), (14, 8.0), (0, 300.0), (0, 0.002)])
+def test_noise_that_no_file_states_is_estimated_from_two_takes(stops, middle):
+    scene = Scene(ramp(stops, middle))
+    stated = scene.meter(BracketGoals())
+    scene.camera = Silent(scene.camera)
+    estimated = scene.meter(BracketGoals())
+    exposure = Exposure(time=1 / 60, f_number=4.0, iso=100)
+    for one, other in zip(stated.targets, estimated.targets, strict=True):
+        assert np.log2(other.dark / one.dark) == pytest.approx(0, abs=0.3)
+        assert np.log2(other.bright / one.bright) == pytest.approx(0, abs=0.3)
+        floors = [target.noise.profile(exposure)[1] for target in (one, other)]
+        # Light that is bright everywhere hides the noise of reading: the longer line to zero errs by more.
+        assert floors[1] == pytest.approx(floors[0], rel=2.0 if (stops, middle) == (0, 300.0) else 0.3)
+        signal = 0.5 / exposure.scale
+        if middle * 2 ** (stops / 2) > 1:  # light that shows its own noise
+            assert other.noise.snr(signal, exposure) == pytest.approx(
+                one.noise.snr(signal, exposure), abs=1.5
+            )
+
+
+def test_frames_without_light_state_the_noise_of_reading_alone():
+    scene = Scene(0.0)
+    scene.camera.set_exposure(Exposure(time=1 / 60, f_number=4.0, iso=100))
+    frames = []
+    for _ in range(2):
+        scene.camera.arm()
+        scene.camera.trigger()
+        frames.append(replace(scene.camera.collect(), noise_profile=None))
+    slope, floor = profile_of([(frames[0], frames[1])])
+    stated = Scene(8.0).meter(BracketGoals()).targets[0].noise
+    true = stated.profile(Exposure(time=1 / 60, f_number=4.0, iso=100))
+    assert 0 < slope < 1
+    assert floor == pytest.approx(true[1], rel=0.2)
+    white = replace(frames[0], pixels=np.full_like(frames[0].pixels, 65535))
+    assert profile_of([(white, white)])[0] > 0
