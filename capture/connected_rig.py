@@ -140,6 +140,7 @@ def rig_source(
         bracket=bracket.wanted if bracket.exposures == "auto" else bracket.exposures,
         middle=bracket.middle(lowest),
         f_number=bracket.f_number,
+        iso=bracket.iso,
         positions=positions,
         frames=tables.frames,
         leader=tables.leader,

@@ -81,6 +81,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         bracket=rig.bracket,
         middle=middle,
         f_number=middle.f_number,
+        iso=middle.iso,
         positions=rig.frames,
         frames=rig.frames,
         leader=None,

@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import math
+import re
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -34,8 +35,9 @@ from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 LATEST = 0.1
 """Seconds that a trigger is held back at most, twice as long as it is sent ahead: a moment further away is
 that of a clock that has jumped."""
-SHOT = "shot-"
-"""Prefix of a node's file names, by which leftovers of another capture are removed."""
+SHOT = re.compile(r"shot-\d{6,}-[0-9a-f]{8}\.\w+|\.shot-\d{6,}-[0-9a-f]{8}\.\w+\.part")
+"""Name of a node's file, whole or half-written: by it leftovers of another capture are removed, and nothing
+else that lies on the disk."""
 
 Wire = tuple[Literal["listen", "drive"], str]
 
@@ -222,8 +224,9 @@ class Node:
         network = None
         if place.rig is None or addresses:
             network = Network(gige_hosts(addresses), None if place.rig is None else [])
-        for leftover in place.disk.glob(f"{SHOT}*"):
-            store.discard(leftover)
+        for leftover in place.disk.glob("*shot-*"):
+            if SHOT.fullmatch(leftover.name) and leftover.is_file():
+                store.discard(leftover)
         cameras: dict[str, Camera] = {}
         served: dict[str, ServedCamera] = {}
         strangers, refused = [], []
@@ -282,7 +285,7 @@ class Node:
 
     def _stored(self, frame: RawMosaic | CameraFile, serial: str, number: int) -> NodeFrame:
         """Write a frame: a camera's file as it is, a mosaic as DNG. CameraRefused: the disk refuses it."""
-        name = f"{SHOT}{number:06d}-{hashlib.sha256(serial.encode()).hexdigest()[:8]}"
+        name = f"shot-{number:06d}-{hashlib.sha256(serial.encode()).hexdigest()[:8]}"
         # Where the camera has no clock, ours gives the time; its file then says nothing, as without nodes.
         metadata = replace(frame.metadata, captured_at=frame.metadata.captured_at or datetime.now(UTC))
         try:

@@ -1,7 +1,8 @@
 """The shots of a plan that one call of `record` takes, those it finds there, and those that are missing."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from capture.bracket.deviation import deviates, stops_apart
 from capture.record.camera_worker import CameraGivenUp
 from capture.record.capture_threads import CaptureThreads
 from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
-from capture.record.shot_files import ShotId
+from capture.record.shot_files import ShotId, drop_aside, put_back, set_aside
 from drivers.clock import Clock
 from imaging.errors import PartialError, RigError, StorageError
 from imaging.optics.exposure import Exposure
@@ -199,16 +200,20 @@ class CaptureRun:
                     if isinstance(outcome, SavedShot):
                         if acceptance.accepts(shot_id, outcome, step.requested):
                             self._book(shot_id, outcome, first.get(step.number), threads)
+                            if worse := acceptance.doubtful.get(shot_id):
+                                self._on_disk(partial(drop_aside, self._session, worse), shot_id, threads)
                             continue
                         step.count_failure(name)
+                        self._on_disk(partial(set_aside, self._session, outcome), shot_id, threads)
                     else:
                         self._failed(shot_id, outcome)
                     failed.setdefault(step.number, []).append(name)
             pending = failed
         # Where further attempts failed, a frame whose metadata disagree is better than none.
         for shot_id in [ShotId(name, frame, step) for step, names in pending.items() for name in names]:
-            if shot_id in acceptance.doubtful:
-                self._book(shot_id, acceptance.doubtful[shot_id], first.get(shot_id.step), threads)
+            kept = acceptance.doubtful.get(shot_id)
+            if kept and self._on_disk(partial(put_back, self._session, kept), shot_id, threads):
+                self._book(shot_id, kept, first.get(shot_id.step), threads)
 
     def result(self) -> CaptureResult:
         """StorageError if the disk refused before there was any shot in the session."""
@@ -259,6 +264,16 @@ class CaptureRun:
         if not (isinstance(error, CameraGivenUp) and shot_id in self._missing):
             self._missing[shot_id] = str(error)
 
+    def _on_disk(self, change: Callable[[], None], shot_id: ShotId, threads: CaptureThreads) -> bool:
+        """Change files or the line of a shot; False, and the run halts, if the disk refuses."""
+        try:
+            change()
+        except StorageError as error:
+            threads.halt(error)
+            self._failed(shot_id, error)
+            return False
+        return True
+
     def _book(
         self, shot_id: ShotId, written: SavedShot, first: _First | None, threads: CaptureThreads
     ) -> None:
@@ -291,11 +306,7 @@ class CaptureRun:
             clock_offset=host.offset if host else None,
             clock_error=host.error if host else None,
         )
-        try:
-            self._session.append_shot(shot)
-        except StorageError as error:
-            threads.halt(error)
-            self._failed(shot_id, error)
+        if not self._on_disk(partial(self._session.append_shot, shot), shot_id, threads):
             return
         self.done[shot_id] = shot
         if host is not None and host.jumped:

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from math import isfinite
 
 from capture.bracket.automatic import Automatic, meter_rig, plan_automatically
+from capture.bracket.deviation import deviates
 from capture.bracket.fixed_exposures import (
     STILL,
     exposures_around,
@@ -146,9 +147,24 @@ def _given(
                 f"{source.called} does not say which exposure stops count from, and in the dark it cannot be "
                 'metered: add time = "1/60" to its [bracket].'
             )
-        metering = _metered(source, kind, frames)
-        middle = middle_exposure(metering.targets, single_exposures(source.cameras, source.f_number))
+        candidates = _candidates(source)
+        middle = middle_exposure(_metered(source, kind, frames).targets, candidates)
     return exposures_around(middle, stops, source.cameras)
+
+
+def _candidates(source: Source) -> tuple[Exposure, ...]:
+    """The exposures that a metered middle one may be; InputError if a camera lacks the ISO of the source."""
+    candidates = single_exposures(source.cameras, source.f_number)
+    iso = source.iso
+    if iso is None:
+        return candidates
+    wanted = Exposure(time=1.0, iso=iso)
+    for name, camera in source.cameras.items():
+        isos = camera.capabilities().isos
+        if all(deviates(Exposure(time=1.0, iso=one), wanted) for one in isos):
+            instead = f"choose one from {isos[0]:g} to {isos[-1]:g}" if isos else "leave iso out"
+            raise InputError(f"{source.called} asks for ISO {iso:g}, which {name} lacks: {instead}.")
+    return tuple(exposure.model_copy(update={"iso": iso}) for exposure in candidates)
 
 
 def _darks(

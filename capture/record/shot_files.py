@@ -2,6 +2,7 @@
 
 import hashlib
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import NamedTuple
 
 from capture.bracket.single_exposure import CapturedFrame
@@ -87,10 +88,39 @@ def must_decode(session: Session, saved: SavedShot) -> None:
         else:
             photo.decode_codes(path.read_bytes(), saved.file)
     except InputError as error:
-        for file in (saved.file, saved.developed):
-            if file is not None:
-                store.discard(session.folder / file)
+        for file in _files(session, saved):
+            store.discard(file)
         raise CameraProtocol(f"the camera delivered a damaged file: {error}") from error
+
+
+def set_aside(session: Session, saved: SavedShot) -> None:
+    """Rename the files of a doubtful shot, so that another attempt overwrites none of them.
+
+    Their names are those of leftovers, which the next run removes should this one be killed.
+    """
+    for path in _files(session, saved):
+        store.rename(path, _aside(path))
+
+
+def put_back(session: Session, saved: SavedShot) -> None:
+    """Undo `set_aside`, in place of what further attempts left."""
+    for path in _files(session, saved):
+        if _aside(path).exists():
+            store.rename(_aside(path), path)
+
+
+def drop_aside(session: Session, saved: SavedShot) -> None:
+    """Remove the files of a doubtful shot: another attempt gave a better one."""
+    for path in _files(session, saved):
+        store.discard(_aside(path))
+
+
+def _files(session: Session, saved: SavedShot) -> list[Path]:
+    return [session.folder / file for file in (saved.file, saved.developed) if file is not None]
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.doubtful.part")
 
 
 def save_developed(

@@ -55,6 +55,8 @@ class Source:
     """The exposure that stops count from; metered if None."""
     f_number: float | None
     """F-number of all exposures."""
+    iso: float | None
+    """ISO of stops around a metered middle exposure; None: the lowest."""
     positions: int | None
     """Largest number of frames of a scene; None: unlimited."""
     frames: int

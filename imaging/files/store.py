@@ -154,6 +154,15 @@ def discard(path: Path) -> None:
         raise refused(path, error) from error
 
 
+def rename(path: Path, new: Path) -> None:
+    """Give a file another name in its folder, in place of what has it; StorageError when the disk refuses."""
+    try:
+        path.replace(new)
+        sync(path.parent)
+    except OSError as error:
+        raise refused(path, error) from error
+
+
 def _discard(path: Path) -> None:
     if path.is_dir():
         shutil.rmtree(path)

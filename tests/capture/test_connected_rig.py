@@ -170,6 +170,23 @@ def test_the_middle_of_stops_is_metered_where_the_file_does_not_give_it(place: P
     assert lacks(high)[0] > lacks(high)[1]
 
 
+def test_the_iso_of_stops_is_that_of_the_file_where_their_middle_is_metered(place: Place) -> None:
+    """At ISO 100 the middle is 1/8 s; at three stops more the bright end leaves less time."""
+    place.write(('exposures = "auto"', "exposures = [-2, 0]"), ("# iso = 100", "iso = 800"))
+    place.shoot(frames=1)
+    (plan,) = Session.open(place.out).plans()
+    low, middle = plan.bracket
+    assert (low.iso, middle.iso) == (800, 800)
+    assert 1 / 64 < middle.time < 1 / 16
+
+
+def test_an_iso_of_metered_stops_that_a_camera_lacks_is_refused(place: Place) -> None:
+    place.write(('exposures = "auto"', "exposures = [-2, 0]"), ("# iso = 100", "iso = 7"))
+    with pytest.raises(InputError, match=r"asks for ISO 7, which cam0 lacks: choose one from 100 to 1600"):
+        place.shoot()
+    assert not place.out.exists()
+
+
 def test_resume_takes_what_is_missing_and_gives_the_same_bytes(given: Place) -> None:
     given.shoot()
     whole = {path.name: path.read_bytes() for path in sorted(given.out.rglob("*.dng"))}

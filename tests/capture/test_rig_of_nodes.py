@@ -10,6 +10,7 @@ import pytest
 
 from capture.check.check import check
 from capture.connected_rig import Unattended
+from capture.nodes.node import Assignment
 from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import read_rig_file
@@ -203,6 +204,19 @@ def test_faults_on_the_buses_of_nodes_cost_nothing(place: Place) -> None:
     result = place.shoot()
     assert (result.taken, result.missing) == (8, ())
     assert check(place.folder / "nodes").sound == 8
+
+
+def test_a_node_removes_its_own_leftovers_and_nothing_else_of_its_disk(tmp_path: Path) -> None:
+    disk = tmp_path / "near"
+    own = ("shot-000012-0a1b2c3d.dng", ".shot-1000000-0a1b2c3d.jpg.part")
+    foreign = ("shot-list.txt", "shot-001.nef", "shot-000012-0a1b2c3d.dng.bak", "a shot-000012-0a1b2c3d.dng")
+    (disk / "shot-day1").mkdir(parents=True)
+    (disk / "shot-000001-0a1b2c3d.d").mkdir()
+    for name in (*own, *foreign, "shot-day1/a.nef"):
+        (disk / name).touch()
+    near_node("near", Assignment(serials=()), VirtualClock(), tmp_path).ask("report")
+    assert {path.name for path in disk.iterdir()} == {"shot-day1", "shot-000001-0a1b2c3d.d", *foreign}
+    assert (disk / "shot-day1" / "a.nef").exists()
 
 
 def test_the_disk_of_a_node_that_is_full_is_told(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:

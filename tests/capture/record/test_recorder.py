@@ -2,6 +2,7 @@ import errno
 import hashlib
 import re
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 
@@ -201,6 +202,33 @@ def test_a_wrong_frame_is_kept_where_the_camera_then_fails(fake_rig):
     shot = by_step(rig.session)[1]
     assert (shot.reported, shot.retries, result.missing) == (wrong, 0, ())
     assert store.sha256(rig.session.file(shot)) == shot.sha256
+
+
+def test_a_wrong_frame_is_kept_where_further_attempts_are_damaged(fake_rig):
+    rig = fake_rig(a="ldr")
+    wrong = Exposure(time=1 / 25, iso=100)
+    rig.cameras["a"].faults["collect", 2] = wrong
+    collect = rig.cameras["a"].collect
+
+    def cut_off():
+        frame = collect()
+        again = rig.cameras["a"].calls.count("collect") in (4, 5)
+        return replace(frame, data=frame.data[:400]) if again else frame
+
+    rig.cameras["a"].collect = cut_off
+    result = run(rig)
+    shot = by_step(rig.session)[1]
+    assert (shot.reported, shot.retries, result.missing) == (wrong, 0, ())
+    assert store.sha256(rig.session.file(shot)) == shot.sha256
+    assert recorder.leftovers(rig.session) == []
+
+
+def test_a_wrong_frame_leaves_nothing_where_a_better_one_follows(fake_rig):
+    rig = fake_rig(a="ldr")
+    rig.cameras["a"].faults["collect", 2] = rig.plan.bracket[0]
+    run(rig)
+    assert by_step(rig.session)[1].reported == rig.plan.bracket[1]
+    assert recorder.leftovers(rig.session) == []
 
 
 def test_a_sixth_of_a_stop_is_rounding_and_more_is_not(fake_rig):
