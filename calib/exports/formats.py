@@ -46,7 +46,7 @@ def write_exports(
         model: COLMAP model, whose points go with transforms.json; None: no points are written.
 
     Raises:
-        OSError: The disk refuses.
+        OSError, StorageError: The disk refuses.
     """
     known = [camera for camera in record.cameras if camera.lens is not None]
     if record.views:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from imaging.arrays import Array
+from imaging.files import store
 from imaging.optics.lens import Lens
 
 HALF = 0.5
@@ -13,10 +14,9 @@ HALF = 0.5
 
 
 def write_opencv_lens(path: Path, lens: Lens, cam_from_rig: Array | None = None) -> None:
-    """Write a lens, of the `distortion_model` fisheye for cv2.fisheye; OSError when the disk refuses."""
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    if not storage.isOpened():
-        raise OSError(f"{path} could not be opened")
+    """Write a lens, of the `distortion_model` fisheye for cv2.fisheye; StorageError if the disk refuses."""
+    # In memory, of YAML: of a path to write to, cv2 takes all after a ? for parameters.
+    storage = cv2.FileStorage(".yaml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", lens.width)
     storage.write("image_height", lens.height)
     matrix = [[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]]
@@ -25,4 +25,4 @@ def write_opencv_lens(path: Path, lens: Lens, cam_from_rig: Array | None = None)
     storage.write("distortion_coefficients", np.array([list(lens.terms[4:])]))
     if cam_from_rig is not None:
         storage.write("cam_from_rig", cam_from_rig)
-    storage.release()
+    store.write_bytes(path, storage.releaseAndGetString().encode())

@@ -48,6 +48,8 @@ UNIT = (
     "k = time * ISO/100 / f-number^2"
 )
 SIGMA = "standard deviation; infinite (no weight) where a bound has a say, NaN where there is no number"
+CAMERA_RGB = "camera RGB"
+"""Colour of a file in no known space."""
 PAIR = 0.954
 """Median difference of two exposures over the standard deviation of one: 0.6745 times the root of two."""
 
@@ -57,8 +59,9 @@ class MergedView:
     """Result of one bracket; shares are of the pixels, in any channel.
 
     clipped, dark, ghost: of the pixels that are not hidden. hidden: behind a mask in every exposure. shift:
-    largest between two exposures, px; None if it cannot be measured. reused: a file of an earlier run was up
-    to date. warnings: advice for the next capture.
+    largest between two exposures, px; None if it cannot be measured. known_colour: the file is in the space
+    that was asked for, and not in camera RGB. reused: a file of an earlier run was up to date. warnings:
+    advice for the next capture.
     """
 
     view: ViewId
@@ -69,6 +72,7 @@ class MergedView:
     ghost: float
     hidden: float
     shift: float | None
+    known_colour: bool
     reused: bool
     warnings: tuple[str, ...]
 
@@ -117,16 +121,19 @@ def view_light(
     camera = None if calibration is None else calibration.camera(view.camera)
     scales = None if calibration is None else calibration.exposure_scale
     kind, response = session.camera(view.camera).kind, response_of(session, view.camera, calibration)
-    if kind == "raw" and space != "rec709" and (camera is None or camera.camera_from_rec709 is None):
-        raise InputError(
-            f"{session.folder}: the colour of camera {view.camera} is not known, so it cannot become "
-            f"{space}: run `rig calibrate`, or leave --space out."
-        )
     sensors = () if camera is None else camera.sensors
     frames = [
         read_linear(session.file(shot), kind, scale, response, sensors)
         for shot, scale in zip(shots, exposure_scales(session, shots, scales), strict=True)
     ]
+    cfa = frames[0].cfa
+    grey = cfa is not None and cfa.mono  # of all spaces alike
+    uncoloured = kind == "raw" and not grey and (camera is None or camera.camera_from_rec709 is None)
+    if uncoloured and space != "rec709":
+        raise InputError(
+            f"{session.folder}: the colour of camera {view.camera} is not known, so it cannot become "
+            f"{space}: run `rig calibrate`, or leave --space out."
+        )
     if any(one.signal.shape != frames[0].signal.shape for one in frames):
         raise InputError(
             f"the shots of camera {view.camera} at frame {view.frame} differ in size: delete the odd one out."
@@ -135,7 +142,7 @@ def view_light(
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
     white = _white_balance(session, view, calibration)
-    picture = picture_of(best, frames[0].cfa, camera, space, white)
+    picture = picture_of(best, cfa, camera, space, white)
     shift = max((one.size for one in alignment.shifts(usable)), default=None)
     shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
     clipped, dark, ghost = shares = [float(np.mean(shown_mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST)]
@@ -192,10 +199,9 @@ def merge_view(
     stands = None if placed is None else [one.tolist() for one in (placed[0], placed[1].matrix)]
     made = [space, factor, storage, absolute, _white_balance(session, view, calibration), stands]
     key = _key(session, shots, k, response, camera, made)
-    reused = _finished(path, key)
+    reused = _finished(view, path, len(shots), key)
     if reused is not None:
-        clipped, dark, ghost, hidden, shift, said = reused
-        return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
+        return reused
     merged = view_light(session, view, shots, calibration, space)
     picture, numbers = (
         merged.picture,
@@ -212,7 +218,7 @@ def merge_view(
         "rig:response": response.evidence,
         "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{merged.noise:.3g} times its model",
         "rig:sigma": SIGMA,
-        "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
+        "rig:colour": SPACE_NAMES[space] if picture.known_colour else CAMERA_RGB,
         "rig:result": json.dumps([*numbers, merged.warnings]),
         "software": f"rig {version('hdr-rig')}",
         **_camera_of(shots, placed),
@@ -228,7 +234,7 @@ def merge_view(
     data["mask"] = {"mask": picture.mask.astype(np.float32)}
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
     write_exr(path, channels, primaries=primaries, attributes=attributes, data=data, storage=storage)
-    return MergedView(view, path, len(shots), *numbers, False, merged.warnings)
+    return MergedView(view, path, len(shots), *numbers, picture.known_colour, False, merged.warnings)
 
 
 def _placed(view: ViewId, calibration: CalibrationRecord | None) -> tuple[Array, Lens] | None:
@@ -304,13 +310,18 @@ def _key(
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def _finished(path: Path, key: str) -> tuple[float, float, float, float, float | None, list[str]] | None:
-    """Shares, shift and warnings of a file with the same inputs, or None."""
+def _finished(view: ViewId, path: Path, exposures: int, key: str) -> MergedView | None:
+    """Return the result of an earlier run if its file has the same inputs, or None."""
     if not path.is_file():
         return None
     try:
         attributes = read_exr_header(path).attributes
         clipped, dark, ghost, hidden, shift, said = json.loads(str(attributes["rig:result"]))
+        known_colour = attributes["rig:colour"] != CAMERA_RGB
     except (InputError, KeyError, ValueError):
         return None
-    return (clipped, dark, ghost, hidden, shift, said) if attributes.get("rig:key") == key else None
+    if attributes.get("rig:key") != key:
+        return None
+    return MergedView(
+        view, path, exposures, clipped, dark, ghost, hidden, shift, known_colour, True, tuple(said)
+    )

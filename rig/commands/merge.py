@@ -12,7 +12,6 @@ from calib.exports.request import PanoramaRequest
 from imaging.choices import SPACE_NAMES
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
-from imaging.session import session as sessions
 from rig.options.common import JsonOption, SessionArgument, WrongUsage
 from rig.options.request import Asked, Shown
 from rig.terminal import panorama_result as results
@@ -83,7 +82,7 @@ def _merge_result(
     if reused:
         lines.append(f"{counted(reused, 'file')} of an earlier run kept")
     lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
-    uncoloured = _camera_rgb(session, merged)
+    uncoloured = _camera_rgb(merged)
     if uncoloured:
         how = command_line("rig", "calibrate", session)
         if calibration is not None:
@@ -120,15 +119,9 @@ def _scale_line(
     return f"{values}; a value of 1 is {white}, for {', '.join(scale.cameras)}"
 
 
-def _camera_rgb(session: Path, merged: "merge_session.Merged") -> list[str]:
+def _camera_rgb(merged: "merge_session.Merged") -> list[str]:
     """Cameras whose RAW was merged without knowing their colour."""
-    opened, calibration = sessions.Session.open(session), merged.calibration
-    return [
-        name
-        for name in dict.fromkeys(picture.view.camera for picture in merged.views)
-        if opened.camera(name).kind == "raw"
-        and (calibration is None or calibration.camera(name).camera_from_rec709 is None)
-    ]
+    return list(dict.fromkeys(picture.view.camera for picture in merged.views if not picture.known_colour))
 
 
 def _picture_data(picture: "merged_view.MergedView") -> dict[str, Any]:

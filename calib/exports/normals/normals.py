@@ -112,7 +112,8 @@ def estimate_normals(
     lit = [frame for frame in sorted(shots) if record.places[frame] is not None]
     store.require_writable(out.parent)
     rooms = [_merged(opened, camera, shots[frame], calibration) for frame in sorted(set(shots) - set(lit))]
-    with store.scratch(out.parent) as file:
+    # A new folder is made with the file in it only, so that a failure leaves none.
+    with store.scratch(next(folder for folder in out.parents if folder.exists())) as file:
         for done, frame in enumerate(lit):
             on_progress("merging", done, len(lit))
             merged = _merged(opened, camera, shots[frame], calibration)

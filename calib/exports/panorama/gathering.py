@@ -23,6 +23,8 @@ AROUND = 5
 """px, over which the variance is averaged."""
 COARSE = 256
 """Rows of the map on which views are compared."""
+_COLUMNS = 1 << 14
+"""Columns that are looked up at a time: cv2.remap draws fewer than 32767."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Sight:
 
 
 class SeenView:
-    """A view with its lens and its turn, ready to be looked up in."""
+    """A view with its lens and its turn, ready to be looked up in; usual_variance: None if not known."""
 
     def __init__(self, picture: Picture, lens: Lens, cam_from_map: Array) -> None:
         self.lens, self.turn = lens, cam_from_map
@@ -51,7 +53,7 @@ class SeenView:
         variance = np.zeros_like(picture.light) if picture.sigma is None else _averaged(picture.sigma**2)
         self._variance = np.where(bound[..., None], np.float32(np.inf), variance).astype(np.float32)
         finite = variance[np.isfinite(variance) & (variance > 0)]
-        self.usual_variance = float(np.median(finite)) if len(finite) else 1.0
+        self.usual_variance = float(np.median(finite)) if len(finite) else None
         inwards = np.minimum(
             *(np.minimum(at + 0.5, size - 0.5 - at) for at, size in (
                 (np.arange(height)[:, None] + np.zeros((1, width)), height),
@@ -87,9 +89,15 @@ class SeenView:
 
 def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array32:
     border = (beyond,) * 4
-    return np.asarray(
-        cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=border)
-    )
+    parts = [slice(first, first + _COLUMNS) for first in range(0, x.shape[1], _COLUMNS)]
+    drawn = [
+        cv2.remap(
+            picture, x[:, part], y[:, part], cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=border,
+        )
+        for part in parts
+    ]  # fmt: skip
+    return np.concatenate(drawn, axis=1)
 
 
 def _mean(fine: Array32, samples: int) -> Array32:
@@ -132,13 +140,19 @@ class Map:
 
 
 class Gathering:
-    """Views added up on a map of `rows` rows, and kept on a coarser one to be compared."""
+    """Views added up on a map of `rows` rows, and kept on a coarser one to be compared.
+
+    Views of unknown noise are added up apart, and count as if they had the usual variance of the others: that
+    is known once all are there.
+    """
 
     def __init__(self, rows: int) -> None:
         self.rows, shape = rows, (rows, 2 * rows)
         self.every = -(-rows // COARSE)
         self.compared: list[tuple[Array32, Array32]] = []
-        self._noisy, self._unit = True, 0.0
+        self._usual = list[float]()
+        self._unsure: Array32 | None = None
+        """Of views of unknown noise: light times weight, and weight, [rows, 2 * rows, 4]."""
         self._weight = np.zeros(shape, np.float32)
         self._light, self._variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
         self._bound = np.full((*shape, 3), -np.inf, np.float32)
@@ -146,8 +160,10 @@ class Gathering:
 
     def add(self, view: SeenView, samples: int, *, noise: bool) -> None:
         """Add a view; noise: whether its variance is known."""
-        self._noisy &= noise
-        self._unit = self._unit or view.usual_variance
+        if view.usual_variance is not None:
+            self._usual.append(view.usual_variance)
+        if not noise and self._unsure is None:
+            self._unsure = np.zeros((self.rows, 2 * self.rows, 4), np.float32)
         places = len(range(0, self.rows, self.every))
         light = np.full((places, len(range(0, 2 * self.rows, self.every)), 3), np.nan, np.float32)
         variance = np.full(light.shape, np.inf, np.float32)
@@ -156,22 +172,27 @@ class Gathering:
             sight = view.look(self.rows, first, last, samples)
             if sight is None:
                 continue
-            self._add(slice(first, last), sight)
+            self._add(slice(first, last), sight, None if noise else self._unsure)
             for row in range(first + -first % self.every, last, self.every):
                 light[row // self.every] = sight.light[row - first, :: self.every]
                 variance[row // self.every] = sight.variance[row - first, :: self.every]
         self.compared.append((light, variance))
 
-    def _add(self, band: slice, sight: Sight) -> None:
+    def _add(self, band: slice, sight: Sight, unsure: Array32 | None) -> None:
+        """Add rows of a view; unsure: what they are added to if their noise is unknown."""
         shown: Mask = np.asarray(np.isfinite(sight.light).all(axis=-1))
         noise = sight.variance.sum(axis=-1)
         measured: Mask = shown & np.isfinite(noise) & ~sight.clipped
-        weight = np.where(measured, sight.weight / np.maximum(noise / self._unit, 1e-12), 0)
-        weight = weight.astype(np.float32)
         light = np.where(shown[..., None], sight.light, 0)
-        self._weight[band] += weight
-        self._light[band] += weight[..., None] * light
-        self._variance[band] += (weight**2)[..., None] * np.where(measured[..., None], sight.variance, 0)
+        if unsure is not None:
+            weight = np.where(measured, sight.weight, 0)[..., None]
+            unsure[band] += np.concatenate([weight * light, weight], axis=-1)
+        else:
+            unit = self._usual[0] if self._usual else 1.0
+            weight = np.where(measured, sight.weight / np.maximum(noise / unit, 1e-12), 0).astype(np.float32)
+            self._weight[band] += weight
+            self._light[band] += weight[..., None] * light
+            self._variance[band] += (weight**2)[..., None] * np.where(measured[..., None], sight.variance, 0)
         bound = shown & ~measured
         self._bound[band] = np.maximum(
             self._bound[band], np.where(bound[..., None], sight.light, np.float32(-np.inf))
@@ -180,15 +201,20 @@ class Gathering:
 
     def result(self) -> Map:
         """The map of all views that were added."""
-        measured: Mask = np.asarray(self._weight > 0)
+        weight, total = self._weight, self._light
+        if self._unsure is not None:
+            # Noise is summed over the three colours.
+            share = np.float32(self._usual[0] / (3 * np.median(self._usual)) if self._usual else 1.0)
+            weight, total = weight + share * self._unsure[..., 3], total + share * self._unsure[..., :3]
+        measured: Mask = np.asarray(weight > 0)
         bound: Mask = np.asarray(np.isfinite(self._bound).all(axis=-1))
-        divided = np.where(measured, self._weight, 1)[..., None]
-        light = np.where(
-            measured[..., None], self._light / divided, np.where(bound[..., None], self._bound, 0)
-        )
+        divided = np.where(measured, weight, 1)[..., None]
+        light = np.where(measured[..., None], total / divided, np.where(bound[..., None], self._bound, 0))
         sigma = np.where(measured[..., None], np.sqrt(self._variance) / divided, np.inf)
         mask = np.select([measured, bound & self._clipped, bound], [0, CLIPPED, DARK], default=NOTHING)
         sigma[mask == NOTHING] = np.nan
         return Map(
-            light.astype(np.float32), sigma.astype(np.float32) if self._noisy else None, mask.astype(np.int64)
+            light.astype(np.float32),
+            sigma.astype(np.float32) if self._unsure is None else None,
+            mask.astype(np.int64),
         )

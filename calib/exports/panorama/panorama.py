@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.exports.merge_session import current_calibration, of_one_band
+from calib.exports.merge_session import current_calibration
 from calib.exports.panorama.gathering import Gathering, Map, SeenView
 from calib.exports.panorama.layout import header, solid_angles
 from calib.exports.panorama.seams import Seam, seams
@@ -120,9 +120,8 @@ def merge_panorama(
         raise InputError(
             f"{session} has no view with a pose: run `rig calibrate` first, then merge it again."
         )
-    if any(band for shots in brackets(opened.shots("scene")).values() for band in of_one_band(shots)):
-        raise InputError(f"{session} was shot through filters: merge its bands without --panorama.")
     chosen = _chosen(opened, calibration, request.frame, request.camera)
+    _require_one_band(session, chosen)
     views = [view for view, _ in chosen]
     scale = calibration.luminance
     absolute = scale is not None and all(view.camera in scale.cameras for view in views)
@@ -247,6 +246,18 @@ def _chosen(
             "lists."
         )
     return chosen
+
+
+def _require_one_band(session: Path, chosen: Sequence[tuple[ViewCalibration, list[ShotRecord]]]) -> None:
+    """InputError where views were shot through several filters, or some of them through none."""
+    bands: dict[str, set[str | None]] = {}
+    for view, shots in chosen:
+        bands.setdefault(view.camera, set()).update(shot.band for shot in shots)
+    if len(set.union(*bands.values())) == 1:
+        return
+    apart = all(len(of_camera) == 1 for of_camera in bands.values())
+    fix = f"name one --camera ({', '.join(bands)}), or merge" if apart else "merge"
+    raise InputError(f"{session} was shot through filters: {fix} its bands without --panorama.")
 
 
 def _axes(motions: Sequence[Array]) -> Array:

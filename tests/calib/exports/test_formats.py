@@ -13,6 +13,7 @@ from calib.exports import formats
 from capture.imports.layouts.ply_points import read_ply_points
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
+from imaging.files.opencv_lens import write_opencv_lens
 from imaging.optics import lens as optics
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
@@ -129,6 +130,17 @@ def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
     mounted = record.camera(view.camera).cam_from_rig
     assert mounted is not None
     np.testing.assert_allclose(storage.getNode("cam_from_rig").mat(), mounted.matrix(), atol=1e-12)
+
+
+def test_a_folder_may_have_any_name(tmp_path: Path) -> None:
+    """To OpenCV, what follows a question mark in a path is no part of it."""
+    (tmp_path / "S").write_text("of another")
+    folder = tmp_path / "S?1"
+    folder.mkdir()
+    write_opencv_lens(folder / "cam0.yaml", PINHOLE)
+    assert (folder / "cam0.yaml").read_bytes().startswith(b"%YAML")
+    assert (tmp_path / "S").read_text() == "of another"
+    assert len(list(tmp_path.rglob("*"))) == 3
 
 
 def test_the_chain_of_kalibr_leads_from_camera_to_camera(arm: Path, record: CalibrationRecord) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calib.luminance.area import LUMINANCE
+from capture.simulated import capture_simulated
 from imaging.colour.spaces import space_from_rec709, srgb_encode
 from imaging.files import store
 from imaging.files.exr.reading import read_exr
@@ -336,3 +337,23 @@ def test_a_camera_of_unknown_colour_has_no_other_space(rig: Run, toy: Path, tmp_
     assert code == 0
     assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
     assert f"and `rig merge {toy} {tmp_path / 'M'}` again" in out
+    chosen = ("--camera", "cam0", "--frame", "0", "--json")
+    kept = json.loads(rig("merge", str(toy), str(tmp_path / "M"), *chosen)[1])
+    assert (kept["camera_rgb"], kept["files"][0]["reused"]) == (["cam0"], True)
+
+
+def test_a_mono_camera_sees_grey_in_every_space(rig: Run, tmp_path: Path) -> None:
+    session = tmp_path / "S"
+    capture_simulated("toy-mono", session, bracket=(0.0,), frames=1, seed=3)
+    for space, name, reused in (
+        ("acescg", "ACEScg", False),
+        ("rec709", "Rec.709", False),
+        ("rec709", "Rec.709", True),
+    ):
+        code, out, err = rig("merge", str(session), str(tmp_path / "M"), "--space", space, "--json")
+        assert code == 0, err
+        data = json.loads(out)
+        assert (data["camera_rgb"], {one["reused"] for one in data["files"]}) == ([], {reused})
+        image = read_exr(Path(data["files"][0]["file"]))
+        assert image.attributes["rig:colour"] == name
+        np.testing.assert_allclose(image.channels["R"], image.channels["B"], rtol=1e-4)

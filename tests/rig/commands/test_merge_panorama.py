@@ -10,6 +10,7 @@ import pytest
 
 from calib.exports.panorama import panorama
 from capture.simulated import capture_simulated
+from imaging.files import store
 from imaging.files.exr.reading import read_exr
 from imaging.merge.picture import CLIPPED, DARK, NOTHING
 from imaging.plates.merged_view import ViewLight
@@ -66,6 +67,31 @@ def test_one_view_of_one_exposure_shows_its_part_and_no_seam(rig: Run, tmp_path:
     truth = read_exr(session / "truth" / "0001" / "cam1.exr").rgb()
     light = sky.rgb()[mask == 0]
     assert np.log2(np.median(light) / np.median(truth)) == pytest.approx(0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("bands", "fix"),
+    [
+        ({("cam1", frame): "650nm" for frame in range(3)}, "name one --camera (cam0, cam1), or merge"),
+        ({("cam0", 1): "650nm"}, "merge its bands without --panorama"),
+    ],
+    ids=["of a camera", "of a frame"],
+)
+def test_views_of_several_bands_are_not_mixed(
+    rig: Run, toy: Path, tmp_path: Path, bands: dict[tuple[str, int], str], fix: str
+) -> None:
+    shots = [json.loads(line) for line in (toy / "shots.jsonl").read_text().splitlines()]
+    for shot in shots:
+        shot["band"] = bands.get((shot["camera"], shot["frame"]))
+    (toy / "shots.jsonl").write_text("".join(json.dumps(shot) + "\n" for shot in shots))
+    path = toy / "calibration" / "calibration.json"
+    record = json.loads(path.read_text()) | {"shots_sha256": store.sha256(toy / "shots.jsonl")}
+    path.write_text(json.dumps(record))
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"))
+    assert (code, "was shot through filters" in err, fix in err) == (2, True, True)
+    one = ("--camera", "cam1", "--frame", "0", "--width", "64")
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *one)
+    assert code == 0, err
 
 
 @pytest.mark.parametrize("bit", [CLIPPED, DARK], ids=["saturated", "black"])

@@ -1,5 +1,7 @@
 """Views gathered on a map, against light in closed form: right light, right error, and what is not shown."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -100,6 +102,25 @@ def test_photographs_without_a_known_noise_are_averaged() -> None:
     result = gathered([picture_of(turn, None) for turn in TURNS], TURNS).result()
     assert result.sigma is None
     np.testing.assert_allclose(result.light, light_of(directions(ROWS, 0, ROWS)), atol=5e-3)
+
+
+@pytest.mark.parametrize("blind", [0, 1])
+def test_a_view_without_a_known_noise_counts_as_the_others_do(blind: int) -> None:
+    sure = [picture_of(TURNS[0]), picture_of(TURNS[1])]
+    sure[1].light[:] *= np.float32(1.1)
+    mixed = [replace(one, sigma=None) if index == blind else one for index, one in enumerate(sure)]
+    result = gathered(mixed, TURNS[:2]).result()
+    assert result.sigma is None
+    np.testing.assert_allclose(result.light, gathered(sure, TURNS[:2]).result().light, rtol=1e-5)
+
+
+def test_a_row_of_many_columns_is_looked_up_in_parts() -> None:
+    rows, samples = 1200, 16  # 38400 columns, more than OpenCV draws at once
+    sight = SeenView(picture_of(TURNS[0], None), LENS, TURNS[0]).look(rows, 600, 601, samples)
+    assert sight is not None
+    shown = np.isfinite(sight.light).all(axis=-1)
+    assert 0.2 < shown.mean() < 0.6
+    np.testing.assert_allclose(sight.light[shown], light_of(directions(rows, 600, 601))[shown], atol=5e-3)
 
 
 def test_seams_are_differences_in_stops() -> None:
