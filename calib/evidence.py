@@ -152,7 +152,7 @@ def _control(
     """The surveyed points that are given, else those of the earlier calibration."""
     if forgets(request.survey):
         return None
-    if request.survey is None and request.marks is None and request.markers is None:
+    if request.survey is None:
         known = None if earlier is None else earlier.coordinates
         return None if known is None else control_of(known)
     return read_control(session, request.survey, request.marks, request.markers)
@@ -169,7 +169,13 @@ def _target(
         return None
     if Path(onto).resolve() == session.folder.resolve():
         raise InputError(f"{session.folder} cannot be placed onto itself: name another session after --onto.")
-    return read_target(Path(onto))
+    try:
+        return read_target(Path(onto))
+    except InputError as error:
+        if request.onto is not None:
+            raise
+        reason = str(error).removesuffix(".")
+        raise InputError(f"{reason}, or drop this target of an earlier run with --onto none.") from error
 
 
 def _sensors(

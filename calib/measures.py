@@ -62,5 +62,7 @@ def require_usable(request: CalibrationRequest) -> None:
         raise InputError(f"there is no part {sorted(unknown)[0]!r} to leave out: choose from {parts}.")
     if value_of(request.survey) is not None and value_of(request.onto) is not None:
         raise InputError("A session has one system of coordinates: give --survey or --onto, not both.")
+    if value_of(request.survey) is None and (request.marks is not None or request.markers is not None):
+        raise InputError("Marks and markers are of surveyed points: give --survey FILE with them.")
     if request.keep_doubtful and not measures.poses:
         raise InputError(f"--keep-doubtful is about poses, not the {only}: leave it or --only {only} out.")

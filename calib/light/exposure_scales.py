@@ -115,6 +115,8 @@ def _key(shot: ShotRecord) -> Key:
 def _measure(session: Session, views: Mapping[int, View], step: Callable[[], None]) -> _Steps:
     """Overlaps of every pair of steps; where a label lacks, the brightness of the image stands in."""
     known = all(shot.exposure is not None for view in views.values() for shot in view.shots)
+    # A view of one exposure overlaps with nothing, and its brightness is needed only beside brackets.
+    guessed = not known and any(len(view.shots) > 1 for view in views.values())
     labels: dict[Key, float] = {}
     brightness: dict[Key, list[float]] = {}
     overlaps: dict[tuple[Key, Key], list[tuple[int, Overlap]]] = {}
@@ -123,7 +125,7 @@ def _measure(session: Session, views: Mapping[int, View], step: Callable[[], Non
         steps = {_key(shot): shot for shot in view.shots}
         if known:
             labels |= {key: float(np.log(label_scale(shot))) for key, shot in steps.items()}
-        if len(steps) < 2:
+        if len(steps) < 2 and not guessed:
             continue
         read = read_view(session, view, {shot.file: 1.0 for shot in view.shots}, LINEAR)
         read = masked(session, view.shots, read)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.arrays import Array
-from imaging.colour.spaces import XYZ_FROM_REC709
+from imaging.colour.spaces import XYZ_FROM_REC709, rec709_from_camera
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.curve_error import with_curve_error
@@ -111,9 +111,9 @@ def _shots(session: Session, view: ViewId, area: Area) -> list[ShotRecord]:
 
 
 def _weights(camera: CameraCalibration, raw: bool, view: ViewId) -> Array:
-    """Return what each channel of the camera counts in the luminance, float64 [3]."""
+    """Return what R, G and B of the camera count in the luminance, float64 [3]; W is left out."""
     if camera.camera_from_rec709 is not None:
-        return np.asarray(LUMINANCE @ np.linalg.inv(np.array(camera.camera_from_rec709)))
+        return np.asarray(LUMINANCE @ rec709_from_camera(camera.camera_from_rec709[:3]))
     if raw:
         raise CalibrationError(
             f"the colour of camera {view.camera} is not known, so that its light has no luminance: show it a "
@@ -155,7 +155,7 @@ def _luminance(
             if sites.sum() < FEWEST:
                 raise CalibrationError(
                     f"{place} is too small: mark an even area of {4 * FEWEST} pixels or more of every "
-                    "colour, such as 20x20."
+                    "colour, such as 24x24."
                 )
             chosen = values[sites].astype(np.float64)
             means[part, channel] = chosen.mean()

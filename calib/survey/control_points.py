@@ -22,10 +22,10 @@ class Control:
 
 def read_control(
     session: Session,
-    survey: str | PathLike[str] | None,
+    survey: str | PathLike[str],
     marks: str | PathLike[str] | None,
     markers: str | None,
-) -> Control | None:
+) -> Control:
     """Read the control from these files.
 
     Args:
@@ -35,16 +35,12 @@ def read_control(
         markers: Name of the dictionary of printed markers; None without.
 
     Returns:
-        The control; None without a survey.
+        The control.
 
     Raises:
-        InputError: A file is unusable, the dictionary is unknown or fits no point, or only one of a survey
-            and its marks or markers is given.
+        InputError: A file is unusable, the dictionary is unknown or fits no point, or there are neither marks
+            nor markers.
     """
-    if survey is None:
-        if marks is not None or markers is not None:
-            raise InputError("Marks and markers are of surveyed points: give --survey FILE with them.")
-        return None
     points = read_survey(Path(survey))
     if marks is None and markers is None:
         raise InputError(

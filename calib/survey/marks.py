@@ -31,7 +31,7 @@ def read_marks(path: Path, session: Session, names: Collection[str]) -> Marks:
     names: of the survey. An image is a view as `0003/cam0`, or the photograph by its name; u and v are px
     of its file from its upper left corner. InputError of one sentence that names file, line and fault.
     """
-    _, rows = read_table(path)
+    _, separator, rows = read_table(path)
     heading = [word.lower() for word in rows[0][1]] if rows else []
     if not set(_COLUMNS) <= set(heading):
         raise InputError(f"{path} has no heading that names its columns: begin with {','.join(_COLUMNS)}.")
@@ -42,7 +42,7 @@ def read_marks(path: Path, session: Session, names: Collection[str]) -> Marks:
         where = f"{path}, line {line}"
         try:
             name, image, u, v = (fields[heading.index(column)] for column in _COLUMNS)
-            at = number_of(u), number_of(v)
+            at = number_of(u, separator), number_of(v, separator)
         except (IndexError, ValueError) as error:
             raise InputError(
                 f"{where} is not {','.join(heading)}: write two names and two numbers there, or remove it."

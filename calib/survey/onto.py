@@ -118,7 +118,7 @@ def place_onto(
         offset=(0.0, 0.0, 0.0) if known is None else known.offset,
         origin=None if known is None else known.origin,
         rms=rms, scale_error=scale, rotation_error=turn, position_error=place,
-        used=int(fits.sum()), left_out=int((~fits).sum()), onto=str(target.folder),
+        used=int(fits.sum()), left_out=int((~fits).sum()), onto=str(target.folder.resolve()),
     )  # fmt: skip
     reason = (
         f"{int(fits.sum())} of {len(fits)} scene points that are shared with {target.folder} give scale, "

@@ -58,7 +58,7 @@ class Survey:
 
 def read_survey(path: Path) -> Survey:
     """The points of a table; InputError of one sentence that names file, line and fault."""
-    text, rows = read_table(path)
+    text, separator, rows = read_table(path)
     heading, rows = (rows[0][1], rows[1:]) if rows else ([], [])
     system, columns = _columns(path, heading)
     named: dict[str, SurveyPosition] = {}
@@ -66,9 +66,9 @@ def read_survey(path: Path) -> Survey:
         where = f"{path}, line {line}"
         try:
             name = fields[columns[0]]
-            numbers = [number_of(fields[place]) for place in columns[1:4]]
+            numbers = [number_of(fields[place], separator) for place in columns[1:4]]
             stated = fields[columns[4]] if columns[4] is not None and columns[4] < len(fields) else ""
-            sigma = number_of(stated) if stated else None
+            sigma = number_of(stated, separator) if stated else None
         except (IndexError, ValueError) as error:
             raise InputError(
                 f"{where} is not {', '.join(heading)}: write a name and numbers there, or remove the line."
@@ -97,8 +97,8 @@ def read_survey(path: Path) -> Survey:
     return Survey(named, f"EPSG:{code[1]}" if code else "local")
 
 
-def read_table(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
-    """The text of a table, and its lines that are no comments, with their numbers; InputError."""
+def read_table(path: Path) -> tuple[str, str, list[tuple[int, list[str]]]]:
+    """The text of a table, its separator, and its lines that are no comments, with their numbers; InputError."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -110,7 +110,7 @@ def read_table(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
     separator = next((mark for mark in ";\t" if lines and mark in lines[0][1]), ",")
-    return text, list(_split(path, lines, separator))
+    return text, separator, list(_split(path, lines, separator))
 
 
 def _split(path: Path, lines: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -121,16 +121,13 @@ def _split(path: Path, lines: Sequence[tuple[int, str]], separator: str) -> Iter
             raise InputError(
                 f"{path}, line {number} is not a valid table line: correct its quotes."
             ) from error
-        # Tables whose numbers have decimal commas are separated by semicolons.
-        yield (
-            number,
-            [field.strip() if separator == "," else field.strip().replace(",", ".") for field in fields],
-        )
+        yield number, [field.strip() for field in fields]
 
 
-def number_of(text: str) -> float:
-    """A finite number; ValueError."""
-    value = float(text)
+def number_of(text: str, separator: str) -> float:
+    """A finite number of a table with this separator; ValueError."""
+    # Numbers have decimal commas only where something else separates them.
+    value = float(text if separator == "," else text.replace(",", "."))
     if not math.isfinite(value):
         raise ValueError(text)
     return value

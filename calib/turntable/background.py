@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.data.views import View
 from calib.evidence import Evidence
-from imaging.arrays import Array, Mask
+from imaging.arrays import Array, Integers, Mask
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.merge.linear_frame import LinearFrame, read_linear
@@ -111,9 +111,10 @@ def _rung(name: str, shares: Sequence[float]) -> Rung:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One step of the bracket at all stops: mean of each cell [N, h, w], the variance of it that noise and
-    unsteady light explain, and which cells hold numbers."""
+    """One step of the bracket at the stops that have it, [N]: mean of each cell [N, h, w], the variance of it
+    that noise and unsteady light explain, and which cells hold numbers."""
 
+    stops: Integers
     mean: Array
     variance: Array
     known: Mask
@@ -123,16 +124,19 @@ def turning_areas(evidence: Evidence, views: Sequence[View], progress: Progress)
     """Return where each view of one camera shows something that turns, bool [H, W]; errors as of reading."""
     first = views[0].shots[0]
     cell = _cell(first.width)
-    read: dict[int, list[tuple[Array, Array, Mask]]] = {}
-    for done, view in enumerate(views):
-        progress(f"comparing the stops of {view.camera.name}", done, len(views))
+    read: dict[int, dict[int, tuple[Array, Array, Mask]]] = {}
+    for stop, view in enumerate(views):
+        progress(f"comparing the stops of {view.camera.name}", stop, len(views))
         for shot in view.shots:
-            read.setdefault(shot.step, []).append(_averaged(_read(evidence, view, shot), cell))
+            read.setdefault(shot.step, {})[stop] = _averaged(_read(evidence, view, shot), cell)
     progress(f"comparing the stops of {views[0].camera.name}", len(views), len(views))
-    steps = [_steadied(*map(np.stack, zip(*cells, strict=True))) for cells in read.values()]
+    steps = [
+        _steadied(np.array(list(cells)), *map(np.stack, zip(*cells.values(), strict=True)))
+        for cells in read.values()
+    ]
     squares, freedom = (np.sum(parts, axis=0) for parts in zip(*map(_variation, steps), strict=True))
     swept = _whole(squares > EXCESS * np.maximum(freedom, 1.0))
-    areas = [_whole(swept & ~room) & swept for room in _rooms(steps)]
+    areas = [_whole(swept & ~room) & swept for room in _rooms(steps, len(views))]
     return [_at_full_size(area, cell, first.height, first.width) for area in areas]
 
 
@@ -176,7 +180,7 @@ def _averaged(frame: LinearFrame, cell: int) -> tuple[Array, Array, Mask]:
     return cells(np.where(known, signal, 0.0)), cells(noise) / cell**2, cells(known.astype(np.float64)) == 1.0
 
 
-def _steadied(mean: Array, variance: Array, known: Mask) -> _Step:
+def _steadied(stops: Integers, mean: Array, variance: Array, known: Mask) -> _Step:
     """The cells of a step without the common factors of light and shutter from stop to stop.
 
     These move nothing: most of a picture stands still.
@@ -188,7 +192,7 @@ def _steadied(mean: Array, variance: Array, known: Mask) -> _Step:
     bright &= level > max(0.0, float(np.median(level[bright])) if bright.any() else 0.0)
     if bright.any():
         mean = mean / np.median(mean[:, bright] / level[bright], axis=1)[:, None, None]
-    return _Step(mean, variance + np.square(STEADY * level), known)
+    return _Step(stops, mean, variance + np.square(STEADY * level), known)
 
 
 def _variation(step: _Step) -> tuple[Array, Array]:
@@ -200,19 +204,23 @@ def _variation(step: _Step) -> tuple[Array, Array]:
     return squares, np.maximum(stops - 1, 0)
 
 
-def _rooms(steps: Sequence[_Step]) -> Mask:
+def _rooms(steps: Sequence[_Step], stops: int) -> Mask:
     """Return where each stop has the light that most stops have, if these are many, bool [N, h, w]."""
-    stops = len(steps[0].mean)
-    most, rooms = np.zeros(steps[0].mean.shape[1:], int), np.zeros(steps[0].mean.shape, bool)
+    shape = steps[0].mean.shape[1:]
+    most, rooms = np.zeros(shape, int), np.zeros((stops, *shape), bool)
     for stop in range(stops):
-        same = np.ones(rooms.shape, bool)
+        same, compared = np.ones(rooms.shape, bool), np.zeros(stops, bool)
         for step in steps:
-            # Saturated at both stops is no difference, and saturated at one of them is.
-            both = step.known & step.known[stop]
-            explained = EQUAL * (step.variance + step.variance[stop])
-            same &= np.where(
-                both, np.square(step.mean - step.mean[stop]) <= explained, step.known == step.known[stop]
-            )
+            for row in np.flatnonzero(step.stops == stop):
+                # Saturated at both stops is no difference, and saturated at one of them is.
+                both = step.known & step.known[row]
+                explained = EQUAL * (step.variance + step.variance[row])
+                same[step.stops] &= np.where(
+                    both, np.square(step.mean - step.mean[row]) <= explained, step.known == step.known[row]
+                )
+                compared[step.stops] = True
+        # Stops without a step in common are not known to be the same.
+        same &= compared[:, None, None]
         count = same.sum(axis=0)
         better = count > most
         most[better], rooms[:, better] = count[better], same[:, better]

@@ -13,6 +13,7 @@ from calib.luminance.measure import FALLOFF_UNKNOWN
 from imaging.colour.spaces import REC709_FROM_XYZ
 from imaging.errors import CalibrationError, PartialError
 from imaging.optics.exposure import Exposure
+from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import as_matrix
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.luminance import LuminanceReading
@@ -42,13 +43,13 @@ def wall() -> np.ndarray:
     return light
 
 
-def views(files: np.ndarray | None = COLOUR) -> list:
+def views(files: np.ndarray | None = COLOUR, sees: np.ndarray = COLOUR, cfa: Cfa = Cfa.RGGB) -> list:
     named = None if files is None else as_matrix(files @ REC709_FROM_XYZ)
-    light = wall() @ COLOUR.T
+    light = wall() @ sees.T
     return [
         [
             (
-                photograph(light, time, seed=10 * frame + step, camera_from_xyz=named, time=time),
+                photograph(light, time, seed=10 * frame + step, cfa=cfa, camera_from_xyz=named, time=time),
                 Exposure(time=time, f_number=1.0, iso=100.0),
             )
             for step, time in enumerate(TIMES)
@@ -91,6 +92,14 @@ def test_any_card_gives_the_scale_whatever_its_exposure_and_colour(
     rung = next(rung for rung in record.rungs if rung.name == "luminance")
     assert rung.taken
     assert (rung.gain, rung.standard_error) == (record.luminance.value, record.luminance.error)
+
+
+def test_photosites_without_a_filter_change_nothing(tmp_path: Path) -> None:
+    four = np.concatenate([COLOUR, COLOUR.sum(0, keepdims=True)])
+    folder = make_session(tmp_path / "session", views(four, four, Cfa.of("RG/BW")))
+    record = calibrate(folder, only="response", luminance=[spot(next(iter(CARDS)))])
+    assert len(record.cameras[0].camera_from_rec709 or ()) == 4
+    assert value_of(record) == pytest.approx(CANDELAS, rel=0.01)
 
 
 def test_lux_on_a_grey_card_is_the_same(session: Path) -> None:

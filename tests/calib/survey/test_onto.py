@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.calibrate import calibrate
 from calib.data.features import Features, extract
+from calib.evidence import _target
 from calib.poses.sfm import SceneModel
 from calib.request import CalibrationRequest
 from calib.survey.onto import place_onto, read_target
@@ -18,6 +19,7 @@ from imaging.errors import CalibrationError, InputError
 from imaging.files import store
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
+from imaging.session.coordinates import CoordinateSystem
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from tests.calib.survey.conftest import true_poses
@@ -61,8 +63,12 @@ def centre(motion: np.ndarray) -> np.ndarray:
     return -motion[:3, :3].T @ motion[:3, 3]
 
 
-def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: Path) -> None:
-    record = calibrate(later, CalibrationRequest(onto=arm))
+def test_views_of_both_stand_to_each_other_as_they_truly_did(
+    arm: Path, later: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(arm.parent)
+    record = calibrate(later, CalibrationRequest(onto=arm.name))
+    monkeypatch.undo()
     coordinates, other, truth = (
         record.coordinates,
         read_calibration(arm),
@@ -92,8 +98,6 @@ def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: P
     off = to_truth(np.array([centre(ours[view]) for view in ours])) - [centre(truth[view]) for view in ours]
     assert np.linalg.norm(off, axis=1).max() < 0.05  # of 3 m to the table
 
-    from calib.evidence import _target
-
     again = _target(
         Session.open(later), CalibrationRequest(), read_calibration(later)
     )  # where the next calibration places it
@@ -118,6 +122,18 @@ def test_sessions_that_share_nothing_are_not_placed(
         place_onto(model, features, read_target(arm), unreported)
     for view, pose in model.poses.items():
         np.testing.assert_array_equal(pose.matrix(), before[view])
+
+
+def test_a_target_of_an_earlier_run_that_is_gone_is_said_to_be_of_one(arm: Path, tmp_path: Path) -> None:
+    gone = CoordinateSystem(
+        source="session", system="local", rms=0.1, scale_error=None, rotation_error=0.1, position_error=0.1,
+        used=100, onto=str(tmp_path / "gone"),
+    )  # fmt: skip
+    session, earlier = Session.open(arm), read_calibration(arm).model_copy(update={"coordinates": gone})
+    with pytest.raises(InputError, match=r"gone is not calibrated: .* an earlier run with --onto none\.$"):
+        _target(session, CalibrationRequest(), earlier)
+    with pytest.raises(InputError, match=r"first\.$"):
+        _target(session, CalibrationRequest(onto=tmp_path / "gone"), earlier)
 
 
 def test_what_nothing_can_be_placed_onto_is_one_sentence(own_arm: Path, tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.measures import require_usable
+from calib.request import CalibrationRequest
 from calib.survey.control_points import read_control
 from calib.survey.marks import read_marks
 from calib.survey.points import ENU, read_survey
@@ -35,6 +37,24 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
     assert survey.points["A"].position == (441000.0, 5412000.25, 300.5)
     assert (survey.points["A"].sigma, survey.points["B"].sigma) == (0.01, None)
     assert survey.offset == (441000.0, 5412000.0, 300.0)
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_names_have_commas_and_numbers_decimal_commas_beside_other_separators(
+    arm: Path, tmp_path: Path, mark: str
+) -> None:
+    points, marks = tmp_path / "points.csv", tmp_path / "marks.csv"
+    points.write_text("name;x;y;z\nBell, north;1,5;0;0\nB;1;0;0\nC;0;2;0\n".replace(";", mark))
+    survey = read_survey(points)
+    assert list(survey.points) == ["Bell, north", "B", "C"]
+    assert survey.points["Bell, north"].position == (1.5, 0.0, 0.0)
+    marks.write_text("name;image;u;v\nBell, north;0001/cam2;12,5;30\n".replace(";", mark))
+    found = read_marks(marks, Session.open(arm), survey.points)
+    assert found["Bell, north"][ViewId(1, "cam2")].at == (12.5, 30.0)
+
+
+def test_commas_separate_where_they_are_separators(tmp_path: Path) -> None:
+    assert "line 3" in message(tmp_path / "points.csv", GOOD.replace("B,1", 'B,"1,5"'))
 
 
 def test_small_coordinates_stay_as_they_are(tmp_path: Path) -> None:
@@ -127,9 +147,13 @@ def test_marks_that_cannot_be_are_one_sentence(arm: Path, tmp_path: Path, line: 
 def test_marks_and_points_belong_together(arm: Path, tmp_path: Path) -> None:
     session, points = Session.open(arm), tmp_path / "points.csv"
     points.write_text(GOOD)
-    assert read_control(session, None, None, None) is None
-    with pytest.raises(InputError, match="--survey"):
-        read_control(session, None, points, None)
+    for request in (
+        CalibrationRequest(marks=points),
+        CalibrationRequest(markers="DICT_4X4_50", onto=arm),
+        CalibrationRequest(markers="DICT_4X4_50", survey="none"),
+    ):
+        with pytest.raises(InputError, match="--survey FILE"):
+            require_usable(request)
     with pytest.raises(InputError, match="--marks"):
         read_control(session, points, None, None)
     with pytest.raises(InputError, match="number of a marker"):

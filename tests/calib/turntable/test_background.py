@@ -13,6 +13,8 @@ from imaging.files import store
 from imaging.merge.masks import read_mask
 from imaging.optics.exposure import Exposure
 from imaging.progress import unreported
+from imaging.sensor.cfa import Cfa, mosaic
+from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import Rung
 from imaging.session.session import TURNTABLE, Session
 from imaging.session.turntable import TurntableRecord
@@ -37,19 +39,26 @@ def texture(seed: int) -> np.ndarray:
 
 def session_of(folder: Path, *, stops: int = STOPS, turns: bool = True, still: bool = True) -> Session:
     """Photographs of a wall, a disc and a block, whose light goes up and down by three in a hundred."""
-    rng, views = np.random.default_rng(0), []
+    exposure = Exposure(time=0.01, f_number=8, iso=100)
+    pictures = pictures_of(stops, turns, still)
+    views = [[(np.rint(picture.clip(0, 255)).astype(np.uint8), exposure)] for picture in pictures]
+    return on_a_turntable(make_session(folder, views), stops)
+
+
+def pictures_of(stops: int, turns: bool, still: bool) -> list[np.ndarray]:
+    rng, pictures = np.random.default_rng(0), []
     for stop in range(stops):
         picture = texture(1 if still else 500 + stop)
         if turns:
             picture = np.where((DISC | block(stop))[..., None], texture(100 + stop), picture)
-        picture = picture * (1 + 0.03 * np.sin(stop)) + rng.normal(0, 0.7, picture.shape)
-        views.append(
-            [(np.rint(picture.clip(0, 255)).astype(np.uint8), Exposure(time=0.01, f_number=8, iso=100))]
-        )
-    session = Session.open(make_session(folder, views))
+        pictures.append(picture * (1 + 0.03 * np.sin(stop)) + rng.normal(0, 0.7, picture.shape))
+    return pictures
+
+
+def on_a_turntable(folder: Path, stops: int) -> Session:
     table = TurntableRecord(reason="test", degrees={n: 45.0 * n for n in range(stops)}, spread=0.2)
-    store.write_json(session.folder / TURNTABLE, table.model_dump(mode="json"))
-    return session
+    store.write_json(folder / TURNTABLE, table.model_dump(mode="json"))
+    return Session.open(folder)
 
 
 def masked(session: Session) -> Rung:
@@ -58,9 +67,7 @@ def masked(session: Session) -> Rung:
     return rung
 
 
-def test_what_turns_shows_at_its_stop_and_the_wall_behind_it_at_the_others(tmp_path: Path) -> None:
-    session = session_of(tmp_path / "s")
-    assert masked(session).taken
+def require_true_masks(session: Session) -> None:
     for shot in session.shots():
         assert shot.mask is not None
         shown = read_mask(session.folder / shot.mask, HEIGHT, WIDTH)
@@ -68,11 +75,41 @@ def test_what_turns_shows_at_its_stop_and_the_wall_behind_it_at_the_others(tmp_p
         inner, outer = (cv2.dilate(area.astype(np.uint8), np.ones((9, 9))) == 0 for area in (~true, true))
         assert shown[inner].all()
         assert not shown[outer].any()
+
+
+def test_what_turns_shows_at_its_stop_and_the_wall_behind_it_at_the_others(tmp_path: Path) -> None:
+    session = session_of(tmp_path / "s")
+    assert masked(session).taken
+    require_true_masks(session)
     assert session.shots()[0].mask_sha256 == store.sha256(session.folder / str(session.shots()[0].mask))
     # The masks of a first run serve the next one.
     lines = (session.folder / "shots.jsonl").read_bytes()
     assert masked(session).taken
     assert (session.folder / "shots.jsonl").read_bytes() == lines
+
+
+def test_stops_are_compared_in_the_exposures_that_both_have(tmp_path: Path) -> None:
+    """The first stop and the last one have none in common."""
+    pictures = [mosaic(picture, Cfa.RGGB) for picture in pictures_of(STOPS, turns=True, still=True)]
+    views = [
+        [
+            (
+                RawMosaic(np.rint(64 + 1200 * time * picture).astype(np.uint16), Cfa.RGGB, ((64,),), 4095),
+                Exposure(time=time, f_number=8, iso=100),
+            )
+            for time in (0.005, 0.01)
+        ]
+        for picture in pictures
+    ]
+    folder = make_session(tmp_path / "s", views)
+    taken = store.read_lines(folder / "shots.jsonl")
+    (folder / "shots.jsonl").unlink()
+    for shot in taken:
+        if (shot["frame"], shot["step"]) not in {(0, 0), (STOPS - 1, 1)}:
+            store.append_line(folder / "shots.jsonl", shot)
+    session = on_a_turntable(folder, STOPS)
+    assert masked(session).taken
+    require_true_masks(session)
 
 
 @pytest.mark.parametrize(
