@@ -161,7 +161,7 @@ def _look(shot: ShotRecord, picture: PictureFacts) -> ShotLook:
         frame=shot.frame,
         step=shot.step,
         requested=shot.requested,
-        reported=picture.metadata.exposure or shot.reported,
+        reported=shot.reported or picture.metadata.exposure,
         clipped=picture.clipped,
         black=picture.black,
         lit=picture.lit,
@@ -169,7 +169,7 @@ def _look(shot: ShotRecord, picture: PictureFacts) -> ShotLook:
 
 
 def label(look: ShotLook) -> Exposure | None:
-    """Return what the shot claims: reported by its file, else requested."""
+    """Return what the shot claims: reported by its record or its file, else requested."""
     return look.reported or look.requested
 
 

@@ -6,6 +6,7 @@ from glob import escape
 from os import PathLike
 from pathlib import Path
 
+from capture.bracket.deviation import deviates
 from capture.check.findings import FindingModel
 from capture.check.shot_index import read_index, stray_files
 from capture.imports.given.depths import unit_of
@@ -16,6 +17,7 @@ from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
+from imaging.optics.exposure import Exposure
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import ShotRecord
@@ -142,6 +144,7 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
     if picture.kind != camera.kind:
         raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
     planned, imported = plan.bracket[step], session.record.origin == "import"
+    stated = picture.metadata.exposure
     shot_id = ShotId(name, frame, step)
     mask = _companion(session, mask_file(shot_id, ""))
     if mask is not None:
@@ -159,7 +162,7 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
         file=file,
         sha256=store.sha256(path),
         requested=None if imported else planned,
-        reported=picture.metadata.exposure or (planned if imported else None),
+        reported=_exposure_of_import(stated, planned) if imported else stated,
         width=picture.width,
         height=picture.height,
         captured_at=picture.metadata.captured_at,
@@ -170,6 +173,20 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
         depth_unit=unit,
         band=plan.band(step, camera),
     )
+
+
+def _exposure_of_import(stated: Exposure | None, planned: Exposure | None) -> Exposure | None:
+    """Return the plan's exposure, which a list or layout may have stated in place of the file's.
+
+    That of the file where it says the same, since a plan has one for all frames, which may differ slightly.
+    """
+    if stated is None or planned is None:
+        return stated or planned
+    alike = [
+        (one is None) == (other is None)
+        for one, other in ((stated.iso, planned.iso), (stated.f_number, planned.f_number))
+    ]
+    return stated if all(alike) and not deviates(stated, planned) else planned
 
 
 def _companion(session: Session, stem: str) -> str | None:

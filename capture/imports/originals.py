@@ -78,7 +78,7 @@ def survey(
         The photographs in order, readable or not, with notes, and the masks in folders of masks.
 
     Raises:
-        InputError: The list of exposures cannot be read.
+        InputError: The list of exposures cannot be read, or the layout names a file of an unread kind.
     """
     paths, others = _walked(folder)
     developed: dict[Path, Path] = {}
@@ -89,9 +89,13 @@ def survey(
         paths, developed = _without_developed([path for path in paths if path not in gone])
     else:
         others, paths = [], list(named)
+        _check_kinds(paths)
     notes: list[str] = []
     listed = {path: exposure for path, exposure in (named or {}).items() if exposure is not None}
-    listed |= _listed(folder, others, notes) if exposures is None else _given(folder, exposures, paths, notes)
+    if exposures is None:
+        listed |= _listed(folder, others, paths, notes)
+    else:
+        listed |= _given(folder, exposures, paths, notes)
     others = [path for path in others if exposures is None or path.resolve() != exposures.resolve()]
     if others:
         names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
@@ -146,6 +150,14 @@ def _walked(folder: Path) -> tuple[list[Path], list[Path]]:
         return natural(relative.parent), natural(Path(relative.name)), str(relative)
 
     return sorted(pictures, key=order), sorted(others, key=order)
+
+
+def _check_kinds(paths: list[Path]) -> None:
+    """InputError for the first file that a layout names although rig reads none of its kind."""
+    for path in paths:
+        if kind_of(path) is None:
+            fix = FOREIGN.get(path.suffix.lower(), "convert it to JPEG, PNG or TIFF")
+            raise InputError(f"{shown(path)}, which the layout names, is no picture that rig reads: {fix}.")
 
 
 def _without_developed(paths: list[Path]) -> tuple[list[Path], dict[Path, Path]]:
@@ -204,20 +216,24 @@ def _doubts(originals: list[Original]) -> list[str]:
     ]
 
 
-def _listed(folder: Path, others: list[Path], notes: list[str]) -> dict[Path, Exposure]:
-    """Exposures from the lists among `others`, which are taken out of it."""
+def _listed(folder: Path, others: list[Path], paths: list[Path], notes: list[str]) -> dict[Path, Exposure]:
+    """Exposures of the photographs from the lists among `others`, which are taken out of it."""
     exposures: dict[Path, Exposure] = {}
+    photos = set(paths)
     for path in [path for path in others if path.name.casefold() == EXPOSURE_LIST]:
+        source = shown(path.relative_to(folder))
         try:
-            listed = read_exposure_list(path)
+            named = {path.parent / name: exposure for name, exposure in read_exposure_list(path).items()}
+            if photos.isdisjoint(named):
+                raise InputError(f"{source} names none of the photos: correct the names in it.")
         except InputError as error:
             notes.append(f"An exposure list is left aside: {str(error).rstrip('.')}.")
             continue
         others.remove(path)
-        exposures |= {path.parent / name: exposure for name, exposure in listed.items()}
-        name = shown(path.relative_to(folder))
+        mine = {photo: exposure for photo, exposure in named.items() if photo in photos}
+        exposures |= mine
         notes.append(
-            f"The exposures of {len(listed)} photos are those of {name}, not of their EXIF; "
+            f"The exposures of {len(mine)} of {len(paths)} photos are those of {source}, not of their EXIF; "
             "--exposures FILE gives others."
         )
     return exposures

@@ -183,7 +183,9 @@ def _lenses(
 def _in_rig(camera: CameraRecord, given: Given, posed: Mapping[ViewId, GivenPhoto]) -> Pose | None:
     for view, photo in posed.items():
         if view.camera == camera.name and camera.rig is not None:
-            return given.rigs[photo.camera][1]
+            # Cameras that --together joins have a rig of which the layout says nothing.
+            rig = given.rigs.get(photo.camera)
+            return None if rig is None else rig[1]
     return None
 
 

@@ -50,7 +50,6 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
     them.
     """
     aside: dict[Path, list[Path]] = defaultdict(list)
-    masks: dict[Path, Path] = {}
     stems: dict[str, list[Path]] = defaultdict(list)
     for path in paths:
         if any(NEVER.fullmatch(part) for part in path.relative_to(folder).parts[:-1]):
@@ -66,17 +65,62 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
                 if one.parent != other.parent and not _made(folder, other):
                     pairs[one.parent, other.parent].append((one, other))
     for (home, _), both in sorted(pairs.items()):
-        if _made(folder, both[0][0]):
-            aside[home] += [one for one, _ in both]
-            if MASKS.fullmatch(home.name):
-                masks |= {photo: mask for mask, photo in both if mask.suffix.lower() == ".png"}
-        elif all(_is_copy(*pair) for pair in both[:: max(1, len(both) // _TRIED)][:_TRIED]):
+        tried = both[:: max(1, len(both) // _TRIED)][:_TRIED]
+        if _made(folder, both[0][0]) or all(_is_copy(*pair) for pair in tried):
             aside[home] += [one for one, _ in both]
     gone = {path for group in aside.values() for path in group}
+    photographs_of: dict[Path, list[Path]] = defaultdict(list)
+    for both in pairs.values():
+        for one, other in both:
+            if other not in gone and _is_mask_of(folder, one, other):
+                photographs_of[one].append(other)
     return Derived(
-        {home: list(dict.fromkeys(group)) for home, group in aside.items()},
-        {photo: mask for photo, mask in masks.items() if photo not in gone},
+        {home: list(dict.fromkeys(group)) for home, group in aside.items()}, _masks(folder, photographs_of)
     )
+
+
+def _masks(folder: Path, photographs_of: Mapping[Path, list[Path]]) -> dict[Path, Path]:
+    """Choose the mask of each photograph.
+
+    The names in a folder of one camera are those in a folder of the next, so a mask belongs to the folder
+    nearest to its own, and to none where several are as near.
+
+    Args:
+        folder: Folder of the import.
+        photographs_of: The photographs that each mask may belong to by its name.
+
+    Returns:
+        The mask of each photograph that has one.
+    """
+    chosen: list[tuple[int, Path, Path]] = []
+    for mask, photos in photographs_of.items():
+        distances = {photo: _distance(folder, mask, photo) for photo in photos}
+        nearest = [photo for photo in photos if distances[photo] == min(distances.values())]
+        if len({photo.parent for photo in nearest}) == 1:  # RAW+JPEG are two of one folder
+            chosen += [(distances[photo], mask, photo) for photo in nearest]
+    masks: dict[Path, Path] = {}
+    for _, mask, photo in sorted(chosen):
+        masks.setdefault(photo, mask)
+    return masks
+
+
+def _distance(folder: Path, mask: Path, photo: Path) -> int:
+    """Return 0 if cam0/masks or masks/cam0 is a mask's folder and cam0 the photograph's, 1 if that is
+    images/cam0 or cam0/images, else 2.
+    """
+    own = [part for part in mask.parent.relative_to(folder).parts if not MADE.fullmatch(part)]
+    parts = photo.parent.relative_to(folder).parts
+    remaining = iter(parts)
+    return 0 if tuple(own) == parts else 1 if all(part in remaining for part in own) else 2
+
+
+def _is_mask_of(folder: Path, path: Path, photo: Path) -> bool:
+    """Return whether a picture lies among masks and has the name of the mask of a photograph."""
+    made = [part for part in path.parent.relative_to(folder).parts if MADE.fullmatch(part)]
+    if not made or not MASKS.fullmatch(made[-1]) or path.suffix.lower() != ".png":
+        return False
+    name = Path(path.stem)
+    return photo.stem.casefold() in (str(name).casefold(), name.stem.casefold() if kind_of(name) else None)
 
 
 def _made(folder: Path, path: Path) -> bool:

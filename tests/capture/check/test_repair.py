@@ -11,7 +11,9 @@ from capture.check.check import check, repair
 from capture.imports.photos import import_photos
 from capture.record.recorder import record
 from imaging.errors import StorageError
-from imaging.files.photo import encode_png
+from imaging.files.photo import encode_jpeg, encode_png
+from imaging.optics.exposure import Exposure
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 
 from .index_lines import kinds, lines, tree, write
@@ -106,6 +108,26 @@ def test_repair_of_an_import_takes_the_exposures_of_silent_files_from_the_plan(t
     (tmp_path / "s" / "shots.jsonl").unlink()
     repair(tmp_path / "s")
     assert [(s.identity, s.reported, s.requested) for s in session.shots()] == before
+
+
+def test_exposures_of_a_list_are_kept_by_check_and_repair_where_exif_is_wrong(tmp_path):
+    """EXIF says half the time of c and f; d is within rounding of its plan, and keeps its own."""
+    photos = tmp_path / "photos"
+    taken = {"a": 1 / 8, "b": 1 / 2, "c": 1.0, "d": 1 / 8.2, "e": 1 / 2, "f": 1.0}
+    photos.mkdir()
+    for name, time in taken.items():
+        metadata = FrameMetadata(make="A", model="M", exposure=Exposure(time=time, f_number=4, iso=100))
+        codes = np.full((24, 32, 3), 90, np.uint8)
+        (photos / f"{name}.jpg").write_bytes(encode_jpeg(codes, metadata=metadata))
+    (tmp_path / "list.csv").write_text("c.jpg, 2, 4, 100\nf.jpg, 2, 4, 100\n")
+    import_photos(photos, tmp_path / "s", exposures=tmp_path / "list.csv", bracket=3)
+    session = Session.open(tmp_path / "s")
+    before = {shot.identity: shot.reported.time for shot in session.shots()}
+    assert list(before.values()) == pytest.approx([1 / 8, 1 / 2, 2, 1 / 8.2, 1 / 2, 2], rel=1e-3)
+    assert [look.reported.time for look in check(session).looks] == pytest.approx(list(before.values()))
+    (tmp_path / "s" / "shots.jsonl").unlink()
+    repair(tmp_path / "s")
+    assert {shot.identity: shot.reported.time for shot in session.shots()} == before
 
 
 def test_an_index_that_is_lost_is_rebuilt_from_the_files(rig):

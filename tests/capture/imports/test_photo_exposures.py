@@ -23,7 +23,11 @@ def test_an_exposure_list_speaks_for_photographs_without_exif(tmp_path):
     pixels = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
     files = {name: encode_png(pixels + np.uint8(n)) for n, name in enumerate(("a.png", "b.png", "c.png"))}
     put(tmp_path / "photos", files | {"image_list.txt": text.encode()})
-    import_photos(tmp_path / "photos", tmp_path / "s")
+    result = import_photos(tmp_path / "photos", tmp_path / "s")
+    assert (
+        "The exposures of 3 of 3 photos are those of image_list.txt, not of their EXIF; "
+        "--exposures FILE gives others." in result.guesses
+    )
     shots = Session.open(tmp_path / "s").shots()
     assert [(s.frame, s.step) for s in shots] == [(0, 0), (0, 1), (0, 2)]
     assert [s.reported for s in shots] == [Exposure(time=t, f_number=8) for t in (4, 1, 0.25)]
@@ -38,6 +42,16 @@ def test_an_exposure_list_that_is_not_understood_is_left_aside_and_said(tmp_path
     result = import_photos(tmp_path / "photos", tmp_path / "s")
     assert Session.open(tmp_path / "s").shots()[0].reported is None
     assert "image_list.txt, line 1 is not" in result.guesses[0]
+
+
+def test_an_exposure_list_that_names_no_photo_is_left_aside_and_said(tmp_path):
+    put(tmp_path / "photos", {"a.jpg": jpeg(1, time=T), "image_list.txt": b"a.ppm 8 8 0 0"})
+    result = import_photos(tmp_path / "photos", tmp_path / "s")
+    assert (
+        "An exposure list is left aside: image_list.txt names none of the photos: correct the names in it."
+        in result.guesses
+    )
+    assert not any("are those of image_list" in guess for guess in result.guesses)
 
 
 def test_a_list_that_is_asked_for_speaks_before_exif_and_before_one_that_is_found(tmp_path):

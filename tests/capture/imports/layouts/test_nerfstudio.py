@@ -57,6 +57,17 @@ def test_the_lens_may_stand_in_the_frames_and_each_other_lens_is_a_camera(tmp_pa
     assert sorted(frame for _, frame in at.values()) == [0, 1, 2, 3]
 
 
+def test_lenses_that_are_put_together_are_a_rig_whose_mounting_is_unknown(tmp_path):
+    some = frames()
+    for frame in some[2:]:
+        frame["fl_x"] = 90.0
+    result, session, at = imported(scene(tmp_path / "n", LENS | {"frames": some}), together="order")
+    assert [at[f"{n}.png"][1] for n in range(4)] == [0, 1, 0, 1]
+    assert len({camera.rig for camera in session.record.cameras} - {None}) == 1
+    assert [camera.cam_from_rig for camera in read_calibration(session.folder).cameras] == [None, None]
+    assert result.views == 4
+
+
 def test_a_blender_scene_has_a_field_of_view_and_names_without_a_suffix(tmp_path):
     folder = scene(tmp_path / "n", "{}")
     (folder / "transforms.json").unlink()

@@ -23,6 +23,19 @@ def test_a_fisheye_needs_its_focal_length(tmp_path):
         imported(scene(tmp_path / "n", angle | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}))
 
 
+@pytest.mark.parametrize(
+    ("suffix", "fix"),
+    [(".bmp", "convert it to JPEG, PNG or TIFF"), (".avif", "convert AVIF to JPEG or TIFF")],
+)
+def test_a_photograph_of_an_unread_kind_is_named_with_its_fix(tmp_path, suffix, fix):
+    folder = scene(tmp_path / "n", LENS | {"frames": changed(file_path=f"images/1{suffix}")["frames"]})
+    (folder / "images" / f"1{suffix}").write_bytes(b"BM")
+    said = rf"images/1{suffix}, which the layout names, is no picture that rig reads: {fix}\.$"
+    with pytest.raises(InputError, match=said):
+        imported(folder)
+    assert not (tmp_path / "s").exists()
+
+
 def changed(**values):
     some = frames()
     some[1] |= values

@@ -59,6 +59,36 @@ def test_a_folder_of_masks_holds_masks(tmp_path, name, folder):
     assert "4 of 4 photos have a mask; what is black in it is ignored." in result.guesses
 
 
+@pytest.mark.parametrize("home", ["{cam}/masks", "masks/{cam}"])
+@pytest.mark.parametrize("photos", ["{cam}", "images/{cam}", "{cam}/images"])
+def test_masks_of_a_camera_are_those_of_its_own_photographs(tmp_path, home, photos):
+    files = {}
+    for value, cam in enumerate(("cam0", "cam1")):
+        for n in range(3):
+            files[f"{photos.format(cam=cam)}/v.{n}.jpg"] = scene(10 * value + n)
+            mask = encode_png(np.full((64, 96), 255 * value + (-n if value else n), np.uint8))
+            files[f"{home.format(cam=cam)}/v.{n}.png"] = mask
+    import_photos(put(tmp_path / "in", files), tmp_path / "s")
+    session = Session.open(tmp_path / "s")
+    shots = session.shots()
+    assert len(shots) == 6
+    for shot in shots:
+        source = Path(shot.source)
+        cam = next(part for part in source.parts if part.startswith("cam"))
+        assert session.mask(shot).read_bytes() == files[f"{home.format(cam=cam)}/{source.stem}.png"]
+
+
+def test_a_mask_that_may_be_of_several_photographs_is_of_none(tmp_path):
+    """Of two photographs 0 neither is nearer to its mask; there is one 1, and one 2."""
+    names = ("cam0/0.jpg", "cam1/0.jpg", "cam0/1.jpg", "cam1/2.jpg")
+    files = {name: scene(number) for number, name in enumerate(names)}
+    files |= {f"masks/{n}.png": encode_png(np.full((64, 96), n, np.uint8)) for n in range(3)}
+    result = import_photos(put(tmp_path / "in", files), tmp_path / "s")
+    masked = [Path(shot.source).name for shot in Session.open(tmp_path / "s").shots() if shot.mask]
+    assert sorted(masked) == ["1.jpg", "2.jpg"]
+    assert any(guess.startswith("3 files are left aside") for guess in result.guesses)
+
+
 def test_a_server_s_thumbnails_are_no_photographs(tmp_path):
     files = {"a.jpg": scene(0), "@eaDir/a.jpg/SYNOPHOTO_THUMB_XL.jpg": scene(0, (48, 32))}
     assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 1
