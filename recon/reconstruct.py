@@ -30,11 +30,10 @@ from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
 from recon.decide.steps.method_choice import method_for, rungs, uncoloured
-from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
-from recon.result.training_folder import default_name, place_for
+from recon.result.training_folder import default_name, names_of, place_for
 from recon.scene.checkpoint import Checkpoint
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.gpu_check import trusted
@@ -112,8 +111,7 @@ def reconstruct(
     with joined() as ranks:
         # What takes seconds to refuse is refused before photographs are read.
         store.require_writable(session / shelf)
-        names = (request.name,) if request.name else (default_name(one, quality, budget) for one in METHODS)
-        there = any((session / shelf / one / MODEL).is_file() for one in names)
+        there = any((session / shelf / name / MODEL).is_file() for name in names_of(request))
         begins = [True] if request.replace or not there else []
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:

@@ -5,7 +5,9 @@ from pathlib import Path
 from imaging.errors import InputError
 from imaging.record import parse
 from recon.decide.cost.budget import Budget
+from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
+from recon.methods import METHODS
 from recon.result.model import CHECKPOINT, MODEL
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 
@@ -13,6 +15,14 @@ from recon.scene.checkpoint import Checkpoint, read_checkpoint
 def default_name(method: str, quality: str, budget: Budget | None) -> str:
     """Default name of a scene: `nh-3dgs-standard`, or `nh-3dgs-standard-300s`."""
     return f"{method}-{quality}" if budget is None else f"{method}-{quality}-{budget}"
+
+
+def names_of(request: TrainingRequest) -> tuple[str, ...]:
+    """Names that the scene of a request may get: one, or one of each method where the files decide on it."""
+    if request.name:
+        return (request.name,)
+    methods = tuple(METHODS) if request.method == "auto" else (request.method,)
+    return tuple(default_name(method, request.quality, request.budget) for method in methods)
 
 
 def place_for(

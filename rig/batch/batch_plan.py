@@ -72,12 +72,16 @@ class PlannedScene(_Table):
         ]
 
     def made_in(self, rows: Sequence[BatchRow]) -> BatchRow | None:
-        """Return the row of this scene among those of a session, unless it is not made or lacks an export."""
+        """Return the row of this scene among those of a session, unless it is not made or lacks an export.
+
+        A row of the same name that was made with other options is another scene's.
+        """
         return next(
             (
                 row
                 for row in rows
                 if row.scene == self.called
+                and row.words == " ".join(self.words())
                 and row.failed is None
                 and set(self.export) <= {path.name for path in row.exports}
             ),
@@ -93,7 +97,7 @@ class PlannedScene(_Table):
 class _Tables(_Table):
     sessions: Annotated[tuple[str, ...], Field(min_length=1)]
     output: str | None = None
-    scene: tuple[PlannedScene, ...] = (PlannedScene(),)
+    scene: Annotated[tuple[PlannedScene, ...], Field(min_length=1)] = (PlannedScene(),)
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,9 @@ def read_plan(path: str | Path) -> BatchPlan:
         if first["type"] == "missing":
             raise InputError(f"{where}: {keys[-1]} is missing: add it, such as {EXAMPLE}.") from None
         what = ".".join(map(str, keys))
+        if first["type"] == "too_short":
+            fixes = {"sessions": f"add one, such as {EXAMPLE}", "scene": "add a [[scene]], or leave it out"}
+            raise InputError(f"{where}: {what} is empty: {fixes[what]}.") from None
         raise InputError(f"{where}: {what}: {first['msg'].lower()}; correct it.") from None
     for number, scene in enumerate(tables.scene):
         try:
@@ -194,9 +201,12 @@ def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, .
     """The folders that are meant, in the order of the plan."""
     sessions: dict[Path, None] = {}
     for pattern in patterns:
-        folder = Path(pattern)
+        folder = path.parent / pattern
+        base = Path(folder.anchor) if Path(pattern).is_absolute() else path.parent
         try:
-            some = [folder] if folder.is_absolute() else sorted(path.parent.glob(pattern))
+            # A folder may have brackets in its name, which a pattern takes for a set of letters.
+            literal = (folder / SESSION).is_file()
+            some = [folder] if literal else sorted(base.glob(pattern.removeprefix(folder.anchor)))
         except (ValueError, NotImplementedError) as error:
             raise InputError(
                 f"{path}, line {line}: {pattern!r} is not a pattern of folders ({error})."

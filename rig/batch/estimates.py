@@ -12,9 +12,8 @@ from imaging.session.session import Session
 from recon.data.holdout import EVERY, FEWEST_FOR_HOLDOUT
 from recon.decide.cost.duration import BEGIN, Work
 from recon.decide.presets import QUALITIES
-from recon.methods import METHODS
 from recon.result.model import MODEL
-from recon.result.training_folder import default_name
+from recon.result.training_folder import names_of
 from rig.batch.batch_plan import BatchPlan, PlannedScene
 
 FEATURES = 1600
@@ -113,9 +112,8 @@ def _scene(session: Path, scene: PlannedScene) -> tuple[float, float]:
     """Processor seconds and bytes; none of a scene that is there. InputError: no session."""
     request, shots = scene.request(), _shots(session)
     budget, preset, overrides = request.budget, QUALITIES[request.quality], request.overrides
-    names = [scene.name] if scene.name else [default_name(one, request.quality, budget) for one in METHODS]
     views = _views(shots, overrides.width or preset.width)
-    if not views or any((session / "reconstructions" / one / MODEL).is_file() for one in names):
+    if not views or any((session / "reconstructions" / name / MODEL).is_file() for name in names_of(request)):
         return 0.0, 0.0
     held_out = -(-len(views) // EVERY) if len(views) >= FEWEST_FOR_HOLDOUT else 0
     train = len(views) - held_out

@@ -18,10 +18,12 @@ class BatchRow(Record):
     failed: the step that failed; says: why, in a sentence. seconds: of all steps, of the clock. attempts: of
     the step that took most. already_there: it was finished before. forecast: bytes of memory that its
     training was said to take. stored: URL of a folder in storage, from which the other paths hold then.
+    words: options of `rig reconstruct` that it was made with.
     """
 
     session: Path
     scene: str
+    words: str = ""
     reconstruction: Path | None = None
     failed: Step | None = None
     says: str = ""

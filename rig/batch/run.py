@@ -124,6 +124,7 @@ class _Run:
             row = BatchRow(
                 session=session,
                 scene=scene.called,
+                words=" ".join(scene.words()),
                 reconstruction=data["reconstruction"],
                 says=ended.says if ended.code == 3 else "",
                 db=data.get("held_out_db"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,17 +107,17 @@ def capture(
     """
     rig_file, out = _places(context, paths, sim)
     kind = _kind(context, {"dark": darks, "flat": flats, "board": board})
-    if sim is None and (seed or rough):
+    if sim is None and ((seed and _is_typed(context, "seed")) or rough):
         raise WrongUsage("--seed and --rough are for simulated rigs: add --sim, or leave them out", context)
-    limits = {
-        name: value
-        for name, value in vars(goals).items()
-        if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
-    }
-    if kind != "scene" and (request.bracket == () or limits):
+    limits = {name: value for name, value in vars(goals).items() if _source(context, name) != "DEFAULT"}
+    typed = {name for name in ("bracket", *limits) if _is_typed(context, name)}
+    if kind != "scene" and typed and (request.bracket == () or typed != {"bracket"}):
         raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)
     rig = None if rig_file is None else rigfile.read_rig_file(rig_file)
-    request = replace(request, kind=kind, bracket=_bracket(request.bracket, limits, rig))
+    bracket = _bracket(request.bracket, limits, typed, rig)
+    if kind != "scene" and not typed:
+        bracket = None  # the user's defaults are for scenes
+    request = replace(request, kind=kind, bracket=bracket)
     if dry_run:
         with running("plan") as status:
             return rehearsal.rehearse(sim, out, status, request, rig=rig, seed=seed)
@@ -146,18 +146,35 @@ def _kind(context: typer.Context, wanted: dict[choices.Subject, bool]) -> choice
     return chosen[0] if chosen else "scene"
 
 
-def _bracket(bracket: Bracket, limits: Mapping[str, Any], rig: rigfile.RigFile | None) -> Bracket:
-    """The stops or the goals that the command line states, if any; no stops: an automatic bracket.
+def _source(context: typer.Context, name: str) -> str:
+    """Return where the value of a parameter is from, in click's words: DEFAULT_MAP is the user's file."""
+    source = context.get_parameter_source(name)
+    return "DEFAULT" if source is None else source.name
 
-    Goals that it leaves out are those of the rig file. InputError where limits are given to stops.
+
+def _is_typed(context: typer.Context, name: str) -> bool:
+    return _source(context, name) in ("COMMANDLINE", "ENVIRONMENT")
+
+
+def _bracket(
+    bracket: Bracket, limits: Mapping[str, Any], typed: Collection[str], rig: rigfile.RigFile | None
+) -> Bracket:
+    """The stops or the goals that are asked for, if any; no stops: an automatic bracket.
+
+    Goals that are left out are those of the rig file. typed: names of what the command line states; the
+    others are the user's defaults, which are dropped where they do not go with it. InputError where limits
+    are given to stops.
     """
     usual = rig is not None and rig.tables.bracket.exposures == "auto"
+    limited = [name for name in limits if name in typed]
+    if bracket and limited and "bracket" not in typed:
+        bracket = None
     if bracket == () or (bracket is None and usual and limits):
         return replace(NO_GOALS if rig is None else rig.tables.bracket.wanted, **limits)
-    if limits and not usual:
-        option = "--" + next(iter(limits)).replace("_", "-")
+    if limited and not usual:
+        option = "--" + limited[0].replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
-    if limits:
+    if limited:
         raise InputError("explicit stops are not planned: leave out --bracket or its limits.")
     return bracket
 

@@ -9,7 +9,7 @@ import typer
 from capture.rigfile import network_address
 from drivers import conformance, discovery, host
 from imaging import stress_case
-from imaging.errors import InputError
+from imaging.errors import CameraError, InputError
 from recon.train import gpu_check
 from recon.train import training_device as devices
 from rig import stability as stresses
@@ -105,13 +105,21 @@ def _camera_result(which: str, sim: str | None, status: "progress.StatusLine") -
         bus.backend, bus.clock, open_network(sim, named), network_address.ptpip_places(named)
     )
     status("looking for cameras", 0, 0)
+    silent: list[CameraError] = []
     try:
         if named:
             there = [camera for camera in cameras if camera.where == named[0].where]
             by_serial = dict(zip([which], there, strict=False))
         else:
-            by_serial = {camera.identify().serial: camera for camera in cameras}
+            by_serial = {}
+            for camera in cameras:
+                try:
+                    by_serial[camera.identify().serial] = camera
+                except CameraError as error:  # of another camera, as far as is known
+                    silent.append(error)
         if which not in by_serial:
+            if silent:  # any of them may be the one
+                raise silent[0]
             known = ", ".join(sorted(by_serial)) or "none"
             what = "" if named else " with the serial number"
             raise InputError(f"No camera{what} {which!r} is connected ({known} found).")

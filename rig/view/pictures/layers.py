@@ -10,7 +10,7 @@ import numpy as np
 
 from imaging.arrays import Array32, Bytes
 from imaging.errors import InputError
-from recon.result.model import read_own_calibration
+from recon.result.model import CALIBRATION, read_own_calibration
 from recon.result.scene import Scene
 from rig.terminal.text import number
 from rig.view.pictures.look import ramp
@@ -87,15 +87,16 @@ def _trust_words(value: Array32, scene: Scene) -> str:
 
 def unit_of(scene: Scene) -> str:
     """Unit of lengths, as the calibration of the scene has it; without a name if arbitrary."""
-    return _unit(scene.folder)
+    try:
+        return _unit(scene.folder, (scene.folder / CALIBRATION).stat().st_mtime_ns)
+    except (InputError, OSError):  # a scene that is still trained has none yet
+        return "units"
 
 
 @cache
-def _unit(folder: Path) -> str:
-    try:
-        return "m" if read_own_calibration(folder).unit == "m" else "units"
-    except InputError:
-        return "units"
+def _unit(folder: Path, written: int) -> str:
+    """Unit of the calibration that was written into a folder at that time."""
+    return "m" if read_own_calibration(folder).unit == "m" else "units"
 
 
 _SHOWN: dict[str, _Shown] = {

@@ -13,7 +13,7 @@ from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.result.training_folder import default_name
+from recon.result.training_folder import default_name, names_of
 from recon.train.interrupt import Interrupted
 
 
@@ -37,6 +37,9 @@ def test_a_scene_is_called_by_what_was_asked_for():
     budgets = [Budget.parse(text) for text in ("5m", "30MB", "35dB", "20k")]
     names = [default_name("nh-3dgs", "standard", budget) for budget in budgets]
     assert names == [f"nh-3dgs-standard-{end}" for end in ("300s", "30MB", "35dB", "20k")]
+    assert names_of(TrainingRequest(name="c1")) == ("c1",)
+    assert names_of(TrainingRequest(method="hdr-gs", quality="best")) == ("hdr-gs-best",)
+    assert names_of(TrainingRequest()) == ("nh-3dgs-standard", "hdr-gs-standard", "vanilla-standard")
 
 
 @pytest.mark.parametrize(

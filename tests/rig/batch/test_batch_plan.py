@@ -30,6 +30,17 @@ def test_patterns_find_sessions_once_and_in_order(tmp_path: Path) -> None:
     assert scene.words() == ["--method", "auto", "--quality", "standard", "--seed", "0"]
 
 
+def test_patterns_may_be_absolute_and_names_may_have_brackets(tmp_path: Path) -> None:
+    path = plan(tmp_path, f'sessions = ["{tmp_path}/scans/*", "{tmp_path}/other", "scans/b [1]"]')
+    (tmp_path / "scans" / "b [1]").mkdir()
+    (tmp_path / "scans" / "b [1]" / SESSION).touch()
+    assert [str(session.relative_to(tmp_path)) for session in read_plan(path).sessions] == [
+        *["scans/a", "scans/b", "scans/b [1]", "other"],
+    ]
+    path.write_text('sessions = ["scans/b [1]"]')
+    assert read_plan(path).sessions == (tmp_path / "scans" / "b [1]",)
+
+
 def test_a_scene_has_the_options_of_reconstruct(tmp_path: Path) -> None:
     text = """
 sessions = ["other"]
@@ -56,7 +67,9 @@ export = ["scene.usdc"]
         ('sessions = ["nowhere"]', "line 1: 'nowhere' is not a session"),
         ('sessions = ["scans/notes"]', "line 1: 'scans/notes' is not a session"),
         ('sessions = ["**x"]', "line 1: '**x' is not a "),
-        ("sessions = []", "line 1: sessions"),
+        ("sessions = []", "line 1: sessions is empty: add one, such as sessions = "),
+        ('sessions = ["other"]\nscene = []', "line 2: scene is empty: add a [[scene]], or leave it out."),
+        ('sessions = ["/nowhere/*"]', "line 1: '/nowhere/*' is not a session"),
         ("[[scene]]", "sessions is missing"),
         ('sessions = ["other"]\nqualty = 1', "line 2: there is no setting 'qualty'"),
         ('sessions = ["other"]\n[[scene]]\nquality = "good"', "line 3: scene.0.quality"),

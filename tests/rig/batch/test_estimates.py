@@ -51,6 +51,14 @@ def test_a_scene_that_is_there_costs_nothing(toy: Path) -> None:
     assert (row.processor_seconds, row.more) == (0.0, 0)
 
 
+def test_the_scene_of_another_method_is_not_the_one_that_is_there(toy: Path) -> None:
+    (toy / "reconstructions" / "hdr-gs-standard").mkdir(parents=True)
+    (toy / "reconstructions" / "hdr-gs-standard" / "model.json").touch()
+    methods = ("nh-3dgs", "hdr-gs", "vanilla", "auto")
+    rows = of(toy, *(PlannedScene(method=method) for method in methods))
+    assert [row.processor_seconds > 0 for row in rows] == [True, False, True, False]
+
+
 def test_a_castle_is_calibrated_in_what_it_was_measured_to_take(fresh: Path) -> None:
     """README.md: eleven photographs of 6 megapixels, 73 s of processor time."""
     lines = (fresh / "shots.jsonl").read_text().splitlines()

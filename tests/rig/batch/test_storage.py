@@ -152,6 +152,19 @@ def test_a_new_scene_is_made_of_the_stored_calibration(bucket: str, scans: Path,
     check_stored(bucket, "b", scans)
 
 
+@pytest.mark.parametrize("bucket", ["memory"], indirect=True)
+def test_a_scene_with_other_options_is_not_the_stored_one_of_its_name(bucket: str, tmp_path: Path) -> None:
+    carry_out(planned(tmp_path, bucket), Writer())
+    plan = planned(tmp_path, bucket, f"{SCENES}seed = 7\nset = {{ gaussians = 500 }}\n")
+    assert all(row.processor_seconds > 0 for row in estimates.estimates(plan))
+    writer = Writer()
+    assert not any(row.already_there for row in carry_out(plan, writer).rows)
+    assert [name for step, name in writer.commands if step == "reconstruct"] == ["a", "b"]
+    writer = Writer()
+    assert all(row.already_there for row in carry_out(plan, writer).rows)
+    assert writer.commands == []
+
+
 def test_a_damaged_photograph_fails_its_session_alone(bucket: str, tmp_path: Path) -> None:
     system, root = fsspec.core.url_to_fs(f"{bucket}/scans/a")
     name = json.loads(system.cat_file(f"{root}/shots.jsonl").splitlines()[0])["file"]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from capture.record.session_plan import asked_for
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
@@ -13,6 +14,7 @@ from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import InputError
 from rig.cameras.usb_bus import UsbBus
 from rig.terminal.operator import TerminalOperator
+from rig.terminal.result import CommandResult
 
 
 def json_of(rig, *arguments: str) -> dict:
@@ -164,6 +166,52 @@ def test_what_does_not_go_together_is_told(rig, file: Path, tmp_path: Path, argu
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert words in err
     assert not (tmp_path / "S").exists()
+
+
+@pytest.mark.parametrize(
+    ("defaults", "arguments", "asked"),
+    [
+        ('bracket = "auto"', [], "auto, snr 20"),
+        ('bracket = "auto"\nsnr = 25', [], "auto, snr 25"),
+        ('bracket = "auto"\nsnr = 25', ["--snr", "15"], "auto, snr 15"),
+        ('bracket = "auto"\nsnr = 25', ["--bracket=-2,0"], "stops -2, 0"),
+        ('bracket = "-2,0"\nsnr = 25', [], "stops -2, 0"),
+        ('bracket = "-2,0"', ["--bracket", "auto", "--snr", "15"], "auto, snr 15"),
+        ("snr = 25", ["--bracket", "auto"], "auto, snr 25"),
+        ("snr = 25", ["--bracket", "0"], "stops 0"),
+        ('bracket = "auto"', ["--darks"], None),
+        ('bracket = "-2,0"', ["--board"], None),
+        ("snr = 25", ["--flats"], None),
+    ],
+)
+def test_defaults_of_the_user_give_way_where_they_do_not_apply(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, defaults: str, arguments, asked: str | None
+) -> None:
+    shot = list[str | None]()
+
+    def run_capture(sim, out, status, request, **more) -> CommandResult:
+        shot.append(None if request.bracket is None else asked_for(request.bracket))
+        return CommandResult({}, [])
+
+    monkeypatch.setattr("rig.commands.capture.run_capture", run_capture)
+    (tmp_path / "config.toml").write_text(f"[capture]\n{defaults}\n")
+    monkeypatch.setenv("RIG_CONFIG", str(tmp_path / "config.toml"))
+    code, _, err = rig("capture", "--sim", "toy", str(tmp_path / "S"), *arguments)
+    assert (code, err, shot) == (0, "", [asked])
+
+
+def test_a_default_seed_hinders_no_cameras_and_typed_limits_are_still_looked_at(
+    rig, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.commands.capture.run_capture", lambda *given, **more: CommandResult({}, []))
+    (tmp_path / "config.toml").write_text('[capture]\nseed = 3\nbracket = "-2,0"\n')
+    monkeypatch.setenv("RIG_CONFIG", str(tmp_path / "config.toml"))
+    capture = ("capture", str(file), str(tmp_path / "S"))
+    assert rig(*capture)[0] == 0
+    code, _, err = rig(*capture, "--snr", "30", "--sim", "toy", "--darks")
+    assert (code, "its limits, are for scenes" in err) == (2, True)
+    code, _, err = rig(*capture[:1], *capture[2:], "--sim", "toy", "--snr", "30")
+    assert (code, "--snr only limits a bracket that is planned" in err) == (2, True)
 
 
 def test_a_rig_file_alone_lacks_the_folder(rig, file: Path) -> None:

@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from drivers import conformance, discovery
+from drivers.camera import Camera
 from drivers.conformance import EXAMINATIONS
+from drivers.errors import CameraTimeout
 from recon.train import gpu_check, training_device
 
 from .refusals import assert_refused
@@ -45,6 +48,31 @@ def test_what_fails_is_named(rig) -> None:
 )
 def test_what_cannot_be_examined(rig, arguments: list[str], says: str, tmp_path: Path) -> None:
     assert says in assert_refused(rig, ["doctor", *arguments], tmp_path)
+
+
+def test_a_camera_that_does_not_answer_stops_no_examination_of_another(
+    rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, examined = discovery.find_cameras, []
+
+    def silent() -> None:
+        raise CameraTimeout("cam0 does not answer: switch it on.")
+
+    def find_cameras(*given: object) -> list[Camera]:
+        first, *others = find(*given)
+        monkeypatch.setattr(first, "identify", silent)
+        return [first, *others]
+
+    def examine(camera: Camera, *given: object, **more: object) -> list[conformance.Examination]:
+        examined.append(camera.identify().serial)
+        return [conformance.Examination("identity", "passed", "")]
+
+    monkeypatch.setattr(discovery, "find_cameras", find_cameras)
+    monkeypatch.setattr(conformance, "examine", examine)
+    assert rig("doctor", "--camera", "SIM-RAW-002", "--sim", "toy")[0] == 0
+    code, _, err = rig("doctor", "--camera", "SIM-RAW-001", "--sim", "toy")
+    assert (code, err) == (2, "cam0 does not answer: switch it on.\n")
+    assert examined == ["SIM-RAW-002"]
 
 
 @pytest.mark.parametrize(
