@@ -98,7 +98,7 @@ def read_survey(path: Path) -> Survey:
 
 
 def read_table(path: Path) -> tuple[str, str, list[tuple[int, list[str]]]]:
-    """The text of a table, its separator, and its lines that are no comments, with their numbers; InputError."""
+    """Read a table: its text, its separator, and its lines that are no comments, with numbers; InputError."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

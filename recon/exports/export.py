@@ -141,6 +141,8 @@ def export(
         raise InputError(f"{out} is in the folder of the scene {around}: name another --out.")
     store.require_writable(out.parent)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
+    if out.is_file() and opened.folder.is_file() and out.samefile(opened.folder):
+        raise InputError(f"{out} is the file that is exported: name another --out.")
     finite, dropped = (opened, 0) if name == "cameras" else sound(opened)
     job = Job(
         finite,

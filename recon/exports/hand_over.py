@@ -33,6 +33,11 @@ from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera
 
 SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"
+WRITTEN = {
+    SCENE, f"{Path(SCENE).stem}.{ENVIRONMENT}", RENDERS, PLATES, AS_SHOT, LENSES, CAMERAS, CONFIG, PAGE,
+    nuke.SCRIPT,
+}  # fmt: skip
+"""Names of all that a hand-over can have in its folder."""
 ALEMBIC = "cameras.abc"
 BUILTIN = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
 """The configuration of OpenColorIO itself that ours is, with a rule for the renders: one that programs of
@@ -80,17 +85,17 @@ def hand_over(
         StorageError: The disk refuses.
     """
     folder = Path(folder)
+    place = folder.resolve()  # a link to a folder stays one
     if around := scene_around(folder):
         raise InputError(f"{folder} is in the folder of the scene {around}: name another --vfx.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / PAGE).is_file():
-        raise InputError(f"{folder} has files already: name a new folder, or empty it.")
-    store.require_writable(folder)
+    _require_replaceable(place, folder)
+    store.require_writable(place)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
     finite, dropped = sound(opened)
     notes = (*lens_note(finite), *blend_note(finite))
     if dropped:
         notes = (*notes, f"{dropped} Gaussians, which no renderer draws")
-    with store.replacing(folder) as part:
+    with store.replacing(place) as part:
         store.make_folder(part)
         job = Job(finite, part / SCENE, True, exposure, place_of(finite), on_progress)
         written = usd.write(job)
@@ -111,6 +116,23 @@ def hand_over(
     return HandOver(
         folder, [folder / name for name in names], len(written.held), job.exposure_factor, loss, notes
     )
+
+
+def _require_replaceable(place: Path, folder: Path) -> None:
+    """InputError unless there is nothing yet, an empty folder, or a hand-over with nothing beside it."""
+    if not place.exists():
+        return
+    if not place.is_dir():
+        raise InputError(f"{folder} is a file, and a hand-over fills a folder: name another --vfx.")
+    names = sorted(path.name for path in place.iterdir())
+    foreign = [name for name in names if name not in WRITTEN]
+    if not foreign and names and not {SCENE, CONFIG} <= set(names):
+        foreign = names
+    if foreign:
+        raise InputError(
+            f"{folder} has files already, such as {foreign[0]}, which are not of a hand-over: name a new "
+            "folder, or empty it."
+        )
 
 
 def _write_renders(

@@ -15,6 +15,7 @@ import torch
 from imaging.arrays import Array, Array32
 from imaging.colour.spaces import srgb_decode
 from imaging.progress import Progress
+from recon.exports import decoding
 from recon.exports.canvas import canvas, manners_of
 from recon.exports.splats import Splats, far_light_of
 from recon.exports.target_coordinates import pinhole
@@ -79,7 +80,7 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
     Returns:
         Differences of light, in stops.
     """
-    floor = floor_of(scene)
+    floor = floor_of(scene, linear=held.linear)
     median, worst = None, None
     if truth is not None:
         off = stops_between(truth.light, held.light, floor)
@@ -89,7 +90,7 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
     for done, view in enumerate(views):
         progress("measuring what is lost", done, len(views))
         camera = view.splat_camera if held.linear else pinhole(view.splat_camera)
-        light = _light(scene, camera)
+        light = _light(scene, camera, held.linear)
         brightest = np.inf if held.brightest is None else held.brightest
         white = (light * held.factor > brightest).any(2)
         clipped.append(white.mean())
@@ -106,11 +107,15 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
     )
 
 
-def floor_of(scene: Scene) -> float:
-    """The dimmest radiance that matters."""
+def floor_of(scene: Scene, *, linear: bool = True) -> float:
+    """The dimmest radiance that matters; of display values that of the first code of a photograph.
+
+    linear: whether display values are decoded as the scene has them, else as a display shows them.
+    """
     record = scene.record
     if record.display is not None:
-        return float(srgb_decode(1 / 255))  # the first code of a photograph
+        first = np.full(3, 1 / 255)
+        return float((decoding.decoded(first, record.display) if linear else srgb_decode(first)).min())
     if record.reference is not None:
         return record.reference * record.normaliser
     return _SPAN / record.exposure
@@ -128,12 +133,18 @@ def chosen(views: Sequence[SceneView]) -> list[SceneView]:
     return [views[round(place)] for place in np.linspace(0, len(views) - 1, count)]
 
 
-def _light(scene: Scene, camera: SplatCamera) -> Array32:
-    """Return what a camera in the world sees in the channels and the unit of `Splats.light`, [H, W, 3]."""
-    if scene.record.display is None:
+def _light(scene: Scene, camera: SplatCamera, linear: bool) -> Array32:
+    """Return what a camera in the world sees in the channels and the unit of `Splats.light`, [H, W, 3].
+
+    linear: of display values the light of `Scene.render`, else that of a display that shows them.
+    """
+    display = scene.record.display
+    if display is None:
         return in_colour(scene.render(camera), scene.record.bands)
-    image = scene.drawn(scene.record.world.camera(camera))
-    return np.asarray(srgb_decode(image.numpy().clip(0, 1)), np.float32)
+    if linear:
+        return scene.render(camera) * np.float32(display.k)
+    codes = scene.drawn(scene.record.world.camera(camera)).numpy()
+    return np.asarray(srgb_decode(codes, end=np.inf if display.developed else 1.0), np.float32)
 
 
 def _drawings(scene: Scene, splats: Splats, camera: SplatCamera) -> Iterator[Array]:

@@ -11,9 +11,10 @@ from imaging.colour.spaces import srgb_decode
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform
+from recon.exports import decoding
 from recon.result.display_colours import LitScene, display_colours, steps_after
 from recon.result.environment_files import dome_of
-from recon.result.model import SPLATS
+from recon.result.model import SPLATS, DisplayValues
 from recon.result.scene import Scene
 from recon.result.splat_files import shown_in_colour
 from recon.scene.environment import Environment
@@ -140,11 +141,11 @@ def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
     """A scene's radiance times `factor`; of bands in false colours.
 
     with_dome: light from far away as a sphere of Gaussians behind the others; else it is left out.
-    Of display values what they decode to, by sRGB: see `_decoded`.
+    Of display values what they decode to: see `_decoded`.
     """
     record = scene.record
     if record.display is not None:
-        return _decoded(scene, factor, with_dome)
+        return _decoded(scene, record.display, factor, with_dome)
     gaussians, dome = _with_dome(scene) if with_dome else (scene.gaussians, 0)
     appearance = shown_in_colour(scene.renderer.appearance, record.bands)
     harmonics = plain_harmonics(gaussians, appearance, record.degree)
@@ -160,7 +161,7 @@ def _with_dome(scene: Scene) -> tuple[Gaussians, int]:
     return gaussians.joined(sphere), len(sphere)
 
 
-def _decoded(scene: Scene, factor: float, with_dome: bool) -> Splats:
+def _decoded(scene: Scene, display: DisplayValues, factor: float, with_dome: bool) -> Splats:
     """A scene of display values as light: each colour decoded, harmonics by the slope of the decoding there.
 
     Light is blended where the scene blends display values, which shows where Gaussians are half transparent.
@@ -168,26 +169,26 @@ def _decoded(scene: Scene, factor: float, with_dome: bool) -> Splats:
     shown = display_splats(scene, None, unreported)
     if shown.dome and not with_dome:
         shown = replace(shown.rows(np.arange(len(shown) - shown.dome)), dome=0)
-    colours = shown.colours.clip(0, 1)
-    slope = np.where(colours <= 0.04045, 1 / 12.92, 2.4 / 1.055 * ((colours + 0.055) / 1.055) ** 1.4)
     harmonics = shown.harmonics.copy()
-    harmonics[:, 0] = (factor * srgb_decode(colours) - 0.5) / C0
-    harmonics[:, 1:] *= (factor * slope)[:, None]
+    harmonics[:, 0] = (factor * decoding.decoded(shown.colours, display) - 0.5) / C0
+    harmonics[:, 1:] *= (factor * decoding.slope(shown.colours, display))[:, None]
     return replace(shown, harmonics=harmonics, linear=True, factor=factor)
 
 
 def far_light_of(scene: Scene) -> Environment | None:
     """The environment of a scene as linear light, in units of linear Gaussians less their factor; None
-    without one. Of display values it is what they decode to, by sRGB.
+    without one. Of display values it is what they decode to.
     """
     far = scene.renderer.environment
     if far is None:
         return None
     light = far.ln_light.detach().cpu().double().exp()
-    if scene.record.display is None:
+    display = scene.record.display
+    if display is None:
         light = light * scene.record.normaliser
     else:
-        light = torch.from_numpy(srgb_decode(light.clamp(0, 1).numpy())).clamp_min(1e-12)
+        codes = light.movedim(0, 2).numpy()
+        light = torch.from_numpy(decoding.decoded(codes, display)).movedim(2, 0).clamp_min(1e-12)
     return Environment(light.log(), far.axes)
 
 

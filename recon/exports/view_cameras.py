@@ -25,7 +25,7 @@ from recon.exports.splats import display_splats, linear_splats
 from recon.exports.target_coordinates import Place
 from recon.rendering.camera_files import OFFSET
 from recon.result.display import in_colour, picture
-from recon.result.model import SceneView
+from recon.result.model import MODEL, SceneView
 from recon.result.scene import Scene
 
 COLMAP, NERFSTUDIO, IMAGES, POINTS = "colmap", "transforms.json", "images", "sparse_pc.ply"
@@ -89,6 +89,8 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
 
 def _photograph(scene: Scene, view: SceneView) -> Path | None:
     """The picture that the calibration left of a view in the session of the scene, or None."""
+    if not (scene.folder / MODEL).is_file():
+        return None  # a file of splats: its lenses are not those of any photograph
     previews = scene.folder.resolve().parent.parent / "calibration" / "previews"
     path = previews / view.id.image_name
     return path if path.is_file() else None

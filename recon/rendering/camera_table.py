@@ -71,7 +71,8 @@ def read_table(path: Path, usual: SplatCamera) -> GivenPath:
 
 def _axes(lines: Sequence[str], path: Path) -> Axes | None:
     """Return the coordinate axes in the comments, or None."""
-    up, metres = None, 1.0
+    up: str | None = None
+    metres: float | None = None
     for number, line in enumerate(lines, 1):
         match = re.fullmatch(r"#\s*(up|metersPerUnit)\s*:\s*(.*?)[\s,]*", line, re.IGNORECASE)
         if match is None:
@@ -85,7 +86,9 @@ def _axes(lines: Sequence[str], path: Path) -> Axes | None:
             metres = _number(value, "metersPerUnit", where)
             if not metres > 0:
                 raise InputError(f"{where} has a unit of {value:.40} m: write a number above 0.")
-    return None if up is None else Axes(up == "z", metres)
+    if up is None and metres is None:
+        return None
+    return Axes(None if up is None else up == "z", 1.0 if metres is None else metres)
 
 
 def _number(cell: str, name: str, where: str) -> float:

@@ -30,15 +30,17 @@ _SAME = 1e-6
 
 @dataclass(frozen=True)
 class Axes:
-    """Coordinate system of a program: whether z is up, else y; metres: of a unit."""
+    """Coordinate system of a program: whether z is up, else y, None: as in that of the file; metres: of a
+    unit.
+    """
 
-    z_up: bool
+    z_up: bool | None
     metres: float = 1.0
 
     def to(self, other: "Axes") -> Array:
         """The matrix [3, 3] that takes coordinates in these to others."""
         turn = np.eye(3)
-        if self.z_up != other.z_up:
+        if self.z_up is not None and other.z_up is not None and self.z_up != other.z_up:
             turn = _Y_FROM_Z if self.z_up else _Y_FROM_Z.T
         return np.asarray(turn * (self.metres / other.metres))
 

@@ -6,7 +6,9 @@ light. Display values are drawn as 3DGS draws, with its blur and its cut-offs, l
 file says that its Gaussians were trained with the filters of Mip-Splatting, they are drawn with them.
 """
 
+import itertools
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,7 +72,7 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     middle = np.median(means, axis=0)
     reach = float(np.median(np.linalg.norm(means - middle, axis=1)))
     world = WorldTransform(origin=tuple(middle.tolist()), unit=_AWAY * reach if reach > 0 else 1.0)
-    views = tuple(map(_view_of, cameras)) or _orbit(middle, world.unit, up)
+    views = _views_of(cameras) or _orbit(middle, world.unit, up)
     gaussians = _gaussians(file, valid, world)
     degree = min(int(np.sqrt(file.harmonics.shape[1])) - 1, DEGREE)
     brightest = float(PlainHarmonics().luminance(gaussians.parameters).max())
@@ -100,8 +102,20 @@ def _gaussians(file: PlySplats, valid: Mask, world: WorldTransform) -> Gaussians
     return Gaussians({name: torch.from_numpy(value.astype(np.float32)) for name, value in values.items()})
 
 
-def _view_of(camera: UsdCamera) -> SceneView:
-    name = re.sub(r"[^A-Za-z0-9_.-]", "_", camera.name) or "camera"
+def _views_of(cameras: Sequence[UsdCamera]) -> tuple[SceneView, ...]:
+    """The views of cameras, under names of their own: two prims of one name would be one camera."""
+    names: dict[str, str] = {}
+    for camera in cameras:
+        if camera.prim not in names:
+            plain = re.sub(r"\.\.+", ".", re.sub(r"[^A-Za-z0-9_.-]", "_", camera.name))
+            plain = re.sub(r"^[^A-Za-z0-9]+", "", plain) or "camera"
+            numbered = (f"{plain}-{number}" for number in itertools.count(2))
+            candidates = itertools.chain([plain], numbered)
+            names[camera.prim] = next(name for name in candidates if name not in names.values())
+    return tuple(_view_of(camera, names[camera.prim]) for camera in cameras)
+
+
+def _view_of(camera: UsdCamera, name: str) -> SceneView:
     return SceneView(
         camera=name,
         frame=camera.frame,
@@ -127,7 +141,7 @@ def _orbit(middle: Array, away: float, up: Array) -> tuple[SceneView, ...]:
         motion = np.eye(4)
         motion[:3, :3] = right, np.cross(-out, right), -out
         motion[:3, 3] = -motion[:3, :3] @ (middle + away * out)
-        views.append(_view_of(UsdCamera("orbit", frame, _LENS, motion)))
+        views.append(_view_of(UsdCamera("", "orbit", frame, _LENS, motion), "orbit"))
     return tuple(views)
 
 

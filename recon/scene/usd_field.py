@@ -25,8 +25,11 @@ SIZE = "rig:lens:size"
 
 @dataclass(frozen=True, eq=False)
 class UsdCamera:
-    """A camera at a time. cam_from_field: float64 [4, 4], a motion in the coordinates of the Gaussians."""
+    """A camera at a time. prim: its path in the stage; name: as users see it, which several can have.
+    cam_from_field: float64 [4, 4], a motion in the coordinates of the Gaussians.
+    """
 
+    prim: str
     name: str
     frame: int
     lens: Lens
@@ -159,9 +162,9 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
         motion[:3, :3] = unscaled(pose[:3, :3]).T @ turn
         motion[:3, 3] = -motion[:3, :3] @ centre
         frame = 0 if isinstance(time, Usd.TimeCode) else max(0, round(time))
-        cameras.append(
-            UsdCamera(camera.GetPrim().GetDisplayName() or camera.GetPrim().GetName(), frame, lens, motion)
-        )
+        prim = camera.GetPrim()
+        name = prim.GetDisplayName() or prim.GetName()
+        cameras.append(UsdCamera(str(prim.GetPath()), name, frame, lens, motion))
     return cameras
 
 

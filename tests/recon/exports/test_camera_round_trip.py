@@ -148,6 +148,13 @@ def test_a_table_says_its_axes_and_the_command_its_file(
     turned[:3, 3] /= metres
     shot = table(tmp_path / "shot.csv", turned, f"# up: {'y' if z_up else 'z'}", f"# metersPerUnit: {metres}")
     check(camera_path(placed, shot, within=path).cameras[0], view, lens=False)
+    scaled = pose.copy()
+    scaled[:3, 3] /= metres
+    alone = (table(tmp_path / "unit.csv", scaled, f"# metersPerUnit: {metres}"),)
+    if metres == 1:
+        alone = (*alone, table(tmp_path / "up.csv", turned, f"# up: {'y' if z_up else 'z'}"))
+    for shot in alone:
+        check(camera_path(placed, shot, within=path).cameras[0], view, lens=False)
 
 
 def test_a_scene_of_a_file_is_in_the_coordinates_of_that(placed: Scene, tmp_path: Path) -> None:

@@ -11,16 +11,22 @@ from imaging.colour.spaces import srgb_decode
 from imaging.errors import InputError, ReconstructionError
 from imaging.files.exr.reading import read_exr
 from imaging.progress import unreported
+from imaging.session.calibration import Response
 from imaging.session.records import Band
 from recon.exports.export import FORMATS, export
 from recon.exports.formats import sog
 from recon.exports.loss import drawn, loss_of, stops_between
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ProgramName
-from recon.exports.splats import display_splats, far_light_of, linear_splats, sound
+from recon.exports.splats import display_splats, exposure_factor, far_light_of, linear_splats, sound
+from recon.result.model import DisplayValues
 from recon.result.scene import Scene, open_scene
-from recon.scene.gaussians import Gaussians
+from recon.scene.appearance import PlainHarmonics
+from recon.scene.environment import Environment
+from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer
+from recon.scene.harmonics import C0
 from recon.scene.ply_file import read_ply
+from recon.splat import Limits
 from tests.recon.exports.made_scene import write_made
 
 SPLATS = {"usd": "a.usdc", "sog": "a.sog", "glb": "a.glb", "spz": "a.spz", "ply": "a.ply", "html": "a.html"}
@@ -135,6 +141,55 @@ def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tm
     assert export(shown, tmp_path / "a.glb").gaussians == 400
 
 
+CODES = np.linspace(0, 1, 65)[1:]
+SRGB = Response(kind="srgb", evidence="")
+CUBE = Response(kind="curve", codes=tuple(CODES), log_exposure=(tuple(np.log(CODES**3)),) * 3, evidence="")
+RESPONSES = {
+    "srgb": (SRGB, False, 0.5, srgb_decode(0.5), 2.4 / 1.055 * (0.555 / 1.055) ** 1.4),
+    "srgb, clipped": (SRGB, False, 1.5, 1.0, 2.4 / 1.055),
+    "linear": (Response(kind="linear", evidence=""), False, 0.5, 0.5, 1.0),
+    "curve": (CUBE, False, 0.5, 0.125, 0.75),
+    "developed, within": (SRGB, True, 0.5, srgb_decode(0.5), 2.4 / 1.055 * (0.555 / 1.055) ** 1.4),
+    "developed, above": (SRGB, True, 2.0, 2**2.2, 2.2 * 2**1.2),
+}
+"""Response, whether developed, a code, its light, and the slope of the light there."""
+
+
+@pytest.mark.parametrize("name", RESPONSES)
+def test_display_values_are_decoded_by_the_response_of_their_scene(name: str, scene: Scene) -> None:
+    """As `Scene.render` does: by its own curve, and above white where photographs were developed."""
+    response, developed, code, light, rise = RESPONSES[name]
+    display = DisplayValues(response=response, k=0.25, developed=developed)
+    parameters = {key: scene.gaussians.parameters[key] for key in GEOMETRY}
+    parameters["opacity_logits"] = torch.full((400,), 9.0)
+    parameters["log_scales"] = torch.full((400, 3), float(np.log(0.3)))
+    parameters["sh_dc"] = torch.full((400, 1, 3), (code - 0.5) / C0)
+    parameters["sh_rest"] = torch.zeros(400, 8, 3)
+    renderer = Renderer(PlainHarmonics(), Limits.gsplat())
+    record = scene.record.model_copy(update={"display": display})
+    shown = replace(scene, record=record, gaussians=Gaussians(parameters), renderer=renderer)
+    parameters["sh_rest"] = torch.full((400, 8, 3), 0.1)
+    bent = replace(shown, gaussians=Gaussians(parameters), record=record.model_copy(update={"degree": 2}))
+    far = Environment(torch.full((3, 2, 4), float(np.log(code))), np.eye(3))
+    sky = replace(shown, renderer=replace(renderer, environment=far))
+
+    splats = linear_splats(shown, 2.0, with_dome=False)
+    assert np.allclose(splats.colours, 2 * light, rtol=1e-4)
+    brightest = max(shown.render(view).max() for view in shown.views)
+    assert np.isclose(brightest * exposure_factor(shown, 2.0), 2 * light, rtol=2e-3)
+    rests = (linear_splats(bent, 2.0, with_dome=False), display_splats(bent, None, unreported))
+    assert np.allclose(rests[0].harmonics[:, 1:], 2 * rise * rests[1].harmonics[:, 1:], rtol=1e-3)
+    assert np.allclose(far_light_of(sky).ln_light.exp().numpy(), light, rtol=1e-4)
+
+    loss = loss_of(shown, splats, splats, unreported)
+    assert loss.pixel_median < 0.01
+    plain = replace(splats, harmonics=(2 * srgb_decode(min(code, 1)) - 0.5) / C0 * np.ones((400, 1, 3)))
+    off = abs(np.log2(light / srgb_decode(min(code, 1))))
+    assert loss_of(shown, splats, plain, unreported).pixel_median == pytest.approx(off, abs=0.02)
+    clipped = loss_of(shown, None, display_splats(shown, None, unreported), unreported).clipped
+    assert (clipped > 0.05) == (name == "developed, above")
+
+
 def test_light_from_far_away_of_display_values_is_written_as_it_decodes(
     made_sky: Path, tmp_path: Path
 ) -> None:
@@ -145,7 +200,7 @@ def test_light_from_far_away_of_display_values_is_written_as_it_decodes(
     far = far_light_of(shown)
     assert far is not None
     values = sky.renderer.environment.ln_light.double().exp().clamp(0, 1).numpy()
-    assert np.allclose(far.ln_light.exp().numpy(), srgb_decode(values), rtol=1e-9)
+    assert np.allclose(far.ln_light.exp().numpy(), srgb_decode(values), rtol=1e-6)
     display, light = display_splats(shown, None, unreported), linear_splats(shown, 2.0, with_dome=True)
     assert display.dome == light.dome > 0
     assert len(linear_splats(shown, 2.0, with_dome=False)) == len(light) - light.dome
@@ -170,6 +225,16 @@ def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path,
     with pytest.raises(InputError, match="is in the folder of the scene"):
         export(scene, made / "a.ply")
     assert not (made / "a.ply").exists()
+
+
+def test_the_file_that_is_exported_is_not_written_over(scene: Scene, tmp_path: Path) -> None:
+    export(scene, tmp_path / "mine.ply")
+    before = (tmp_path / "mine.ply").read_bytes()
+    (tmp_path / "link.ply").symlink_to(tmp_path / "mine.ply")
+    for name in ("mine.ply", "link.ply"):
+        with pytest.raises(InputError, match=f"{name} is the file that is exported: name another --out"):
+            export(tmp_path / "mine.ply", tmp_path / name, linear=True)
+    assert (tmp_path / "mine.ply").read_bytes() == before
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

@@ -14,7 +14,7 @@ from pxr import Gf, Usd, UsdGeom
 from imaging.errors import InputError
 from imaging.progress import unreported
 from recon.exports.formats import nuke
-from recon.exports.hand_over import LINEAR, NAMES, HandOver, hand_over
+from recon.exports.hand_over import LINEAR, NAMES, WRITTEN, HandOver, hand_over
 from recon.exports.hand_over_page import page
 from recon.exports.job import Job
 from recon.exports.loss import Loss
@@ -30,6 +30,7 @@ def handed(made_sky: Path, tmp_path_factory: pytest.TempPathFactory) -> HandOver
 
 def test_every_file_that_is_told_is_there(handed: HandOver) -> None:
     there = {path for path in handed.folder.rglob("*") if path.is_file()}
+    assert {path.name for path in handed.folder.iterdir()} <= WRITTEN
     assert set(handed.files) == there
     assert {"scene.usdc", "scene.environment.exr", "config.ocio", "index.html"} <= {
         path.name for path in there
@@ -179,7 +180,21 @@ def test_a_folder_of_something_else_is_left_alone_and_an_older_one_replaced(
     with pytest.raises(InputError, match="has files already"):
         hand_over(made, other)
     assert [path.name for path in other.iterdir()] == ["thesis.txt"]
+    (other / "thesis.txt").rename(other / "index.html")
+    with pytest.raises(InputError, match=r"has files already, such as index\.html"):
+        hand_over(made, other)
+    with pytest.raises(InputError, match="is a file, and a hand-over fills a folder"):
+        hand_over(made, other / "index.html")
+    assert [path.name for path in other.iterdir()] == ["index.html"]
     hand_over(made, tmp_path / "vfx")
     (tmp_path / "vfx" / "renders" / "old.exr").touch()
-    assert (tmp_path / "vfx" / "renders" / "old.exr") not in hand_over(made, tmp_path / "vfx").files
+    (tmp_path / "link").symlink_to(tmp_path / "vfx")
+    again = hand_over(made, tmp_path / "link")
+    assert again.folder == tmp_path / "link"
+    assert (tmp_path / "link").is_symlink()
+    assert all(path.is_file() for path in again.files)
     assert not (tmp_path / "vfx" / "renders" / "old.exr").exists()
+    (tmp_path / "vfx" / "comp_v07.nk").touch()
+    with pytest.raises(InputError, match=r"has files already, such as comp_v07\.nk"):
+        hand_over(made, tmp_path / "link")
+    assert (tmp_path / "vfx" / "comp_v07.nk").is_file()

@@ -107,3 +107,9 @@ def test_photographs_of_the_session_are_taken_where_they_are(made: Path, tmp_pat
         assert (frame["w"], frame["h"], frame["fl_x"]) == (96, 72, 2 * view.lens.fx)
         assert Image.open(tmp_path / "out" / frame["file_path"]).getpixel((5, 5)) == (view.frame, 2, 3)
     assert {camera.width for camera in model.cameras.values()} == {96}
+    # A file of splats in the same session has lenses without distortion, which are of no photograph.
+    file = tmp_path / "S" / "exports" / "scene.usdc"
+    file.parent.mkdir()
+    export(scene, file)
+    exported = export(file, tmp_path / "of_file", "cameras")
+    assert "the photographs of 4 views" in exported.notes[0]

@@ -139,6 +139,36 @@ def test_a_usd_of_half_floats_that_stands_elsewhere(tmp_path: Path) -> None:
     assert np.ptp(lit[:, 0]) == pytest.approx(2 / 10 * view.lens.fy, rel=0.4)
 
 
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        (("_cam", "..a..b"), ("cam", "a.b")),
+        (("Камера", ""), ("camera", "two")),
+        (("cam", "cam"), ("cam", "cam-2")),
+        (("a 1", "a_1"), ("a_1", "a_1-2")),
+    ],
+)
+def test_cameras_of_a_usd_get_names_that_are_plain_and_their_own(
+    given: tuple[str, str], names: tuple[str, str], tmp_path: Path
+) -> None:
+    export(open_scene(write_made(tmp_path / "made", count=20)), tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    stage.RemovePrim("/World/Cameras")
+    for prim, name in zip(("one", "two"), given, strict=True):
+        camera = UsdGeom.Camera.Define(stage, f"/{prim}")
+        camera.GetPrim().SetDisplayName(name)
+        for frame in (0, 1):
+            camera.GetPrim().GetAttribute("focalLength").Set(50.0, frame)
+        moved = camera.AddTranslateOp()
+        moved.Set(Gf.Vec3d(0, 0, 9), 0)
+        moved.Set(Gf.Vec3d(0, 1, 9), 1)
+    stage.Save()
+    views = open_scene(tmp_path / "a.usda").views
+    assert [(view.camera, view.frame) for view in views] == [
+        (name, frame) for name in names for frame in (0, 1)
+    ]
+
+
 def test_a_file_stands_where_a_scene_does(tmp_path: Path) -> None:
     write_made(tmp_path / "made")
     export(tmp_path / "made", tmp_path / "a.ply")
