@@ -211,9 +211,9 @@ class CaptureRun:
             pending = failed
         # Where further attempts failed, a frame whose metadata disagree is better than none.
         for shot_id in [ShotId(name, frame, step) for step, names in pending.items() for name in names]:
-            kept = acceptance.doubtful.get(shot_id)
-            if kept and self._on_disk(partial(put_back, self._session, kept), shot_id, threads):
-                self._book(shot_id, kept, first.get(shot_id.step), threads)
+            doubtful = acceptance.doubtful.get(shot_id)
+            if doubtful and self._on_disk(partial(put_back, self._session, doubtful), shot_id, threads):
+                self._book(shot_id, doubtful, first.get(shot_id.step), threads)
 
     def result(self) -> CaptureResult:
         """StorageError if the disk refused before there was any shot in the session."""

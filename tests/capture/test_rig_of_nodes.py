@@ -208,11 +208,11 @@ def test_faults_on_the_buses_of_nodes_cost_nothing(place: Place) -> None:
 
 def test_a_node_removes_its_own_leftovers_and_nothing_else_of_its_disk(tmp_path: Path) -> None:
     disk = tmp_path / "near"
-    own = ("shot-000012-0a1b2c3d.dng", ".shot-1000000-0a1b2c3d.jpg.part")
+    leftovers = ("shot-000012-0a1b2c3d.dng", ".shot-1000000-0a1b2c3d.jpg.part")
     foreign = ("shot-list.txt", "shot-001.nef", "shot-000012-0a1b2c3d.dng.bak", "a shot-000012-0a1b2c3d.dng")
     (disk / "shot-day1").mkdir(parents=True)
     (disk / "shot-000001-0a1b2c3d.d").mkdir()
-    for name in (*own, *foreign, "shot-day1/a.nef"):
+    for name in (*leftovers, *foreign, "shot-day1/a.nef"):
         (disk / name).touch()
     near_node("near", Assignment(serials=()), VirtualClock(), tmp_path).ask("report")
     assert {path.name for path in disk.iterdir()} == {"shot-day1", "shot-000001-0a1b2c3d.d", *foreign}

@@ -152,7 +152,7 @@ class Gathering:
         self.compared: list[tuple[Array32, Array32]] = []
         self._usual = list[float]()
         self._unsure: Array32 | None = None
-        """Of views of unknown noise: light times weight, and weight, [rows, 2 * rows, 4]."""
+        """Views of unknown noise: light times weight, and weight, [rows, 2 * rows, 4]."""
         self._weight = np.zeros(shape, np.float32)
         self._light, self._variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
         self._bound = np.full((*shape, 3), -np.inf, np.float32)

@@ -108,10 +108,10 @@ def _distance(folder: Path, mask: Path, photo: Path) -> int:
     """Return 0 if cam0/masks or masks/cam0 is a mask's folder and cam0 the photograph's, 1 if that is
     images/cam0 or cam0/images, else 2.
     """
-    own = [part for part in mask.parent.relative_to(folder).parts if not MADE.fullmatch(part)]
+    place = [part for part in mask.parent.relative_to(folder).parts if not MADE.fullmatch(part)]
     parts = photo.parent.relative_to(folder).parts
     remaining = iter(parts)
-    return 0 if tuple(own) == parts else 1 if all(part in remaining for part in own) else 2
+    return 0 if tuple(place) == parts else 1 if all(part in remaining for part in place) else 2
 
 
 def _is_mask_of(folder: Path, path: Path, photo: Path) -> bool:

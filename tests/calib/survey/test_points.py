@@ -49,8 +49,8 @@ def test_names_have_commas_and_numbers_decimal_commas_beside_other_separators(
     assert list(survey.points) == ["Bell, north", "B", "C"]
     assert survey.points["Bell, north"].position == (1.5, 0.0, 0.0)
     marks.write_text("name;image;u;v\nBell, north;0001/cam2;12,5;30\n".replace(";", mark))
-    found = read_marks(marks, Session.open(arm), survey.points)
-    assert found["Bell, north"][ViewId(1, "cam2")].at == (12.5, 30.0)
+    read = read_marks(marks, Session.open(arm), survey.points)
+    assert read["Bell, north"][ViewId(1, "cam2")].at == (12.5, 30.0)
 
 
 def test_commas_separate_where_they_are_separators(tmp_path: Path) -> None:

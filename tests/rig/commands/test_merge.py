@@ -338,8 +338,8 @@ def test_a_camera_of_unknown_colour_has_no_other_space(rig: Run, toy: Path, tmp_
     assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
     assert f"and `rig merge {toy} {tmp_path / 'M'}` again" in out
     chosen = ("--camera", "cam0", "--frame", "0", "--json")
-    kept = json.loads(rig("merge", str(toy), str(tmp_path / "M"), *chosen)[1])
-    assert (kept["camera_rgb"], kept["files"][0]["reused"]) == (["cam0"], True)
+    entry = json.loads(rig("merge", str(toy), str(tmp_path / "M"), *chosen)[1])
+    assert (entry["camera_rgb"], entry["files"][0]["reused"]) == (["cam0"], True)
 
 
 def test_a_mono_camera_sees_grey_in_every_space(rig: Run, tmp_path: Path) -> None:
