@@ -6,7 +6,7 @@ from pathlib import Path
 from usb.backend import IBackend  # noqa: F401
 
 from capture.connected_rig import Unattended, connected_source
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.shooting import Say, shoot
 from capture.request import RigRequest
 from capture.rig_of_nodes import ray_source

@@ -7,7 +7,8 @@ from functools import partial
 from os import PathLike
 from pathlib import Path
 
-from capture.record.capture_run import CaptureResult, finished, planned_shots
+from capture.record.capture_result import CaptureResult
+from capture.record.capture_run import finished, planned_shots
 from capture.record.shooting import Say, shoot
 from capture.record.source import Source
 from capture.request import CaptureRequest

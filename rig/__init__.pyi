@@ -13,7 +13,7 @@ from capture.check.check import repair as repair
 from capture.imports.photos import ImportResult as ImportResult
 from capture.imports.photos import import_photos as import_photos
 from capture.imports.request import ImportRequest as ImportRequest
-from capture.record.capture_run import CaptureResult as CaptureResult
+from capture.record.capture_result import CaptureResult as CaptureResult
 from capture.request import CaptureRequest as CaptureRequest
 from capture.request import RigRequest as RigRequest
 from capture.rigfile.rigfile import read_rig_file as read_rig_file

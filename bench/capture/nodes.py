@@ -25,7 +25,7 @@ from capture.check.check import check
 from capture.connected_rig import Unattended, connected_source
 from capture.nodes.cluster import ray_links
 from capture.nodes.node_settings import NodeSettings, place_of
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest, RigRequest
 from capture.rig_of_nodes import assignments_of, nodes_source

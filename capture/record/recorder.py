@@ -11,7 +11,8 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from capture.record.capture_run import CaptureResult, CaptureRun
+from capture.record.capture_result import CaptureResult
+from capture.record.capture_run import CaptureRun
 from capture.record.capture_threads import CaptureThreads
 from capture.record.memory_budget import MemoryBudget
 from capture.record.shot_files import must_decode, save_frame

@@ -9,7 +9,8 @@ from pathlib import Path
 from capture.bracket.automatic import meter_rig
 from capture.bracket.metering import Metering
 from capture.bracket.planner import BracketPlan
-from capture.record.capture_run import CaptureResult, finished, planned_shots
+from capture.record.capture_result import CaptureResult
+from capture.record.capture_run import finished, planned_shots
 from capture.record.forecast import Forecast, Stopwatch, TimedCamera, forecast_of
 from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import record

@@ -12,7 +12,7 @@ import pytest
 from capture.bracket.goals import BracketGoals
 from capture.capture_rig import capture_rig
 from capture.connected_rig import connected_source
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
 from capture.request import RigRequest
 from capture.rigfile.rigfile import read_rig_file

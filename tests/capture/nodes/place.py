@@ -6,7 +6,7 @@ from typing import Any
 
 from capture.capture_rig import capture_rig
 from capture.connected_rig import Unattended
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source

@@ -18,7 +18,7 @@ from capture.nodes.cluster import RayLink, ray_links, resource_of
 from capture.nodes.joining import joined_as
 from capture.nodes.node import Assignment
 from capture.nodes.node_settings import VARIABLE, NodeSettings
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.shooting import shoot
 from capture.request import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture.check.check import check
-from capture.record.capture_run import CaptureResult
+from capture.record.capture_result import CaptureResult
 from capture.record.recorder import record
 from drivers.errors import CameraBusy
 from drivers.ptp import PtpCamera

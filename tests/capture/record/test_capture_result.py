@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.record.capture_run import LISTED, CaptureResult
+from capture.record.capture_result import LISTED, CaptureResult
 from imaging.errors import PartialError
 
 
