@@ -41,6 +41,14 @@ class Place:
     mask: Path | None = None
     band: str | None = None
     depth: GivenDepth | None = None
+    video: Path | None = None
+    """The video that the original is a frame of."""
+
+    @property
+    def source(self) -> str:
+        """What the record of the shot states: a frame lies in a folder that each import names anew."""
+        path = self.original.path
+        return shown(path) if self.video is None else f"{shown(self.video)}: {shown(path.name)}"
 
 
 def begin_or_continue(
@@ -117,7 +125,7 @@ def _is_unfinished(session: Session, places: Sequence[Place], last: str) -> bool
 
 def _sources(places: Sequence[Place]) -> dict[Any, str]:
     """Return where each shot comes from, by its identity."""
-    return {(p.plan, *p.shot_id): shown(p.original.path) for p in places if p.original.picture is not None}
+    return {(p.plan, *p.shot_id): p.source for p in places if p.original.picture is not None}
 
 
 def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> tuple[list[str], list[str]]:
@@ -206,7 +214,7 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
             width=original.picture.width,
             height=original.picture.height,
             captured_at=original.picture.metadata.captured_at,
-            source=shown(original.path),
+            source=place.source,
             mask=mask,
             mask_sha256=mask_sha256,
             depth=depth,

@@ -98,13 +98,21 @@ def import_photos(
         StorageError: The disk refuses. Both leave nothing behind.
     """
     folder, out = Path(folder), Path(out)
-    if is_video(folder):
-        with TemporaryDirectory() as aside:
-            frames = Path(aside) / folder.stem
-            note = take_frames(folder, frames, on_progress)
-            shot = ImportRequest(layout="photos", cameras="one", bracket=1, masks=request.masks)
-            result = import_photos(frames, out, shot, on_progress=on_progress)
-        return replace(result, guesses=(note,))
+    if not is_video(folder):
+        return _import_folder(folder, out, request, on_progress)
+    _refuse_options_of_photos(folder, request)
+    with TemporaryDirectory() as aside:
+        frames = Path(aside) / folder.stem
+        note = take_frames(folder, frames, on_progress)
+        shot = ImportRequest(layout="photos", cameras="one", bracket=1, masks=request.masks)
+        result = _import_folder(frames, out, shot, on_progress, folder)
+    return replace(result, guesses=(note,))
+
+
+def _import_folder(
+    folder: Path, out: Path, request: ImportRequest, on_progress: Progress, video: Path | None = None
+) -> ImportResult:
+    """Import the photographs of a folder; `video`: that they are frames of."""
     exposures, masks, depths, bands = (
         None if path is None else Path(path)
         for path in (request.exposures, request.masks, request.depths, request.bands)
@@ -151,6 +159,7 @@ def import_photos(
         new_plans = plans_of(entry, band_of)
         plans.extend(new_plans)
         places.extend(places_of(entry, new_plans, covers, deep, band_of))
+    places = [replace(place, video=video) for place in places]
     records = tuple(entry.camera for entry in numbered)
     # The file that is written last makes a session; a killed import lacks it and is completed.
     last = CALIBRATION if has_poses(given) else "session.json"
@@ -237,6 +246,22 @@ def _absent(given: Given) -> list[str]:
     count = len(given.missing)
     photos = "1 photo that is listed is" if count == 1 else f"{count} photos that are listed are"
     return [f"{photos} not there and left out: {given.missing[0]}{' (the first)' if count > 1 else ''}."]
+
+
+def _refuse_options_of_photos(video: Path, request: ImportRequest) -> None:
+    """Raise InputError for an option that frames of a video cannot follow."""
+    asked = {
+        "--layout": request.layout not in (None, "photos"),
+        "--cameras": request.cameras not in (None, "one"),
+        "--bracket": request.bracket not in (None, 1),
+        "--together": request.together is not None,
+        "--exposures": request.exposures is not None,
+        "--depths": request.depths is not None,
+        "--bands": request.bands is not None,
+        "--pixel-shift": request.pixel_shift,
+    }
+    for option in (name for name, given in asked.items() if given):
+        raise InputError(f"{video} is a video, and {option} is for photographs: leave {option} out.")
 
 
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:

@@ -31,10 +31,52 @@ def test_of_every_half_second_the_sharpest_frame_is_taken(tmp_path):
     assert "3 frames of clip.mp4 are taken, the sharpest of every 5 (0.5 s)" in result.guesses[0]
     assert "reading the video" in said
     session = Session.open(tmp_path / "s")
+    assert session.shots()[1].source == f"{clip}: clip_0002.png"
     for shot, expected in zip(session.shots(), sharp, strict=True):
         there = read_photo(session.file(shot)).pixels
         blurred = cv2.GaussianBlur(expected, (0, 0), 4)
         assert np.abs(there - expected / 255).mean() < 0.5 * np.abs(there - blurred / 255).mean()
+
+
+def test_a_killed_import_of_a_video_is_completed(tmp_path):
+    clip = tmp_path / "clip.mp4"
+    clip_in(clip, "mp4v", frames=15)
+
+    class Killed(KeyboardInterrupt):
+        pass
+
+    def until_the_second(message, done, total):
+        if message.startswith("copying") and done == 1:
+            raise Killed
+
+    with pytest.raises(Killed):
+        import_photos(clip, tmp_path / "s", on_progress=until_the_second)
+    assert len(Session.open(tmp_path / "s").shots()) == 1
+    assert import_photos(clip, tmp_path / "s").frames == len(Session.open(tmp_path / "s").shots()) == 3
+    with pytest.raises(InputError, match="holds this import already, complete"):
+        import_photos(clip, tmp_path / "s")
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"exposures": "list.txt"},
+        {"depths": "depths"},
+        {"bands": "bands.txt"},
+        {"layout": "colmap"},
+        {"cameras": "serial"},
+        {"bracket": 3},
+        {"together": "time"},
+        {"pixel_shift": True},
+    ],
+)
+def test_options_that_frames_cannot_follow_are_refused(tmp_path, option):
+    clip = tmp_path / "clip.mp4"
+    clip_in(clip, "mp4v")
+    name = "--" + next(iter(option)).replace("_", "-")
+    with pytest.raises(InputError, match=f"is a video, and {name} is for photographs: leave"):
+        import_photos(clip, tmp_path / "s", **option)
+    assert not (tmp_path / "s").exists()
 
 
 def boxed(data: bytes, kinds: list[bytes], box: bytes) -> bytes:
@@ -61,9 +103,9 @@ REFUSED = [
 """ColourPrimaries, TransferCharacteristics, and what is said of them."""
 
 
-def clip_in(path: Path, code: str) -> bytes:
+def clip_in(path: Path, code: str, frames: int = 2) -> bytes:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*code), 10, (128, 96))
-    for level in (60, 120):
+    for level in range(60, 60 + 5 * frames, 5):
         writer.write(np.full((96, 128, 3), level, np.uint8))
     writer.release()
     return path.read_bytes()
