@@ -147,10 +147,12 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     """A camera at each of its times, its axes as OpenCV has them; those of no perspective are left out."""
     from pxr import Usd, UsdGeom
 
-    times = UsdGeom.Xformable(camera).GetTimeSamples()
+    times = _times(camera.GetPrim())
+    rounded = [max(0, round(time)) for time in times]
+    frames = rounded if len(set(rounded)) == len(times) else list(range(len(times)))
     size_attribute = camera.GetPrim().GetAttribute(SIZE)
     cameras = []
-    for time in times or [Usd.TimeCode.Default()]:
+    for frame, time in zip(frames or [0], times or [Usd.TimeCode.Default()], strict=True):
         gf = camera.GetCamera(time)
         if gf.projection != gf.Perspective or not gf.focalLength > 0 or not gf.verticalAperture > 0:
             continue
@@ -161,11 +163,22 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
         motion = np.eye(4)
         motion[:3, :3] = unscaled(pose[:3, :3]).T @ turn
         motion[:3, 3] = -motion[:3, :3] @ centre
-        frame = 0 if isinstance(time, Usd.TimeCode) else max(0, round(time))
         prim = camera.GetPrim()
         name = prim.GetDisplayName() or prim.GetName()
         cameras.append(UsdCamera(str(prim.GetPath()), name, frame, lens, motion))
     return cameras
+
+
+def _times(prim: Any) -> list[float]:
+    """Times at which a prim or one above it moves: Blender moves the parent of a camera."""
+    from pxr import UsdGeom
+
+    times: set[float] = set()
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            times.update(UsdGeom.Xformable(prim).GetTimeSamples())
+        prim = prim.GetParent()
+    return sorted(times)
 
 
 def pinhole_numbers(gf: Any, width: int, height: int | None) -> dict[str, Any]:

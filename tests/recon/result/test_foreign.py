@@ -225,3 +225,24 @@ def test_an_open_scene_stays_the_one_it_is(tmp_path: Path) -> None:
     scene = open_scene(write_made(tmp_path))
     changed = replace(scene, record=scene.record)
     assert open_scene(changed) is changed
+
+
+@pytest.mark.parametrize(
+    ("times", "frames"), [((1, 2, 3), [1, 2, 3]), ((-1, 0, 1), [0, 1, 2]), ((0.2, 0.4, 0.6), [0, 1, 2])]
+)
+def test_a_camera_of_a_usd_that_its_parent_moves(
+    times: tuple[float, ...], frames: list[int], tmp_path: Path
+) -> None:
+    """As Blender writes cameras; times that round to one frame, or lie before 0, are numbered in order."""
+    export(open_scene(write_made(tmp_path / "made", count=20)), tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    stage.RemovePrim("/World/Cameras")
+    moved = UsdGeom.Xform.Define(stage, "/rails").AddTranslateOp()
+    UsdGeom.Camera.Define(stage, "/rails/camera")
+    for number, time in enumerate(times):
+        moved.Set(Gf.Vec3d(0, number, 9), time)
+    stage.Save()
+    views = open_scene(tmp_path / "a.usda").views
+    assert [view.frame for view in views] == frames
+    centres = np.array([np.linalg.inv(view.cam_from_world.matrix())[:3, 3] for view in views])
+    assert np.linalg.norm(np.diff(centres, axis=0), axis=1) == pytest.approx(1)
