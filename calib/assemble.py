@@ -7,17 +7,20 @@ from math import degrees, hypot
 from statistics import median
 from typing import Literal
 
+import numpy as np
+
 from calib.boards.measure import MeasuredBoard
 from calib.colour import unfiltered
 from calib.colour.colour_record import with_balance, with_charts, with_development
 from calib.evidence import Evidence
 from calib.measures import Measures
 from calib.place_views import Placement
-from calib.poses.sfm import SceneModel
+from calib.poses.sfm import SceneModel, pose_of
 from calib.scene_light import SceneLight
 from calib.sensor import metadata
 from calib.sensor.metadata import CameraSensor
 from imaging.files import store
+from imaging.files.colmap import pycolmap
 from imaging.session.calibration import (
     COLOUR,
     CalibrationRecord,
@@ -121,6 +124,8 @@ def _camera(
         update |= _lens_of_scene(model, name, sensor)
     if board is not None and name in board.lenses and (not posed or name in board.sure_lenses):
         update |= _of_board(board, name)
+        if model is not None and not posed:
+            update |= _in_tied_rig(camera, evidence, model, board)
     if model is not None and posed and sensor is not None:
         update["cam_from_rig"] = model.cam_from_rig.get(name)
         update["cam_from_rig_error"] = _rig_error(model, name, board)
@@ -151,6 +156,31 @@ def _of_board(board: MeasuredBoard, name: str) -> dict[str, object]:
         "lens_error": board.lens_errors.get(name),
         "cam_from_rig": board.cam_from_rig.get(name),
         "cam_from_rig_error": board.rig_errors.get(name),
+    }
+
+
+def _in_tied_rig(
+    camera: CameraRecord, evidence: Evidence, model: SceneModel, board: MeasuredBoard
+) -> dict[str, object]:
+    """Place of a camera without a view in the rig that the model ties, by way of a camera that is in both.
+
+    The board's rig may have another reference than the model's. Nothing where the model ties no such rig; no
+    place where it is not in metres, or no camera is in both.
+    """
+    name = camera.name
+    mates = [other.name for other in evidence.session.record.cameras if other.rig == camera.rig]
+    tied = [other for other in mates if camera.rig is not None and other in model.cam_from_rig]
+    common = [other for other in tied if other in board.cam_from_rig]
+    if not tied:
+        return {}
+    if not model.metric or not common or name not in board.cam_from_rig:
+        return {"cam_from_rig": None, "cam_from_rig_error": None}
+    other = min(common, key=lambda mate: mate in model.by_motion)
+    across = board.cam_from_rig[name].matrix() @ np.linalg.inv(board.cam_from_rig[other].matrix())
+    return {
+        "cam_from_rig": pose_of(pycolmap.Rigid3d((across @ model.cam_from_rig[other].matrix())[:3])),
+        # Where the scene moved the other camera, the board's error is not all of it.
+        "cam_from_rig_error": board.rig_errors.get(name) if board.sure_rig else None,
     }
 
 

@@ -223,8 +223,11 @@ def _solved(
         guesses |= lenses
         focal = {name: prior for name, prior in focal.items() if name not in lenses}
         sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
-        # A board measures the distances of cameras better than a ruler.
-        places |= {name: board.place(name) for name in board.cam_from_rig}
+        # A board measures the distances of cameras better than a ruler, and in axes of its own.
+        for names in rigs.values():
+            measured = {name: board.place(name) for name in names if name in board.cam_from_rig}
+            if len(measured) > 1:
+                places = {name: place for name, place in places.items() if name not in names} | measured
         known = KnownRig(sure, board.cam_from_rig if board.sure_rig else {}, places)
     inputs = PoseInputs(
         {view: summary.features for view, summary in summaries.items()},

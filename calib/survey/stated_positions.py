@@ -43,14 +43,19 @@ def places_of(metadata_of: Mapping[ViewId, FrameMetadata]) -> dict[ViewId, State
     positions = [one.position for one in metadata_of.values() if one.position is not None]
     geodetic = np.array([(one.latitude, one.longitude, one.altitude) for one in positions], np.float64)
     heights = np.array([np.nan if one.height is None else one.height for one in metadata_of.values()])
-    pressed = bool(np.isfinite(heights).all())
-    if pressed:
-        geodetic[:, 2] = heights + np.median(geodetic[:, 2] - heights)
+    # A receiver with corrections (RTK) errs by less than a barometer, which drifts during a flight.
+    precise = np.array([0.0 < (one.altitude_error or 0.0) < BAROMETER for one in positions])
+    pressed = ~precise & bool(np.isfinite(heights).all())
+    if pressed.any():
+        above = geodetic[:, 2] - heights
+        geodetic[pressed, 2] = heights[pressed] + np.median(above[precise] if precise.any() else above)
     latitude, longitude, height = np.median(geodetic, axis=0).tolist()
     centres = east_north_up(geodetic, (latitude, longitude, height))
     places = {}
-    for (view, metadata), position, centre in zip(metadata_of.items(), positions, centres, strict=True):
-        up = position.altitude_error or (BAROMETER if pressed else max(UP, 2 * (position.error or 0.0)))
+    rows = zip(metadata_of.items(), positions, centres, pressed.tolist(), strict=True)
+    for (view, metadata), position, centre, by_pressure in rows:
+        up = position.altitude_error or max(UP, 2 * (position.error or 0.0))
+        up = BAROMETER if by_pressure else up
         flat = position.error or FLAT
         turn = None if metadata.gimbal is None or metadata.orientation != 1 else gimbal_turn(*metadata.gimbal)
         places[view] = StatedPlace(centre, np.array([flat, flat, up]), turn, float(TILT), float(HEADING))

@@ -15,6 +15,7 @@ from imaging.errors import CalibrationError
 from imaging.progress import unreported
 from imaging.session.calibration import Response
 from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
 
 
 class Shot(SimpleNamespace):
@@ -207,3 +208,39 @@ def test_photographs_that_are_too_narrow_are_told(tmp_path, size):
     )
     with pytest.raises(CalibrationError, match=rf"cam_0\.png has {size[0]}x{size[1]} pixels, and views need"):
         place_views.require_sizes(evidence)
+
+
+def test_a_rig_takes_its_scale_from_a_board_or_a_ruler_and_never_from_both(monkeypatch):
+    """Rulers measure all cameras of three rigs; a board two of the first, one of the second, none else."""
+    rigs = {"a": "one", "b": "one", "c": "one", "d": "two", "e": "two", "f": "three", "g": "three"}
+    cameras = [
+        SimpleNamespace(name=name, kind="srgb", rig=rig, position=(float(place), 2.0, 0.0))
+        for place, (name, rig) in enumerate(rigs.items())
+    ]
+    lens = SimpleNamespace(resized=lambda *size: None)
+    by_board = {"a": (0.0, 0.0, 0.0), "b": (0.9, 0.0, 0.0), "d": (0.0, 0.0, 0.0), "unseen": (1.0, 0.0, 0.0)}
+    board = SimpleNamespace(
+        lenses={}, sure_lenses=(), sure_rig=False, cam_from_rig=by_board, place=by_board.__getitem__
+    )
+    session = SimpleNamespace(
+        record=SimpleNamespace(cameras=cameras), photograph_names=lambda: {}, turntable=lambda: None
+    )
+    evidence = SimpleNamespace(
+        session=session,
+        views=[],
+        board=board,
+        sensors=dict.fromkeys(rigs, SimpleNamespace(lens=lens, focal=None)),
+    )
+    view = SimpleNamespace(
+        width=640, height=480, features=None, blank=None, png=b"", faint=False, brightness=None
+    )
+    monkeypatch.setattr(place_views, "stated_places", lambda *_: {})
+    monkeypatch.setattr(place_views.sfm, "solve", lambda inputs, guesses: inputs)
+    summaries = {ViewId(0, name): view for name in rigs}
+    inputs = place_views._solved(evidence, summaries, None, False, unreported)
+    ruler = {camera.name: camera.position for camera in cameras}
+    assert inputs.known.places == {
+        "a": by_board["a"],
+        "b": by_board["b"],
+        **{name: ruler[name] for name in "defg"},
+    }

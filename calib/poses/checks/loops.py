@@ -25,13 +25,15 @@ fewer agree the turn is off by more than `CLOSED` with either."""
 
 def turns_of(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[ViewId, ViewId], Array]:
     """Turns [3, 3] from the first view of each pair to its second, by its matches alone, of pairs that have
-    one."""
+    one and whose cameras the model holds."""
     cameras = {
         ViewId.of_image(image.name).camera: image.camera_id for image in reconstruction.images.values()
     }
     options = pycolmap.RANSACOptions(max_error=max_error, random_seed=0, max_num_trials=TRIALS)
     turns: dict[tuple[ViewId, ViewId], Array] = {}
     for (one, other), pair in pairs.items():
+        if one.camera not in cameras or other.camera not in cameras:
+            continue
         lenses = [reconstruction.cameras[cameras[view.camera]] for view in (one, other)]
         some = slice(None, None, math.ceil(len(pair.one) / MATCHES))
         relative = pycolmap.estimate_relative_pose(

@@ -19,7 +19,7 @@ from imaging.session.view_id import ViewId
 class KnownRig:
     """lenses, at picture size, and cam_from_rig, metres, stay; by camera.
 
-    places: of cameras in their rig, metres, in axes of its own: they give the scale.
+    places: of cameras in their rig, metres, in axes that all of the rig share: they give the scale.
     """
 
     lenses: Mapping[str, Lens] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], 
         }
         if len(mounted) > 1:
             tied = dict.fromkeys(mounted, mounted)
-        reference = max(placed, key=lambda name: len(tied[name]), default=None)
+        reference = max(tied, key=lambda name: len(tied[name]), default=None)
         if reference is None or len(tied[reference]) < 2:
             continue
         members = []

@@ -7,7 +7,7 @@ added as if independent, though they share that of the frame: what is stated is 
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from math import hypot, radians
+from math import hypot, inf, radians
 from statistics import median
 
 import numpy as np
@@ -26,7 +26,8 @@ def place_by_rig(
     """The model with a pose for every view that its rig places, and which views these are.
 
     views: all there are. rigs: of each camera that is mounted, its rig's name. Such a view sees no scene
-    point, and the COLMAP model does not hold it.
+    point, and the COLMAP model does not hold it. Its error is stated where the other camera at its frame, and
+    its own at another, have one.
     """
     poses, points = dict(model.poses), dict(model.points)
     turns = {} if model.errors is None else dict(model.errors.rotation)
@@ -38,13 +39,13 @@ def place_by_rig(
         beside = [place for other in tied if (place := ViewId(view.frame, other)) in model.poses]
         if name not in tied or not beside:
             continue
-        best = min(beside, key=lambda place: turns.get(place, 0.0))
+        best = min(beside, key=lambda place: turns.get(place, inf))
         across = model.cam_from_rig[name].matrix() @ np.linalg.inv(model.cam_from_rig[best.camera].matrix())
         poses[view] = pose_of(pycolmap.Rigid3d((across @ model.poses[best].matrix())[:3]))
         points[view] = 0
         placed.append(view)
-        if model.errors is not None:
-            of_camera = [place for place in model.poses if place.camera == name]
+        of_camera = [place for place in model.poses if place.camera == name and place in turns]
+        if model.errors is not None and best in turns and of_camera:
             one, two = centres([poses[view], poses[best]])
             swing = float(np.linalg.norm(one - two)) * radians(turns[best])
             turn = median(model.errors.rotation[place] for place in of_camera)

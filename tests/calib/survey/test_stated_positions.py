@@ -38,8 +38,8 @@ def test_a_gimbal_tells_where_the_camera_looks():
         assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
-def photograph(altitude, height=None, error=None, orientation=1):
-    position = GpsPosition(46.8, -92.0, altitude, error)
+def photograph(altitude, height=None, error=None, orientation=1, altitude_error=None):
+    position = GpsPosition(46.8, -92.0, altitude, error, altitude_error)
     return FrameMetadata(position=position, height=height, gimbal=(45.0, -89.9, 0.0), orientation=orientation)
 
 
@@ -55,6 +55,21 @@ def test_a_barometer_tells_heights_against_each_other_better_than_a_receiver():
     assert satellites[names[0]].turn is not None
     turned = places_of({names[0]: photograph(200.0, 40.0, orientation=6)})
     assert turned[names[0]].turn is None
+
+
+def test_a_receiver_with_corrections_tells_heights_better_than_a_barometer():
+    """The barometer drifts by 2.5 m; at the last photograph the corrections are lost, and 30 m with them."""
+    photographs = {
+        ViewId(frame, "made"): photograph(200.0, 40.0 + 0.5 * frame, 0.015, altitude_error=0.03)
+        for frame in range(6)
+    }
+    places = places_of(photographs)
+    assert np.ptp([place.centre[2] for place in places.values()]) < 1e-6
+    assert {place.spread[2] for place in places.values()} == {0.03}
+    lost = ViewId(6, "made")
+    places = places_of({**photographs, lost: photograph(230.0, 41.25, 2.0, altitude_error=3.0)})
+    assert np.ptp([place.centre[2] for place in places.values()]) < 1e-4
+    assert places[lost].spread.tolist() == [2.0, 2.0, 0.4]
 
 
 def flight(turned=True):

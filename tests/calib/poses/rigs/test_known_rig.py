@@ -10,8 +10,10 @@ import pytest
 from calib import evidence
 from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
+from calib.poses.rigs.known_rig import KnownRig, tie_rigs
 from imaging.arrays import Array
 from imaging.files import store
+from imaging.files.colmap import pycolmap
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
 from imaging.progress import unreported
@@ -123,3 +125,35 @@ def test_what_a_board_knows_well_stays_as_it_is(short: Path, monkeypatch: pytest
     assert "a board gave" in reasons["lens_terms"]
     assert record.reprojection_px is not None
     assert record.reprojection_px < 0.3
+
+
+def test_a_camera_of_a_rig_that_the_board_did_not_show_stays_free() -> None:
+    database, model = pycolmap.Database.open(":memory:"), pycolmap.Reconstruction()
+    for name in "ABC":
+        camera = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", 1000, 1200, 800)
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
+        rig = database.read_rig(database.write_rig(rig))
+        model.add_camera(camera)
+        model.add_rig(rig)
+        for number in range(FRAMES):
+            image = pycolmap.Image()
+            image.name, image.camera_id = ViewId(number, name).image_name, camera.camera_id
+            image = database.read_image(database.write_image(image))
+            frame = pycolmap.Frame(rig_id=rig.rig_id)
+            frame.add_data_id(image.data_id)
+            frame.frame_id = image.frame_id = database.write_frame(frame)
+            frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(), [-number, -"ABC".index(name), 0])
+            model.add_frame(frame)
+            model.add_image(image)
+            model.register_frame(frame.frame_id)
+    board = {
+        name: Pose(quaternion=(1, 0, 0, 0), translation=(0, -place, 0)) for place, name in enumerate("AB")
+    }
+    rung = tie_rigs(database, model, [list("ABC")], KnownRig(cam_from_rig=board))
+    assert rung.taken
+    tied: dict[int, set[str]] = {}
+    for image in model.images.values():
+        tied.setdefault(image.frame.rig_id, set()).add(ViewId.of_image(image.name).camera)
+    assert sorted(map(sorted, tied.values())) == [["A", "B"], ["C"]]

@@ -98,6 +98,29 @@ def test_a_model_too_poor_to_say_how_sure_it_is_places_all_the_same(model: Scene
     assert isinstance(filled.poses[LOST], Pose)
 
 
+def test_an_error_is_stated_as_far_as_other_views_have_one(model: SceneModel) -> None:
+    def filled(*without: ViewId) -> SceneModel:
+        assert model.errors is not None
+        rotation, translation = (
+            {view: error for view, error in errors.items() if view not in without}
+            for errors in (model.errors.rotation, model.errors.translation)
+        )
+        errors = replace(model.errors, rotation=rotation, translation=translation)
+        full, placed = place_by_rig(replace(model, errors=errors), {*model.poses, LOST}, RIGS)
+        assert placed == {LOST}
+        return full
+
+    some = filled(ViewId(0, "left"), ViewId(0, "right")).errors
+    assert some is not None
+    assert LOST in some.rotation
+    assert LOST in some.translation
+    for without in ([ViewId(LOST.frame, "left")], [view for view in model.poses if view.camera == "right"]):
+        none = filled(*without).errors
+        assert none is not None
+        assert LOST not in none.rotation
+        assert LOST not in none.translation
+
+
 def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
     own_arm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
