@@ -85,9 +85,14 @@ def _by_protocol(
     for remote in gige.find_cameras(network, clock):
         serials.add(remote.serial)
         yield "GigE Vision", remote, ""
+    producers: dict[str, gentl.Producer] = {}
     for made in gentl.find_cameras(clock):
-        if isinstance(made, CameraError) or made.serial not in serials:  # a producer finds those above, too
-            yield "GenTL", made, ""
+        if not isinstance(made, CameraError):
+            # A producer finds those above, too, and those of other producers.
+            first = producers.setdefault(made.serial, made.producer)
+            if made.serial in serials or first is not made.producer:
+                continue
+        yield "GenTL", made, ""
     for name, other in plugins.find_cameras(clock):
         yield name, other, ""
 

@@ -55,26 +55,28 @@ def default_backend() -> IBackend:
 
 
 def find(kind: InterfaceKind, backend: IBackend) -> list["UsbDevice"]:
-    """Every connected device with an interface of that kind, in order of bus and address; none is opened."""
+    """Every connected device with an interface of that kind, in order of bus and address; none is opened.
+
+    A device whose descriptors cannot be read is left out.
+    """
     with errors_translated("The USB"):
         devices = list(usb.core.find(find_all=True, backend=backend) or ())
     matching = [UsbDevice(device, interface) for device in devices for interface in _interfaces(device, kind)]
     return sorted(matching, key=lambda match: (match.device.bus or 0, match.device.address or 0))
 
 
-def _interfaces(device: Any, kind: InterfaceKind) -> Iterator[Any]:
-    """Interfaces of the kind, each once."""
+def _interfaces(device: Any, kind: InterfaceKind) -> list[Any]:
+    """Interfaces of the kind, each once; empty if its descriptors cannot be read."""
     wanted = (kind.number, kind.subclass, kind.protocol)
-    for configuration in device:
-        for interface in configuration:
-            if interface.bAlternateSetting:
-                continue
-            if wanted == (
-                interface.bInterfaceClass,
-                interface.bInterfaceSubClass,
-                interface.bInterfaceProtocol,
-            ):
-                yield interface
+    try:
+        interfaces = [one for configuration in device for one in configuration if not one.bAlternateSetting]
+    except (usb.core.USBError, NotImplementedError):
+        return []
+    return [
+        one
+        for one in interfaces
+        if wanted == (one.bInterfaceClass, one.bInterfaceSubClass, one.bInterfaceProtocol)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
-"""A GenICam description as it lies zipped in a camera."""
+"""A GenICam description as it lies in a camera: its place, and its archive."""
 
 import io
+import re
 import zipfile
 import zlib
 
@@ -8,6 +9,13 @@ from drivers.errors import CameraProtocol
 
 LARGEST_XML = 32 << 20
 """Bytes of the largest description that is read."""
+_URL = re.compile(r"local:(?:///)?([^;]*);\s*(?:0x)?([0-9a-f]+);\s*(?:0x)?([0-9a-f]+)", re.IGNORECASE)
+
+
+def parse_url(url: str) -> tuple[str, int, int] | None:
+    """File name, address and size of `Local:NAME;ADDRESS;SIZE`; None for a place outside of the device."""
+    match = _URL.match(url)
+    return None if match is None else (match[1], int(match[2], 16), int(match[3], 16))
 
 
 def unzipped(data: bytes) -> bytes:

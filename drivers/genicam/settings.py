@@ -40,6 +40,7 @@ def prepare(nodes: NodeMap, name: str) -> PixelFormat:
     stop(nodes)
     for sequencer in ("SequencerMode", "SequencerConfigurationMode"):
         set_if_there(nodes, sequencer, "Off")
+    set_if_there(nodes, "GenDCStreamingMode", "Off")  # its containers are no plain images
     set_if_there(nodes, "ExposureMode", "Timed")
     set_if_there(nodes, "GainSelector", "All")
     best = _choose_format(nodes, name)

@@ -14,12 +14,12 @@ class GentlCamera(GenicamCamera):
 
     def __init__(self, serial: str, library: Producer, clock: Clock) -> None:
         super().__init__(serial, lambda patience: open_session(library, serial, clock, patience), clock)
-        self._library = library
+        self.producer = library
 
     @property
     def where(self) -> str:
         """The producer, and the device in it while that is opened."""
-        return super().where or f"GenTL {self._library.library.where}"
+        return super().where or f"GenTL {self.producer.library.where}"
 
     def verified(self) -> str:
         """Producers in software: no hardware yet."""

@@ -4,6 +4,7 @@ import atexit
 import ctypes
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -37,9 +38,14 @@ class Producer:
     def __init__(self, path: Path) -> None:
         self.library = Library(path)
         self.library.call("GCInitLib")
-        atexit.register(self._close)
-        self._system = self.library.handle("TLOpen")
+        try:
+            self._system = self.library.handle("TLOpen")
+        except CameraError:
+            with suppress(CameraError):
+                self.library.call("GCCloseLib")  # else it cannot be initialised again
+            raise
         self._interfaces: dict[str, int] = {}
+        atexit.register(self._close)
 
     def cameras(self) -> list[ListedCamera]:
         """Cameras currently listed, in the producer's order."""

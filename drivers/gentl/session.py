@@ -1,12 +1,11 @@
 """A device that is opened through a producer: its registers, its description, its stream."""
 
 import ctypes
-import re
 from contextlib import suppress
 
 from drivers.clock import Clock
 from drivers.errors import CameraNotFound, CameraProtocol, CameraRefused
-from drivers.genicam.archive import LARGEST_XML, unzipped
+from drivers.genicam.archive import LARGEST_XML, parse_url, unzipped
 from drivers.genicam.chunks import ByteOrder
 from drivers.genicam.elsewhere import read_url
 from drivers.genicam.nodemap import NodeMap
@@ -15,9 +14,6 @@ from drivers.gentl.producer import ListedCamera, Producer
 from drivers.gentl.stream import GentlStream
 from imaging.errors import CameraError
 
-_LOCAL = re.compile(
-    r"local:(?:///)?(?P<file>[^;]*);(?P<address>[0-9a-f]+);(?P<size>[0-9a-f]+)", re.IGNORECASE
-)
 _ORDERS: dict[str, ByteOrder] = {"GEV": "big", "U3V": "little"}
 """Byte orders of the tags between chunks, by transport."""
 _AT_ONCE = 1 << 16
@@ -107,13 +103,18 @@ def read_xml(library: Library, port: int, memory: Port, where: str) -> bytes:
     library.call("GCGetNumPortURLs", port, ctypes.byref(count), where=where)
     urls = [library.info_text("GCGetPortURLInfo", port, at, 0) for at in range(count.value)]
     for url in urls:
-        local = _LOCAL.match(url)
-        if local is not None:
-            size = int(local["size"], 16)
+        place = parse_url(url)
+        if place is not None:
+            _, begin, size = place
             if not 0 < size <= LARGEST_XML:
                 raise CameraProtocol(f"{where}: its description has {size} bytes: update its firmware.")
-            data = memory.read(int(local["address"], 16), size)
-            return unzipped(data) if data.startswith(b"PK") else data.rstrip(b"\0")
+            data = memory.read(begin, size)
+            if not data.startswith(b"PK"):
+                return data.rstrip(b"\0")
+            try:
+                return unzipped(data)
+            except CameraProtocol as error:
+                raise CameraProtocol(f"{where}: {error}: update its firmware.") from error
     for url in urls:
         if url.lower().startswith("file:"):
             return read_url(url, where)

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from drivers.errors import CameraProtocol, CameraTimeout
+from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.session import Frame, FrameLeader
@@ -18,6 +18,8 @@ _LARGEST = 1 << 31
 """Bytes of the largest frame."""
 _IMAGE = 1
 """The payload type of an image, in GenTL as in the leaders of GigE Vision and USB3 Vision."""
+_IMAGES = (0, _IMAGE, 4)
+"""PAYLOADTYPE_INFO_IDS of buffers that hold an image: not stated, an image, an image with chunks."""
 _NOT_GIVEN_BACK: list[Bytes] = []
 """Buffers that a producer would not revoke: it may still write there, so that their memory has to stay."""
 
@@ -59,7 +61,10 @@ class GentlStream:
             self._call("DSFlushQueue", self._handle, FLUSH_ALL)
 
     def next_frame(self, timeout: float) -> Frame:
-        """The next frame, copied, complete or not. CameraTimeout if none has come within `timeout` s."""
+        """The next frame, copied, complete or not. CameraTimeout if none has come within `timeout` s.
+
+        CameraRefused: the buffer holds something else than an image.
+        """
         event, size = _NewBuffer(), ctypes.c_size_t(ctypes.sizeof(_NewBuffer))
         arguments = self._events, ctypes.byref(event), ctypes.byref(size), max(1, round(1e3 * timeout))
         try:
@@ -71,8 +76,13 @@ class GentlStream:
         handle = int(event.buffer or 0)
         if handle not in self._buffers:
             raise CameraProtocol(f"{self._where} hands over a buffer that is not ours: update its software.")
-        frame = self._frame(handle)
+        kind, frame = self._info(handle, BufferInfo.PAYLOADTYPE), self._frame(handle)
         self._call("DSQueueBuffer", self._handle, handle)
+        if kind not in _IMAGES:
+            raise CameraRefused(
+                f"{self._where} sends payloads of type {kind:#06x}, not images: switch off compression and "
+                "GenDC in its maker's program."
+            )
         return frame
 
     def close(self) -> None:

@@ -1,20 +1,18 @@
 """The bootstrap registers of a GigE Vision device, and where its GenICam XML is found."""
 
-import re
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.genicam.archive import LARGEST_XML, unzipped
+from drivers.genicam.archive import LARGEST_XML, parse_url, unzipped
 from drivers.genicam.elsewhere import read_url
 from imaging.and_list import and_list
 
 URL_SIZE = 512
 DISCOVERY_SIZE = 0xF8
 """Bytes of the registers that DISCOVERY answers with."""
-_URL = re.compile(r"local:(?:///)?([^;]*);\s*(?:0x)?([0-9a-f]+);\s*(?:0x)?([0-9a-f]+)", re.IGNORECASE)
 
 
 class Bootstrap(IntEnum):
@@ -128,12 +126,6 @@ class About:
 
 def _text(data: bytes) -> str:
     return data.split(b"\0")[0].decode("utf-8", "replace").strip()
-
-
-def parse_url(url: str) -> tuple[str, int, int] | None:
-    """File name, address and size of `Local:NAME;ADDRESS;SIZE`; None for a place outside of the device."""
-    match = _URL.match(url)
-    return None if match is None else (match[1], int(match[2], 16), int(match[3], 16))
 
 
 def read_xml(control: Registers, address: str) -> bytes:

@@ -1,6 +1,8 @@
 """An opened camera of libgphoto2: its settings, a shot, and the files of it."""
 
+import math
 from contextlib import suppress
+from time import monotonic
 from typing import Any
 
 from drivers.gphoto2 import dials
@@ -10,8 +12,10 @@ from imaging.errors import CameraError
 
 Place = tuple[str, str]
 """Folder and name of a file in the camera."""
-_SECOND_FILE = 2000
-"""Milliseconds for which a body that is set to RAW and JPEG is waited for until the other file is there."""
+_SECOND_FILE = 2.0
+"""Seconds of silence after which a body that is set to RAW and JPEG has no other file."""
+_LONGEST_WAIT = 10.0
+"""Seconds for the other file of a body that keeps telling other things."""
 _MEMORY = "/"
 """The folder of what a body hands over from its memory: libgphoto2 keeps it until it is deleted."""
 
@@ -93,14 +97,17 @@ class Body:
         """The other file of a shot by a body that is set to RAW and JPEG; None if none comes."""
         if not self._both:
             return None
+        deadline = monotonic() + _LONGEST_WAIT
         with errors_translated(self._where):
-            while True:
-                kind, stored = self._camera.wait_for_event(_SECOND_FILE)
+            while (remaining := deadline - monotonic()) > 0:
+                milliseconds = math.ceil(1000 * min(_SECOND_FILE, remaining))
+                kind, stored = self._camera.wait_for_event(milliseconds)
                 if kind == self._gp.GP_EVENT_FILE_ADDED and (stored.folder, stored.name) != first:
                     return str(stored.folder), str(stored.name)
                 if kind == self._gp.GP_EVENT_TIMEOUT:
-                    self._both = False  # it says so, and does not: later shots do not wait for it
-                    return None
+                    break
+        self._both = False  # it says so, and does not: later shots do not wait for it
+        return None
 
     def fetch(self, place: Place) -> bytes:
         """All bytes of a file."""

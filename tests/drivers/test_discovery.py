@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+import usb.core
 
 from drivers import discovery
 from drivers.at_once import all_at_once
@@ -46,6 +47,19 @@ def test_a_camera_that_another_program_holds_is_told_and_the_others_are_listed(m
     assert "held by another program" in held.error
     assert held.identity is None
     assert all(one.error == "" for one in others)
+
+
+def test_a_device_that_cannot_be_read_hides_no_other(mixed: BusRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = mixed.backend.get_configuration_descriptor
+    first = next(iter(mixed.backend.enumerate_devices()))
+
+    def read(device: object, configuration: int) -> object:
+        if device is first:
+            raise usb.core.USBError("Entity not found", -5, 2)
+        return real(device, configuration)
+
+    monkeypatch.setattr(mixed.backend, "get_configuration_descriptor", read)
+    assert [one.error for one in ask_all(mixed.backend, mixed.clock)] == ["", ""]
 
 
 def test_drivers_follow_one_protocol(mixed: BusRig) -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from drivers.errors import CameraRefused
 from drivers.genicam.processing import STAGES, switch_off
+from drivers.genicam.settings import prepare
 
 from .nodemap.nodes import node_map
 
@@ -75,3 +76,9 @@ def test_what_is_off_may_stay_as_it_is() -> None:
     )
     switch_off(nodes, "cam0")
     assert nodes.number("Gamma") == 0.45
+
+
+def test_containers_are_switched_off() -> None:
+    nodes = node_map(choice("PixelFormat", 0, "Mono8") + choice("GenDCStreamingMode", 1, "Off", "On"))
+    assert prepare(nodes, "cam0").name == "Mono8"
+    assert nodes.text("GenDCStreamingMode") == "Off"

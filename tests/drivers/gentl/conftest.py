@@ -35,7 +35,7 @@ class Meta(ctypes.Structure):
 
     _fields_ = tuple(
         (name, ctypes.c_uint64)
-        for name in ("block", "timestamp", "format", "width", "height", "chunks", "cut")
+        for name in ("block", "timestamp", "format", "width", "height", "chunks", "cut", "kind")
     )
 
 
@@ -48,7 +48,7 @@ class SimulatedDevice:
         shape = lens.height, lens.width, 3
         view = np.linspace(6.0, 1200.0, lens.height * lens.width * 3, dtype=np.float32).reshape(shape)
         self.camera = camera = SimulatedCamera(body, lambda frame: view)
-        self.cut, self.opened = False, list[float]()
+        self.cut, self.kind, self.opened = False, 1, list[float]()
         self._library, self._timeline = library, timeline
         identity = camera.identify()
         self.serial = identity.serial
@@ -98,7 +98,7 @@ class SimulatedDevice:
         self._block += 1
         stamp = self._oscillator.nanoseconds(opened)
         size = (image.width, image.height)
-        meta = Meta(self._block, stamp, image.code, *size, int(image.chunked), int(self.cut))
+        meta = Meta(self._block, stamp, image.code, *size, int(image.chunked), int(self.cut), self.kind)
         self._library.fixture_deliver(image.payload, ctypes.c_size_t(len(image.payload)), ctypes.byref(meta))
 
 

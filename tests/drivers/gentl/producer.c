@@ -19,7 +19,7 @@ enum { OK = 0, NOT_INITIALIZED = -1002, NOT_IMPLEMENTED = -1003, IN_USE = -1004,
 enum { TEXT = 1, INT32 = 2, UINT32 = 3, UINT64 = 5, BOOL8 = 11, SIZE = 12 };
 
 typedef int32_t (*Access)(uint64_t address, void *data, size_t size);
-typedef struct { uint64_t block, timestamp, format, width, height, chunks, cut; } Meta;
+typedef struct { uint64_t block, timestamp, format, width, height, chunks, cut, kind; } Meta;
 typedef struct { uint8_t *memory; size_t size, filled; void *user; Meta meta; } Buffer;
 
 static int tl, interface, device, port, stream, event; /* the addresses are the handles */
@@ -81,7 +81,13 @@ API int fixture_deliver(const uint8_t *data, size_t size, const Meta *meta)
     return taken;
 }
 
-API int32_t GCInitLib(void) { initialised = 1; return OK; }
+API int32_t GCInitLib(void)
+{
+    if (initialised) return fail(IN_USE, "it is initialised already");
+    initialised = 1;
+    return OK;
+}
+
 API int32_t GCCloseLib(void) { initialised = 0; return OK; }
 
 API int32_t GCGetLastError(int32_t *code, char *out, size_t *room)
@@ -93,6 +99,7 @@ API int32_t GCGetLastError(int32_t *code, char *out, size_t *room)
 API int32_t TLOpen(void **handle)
 {
     if (!initialised) return fail(NOT_INITIALIZED, "GCInitLib comes first");
+    if (unplugged) return fail(IO, "there is no answer");
     *handle = &tl;
     return OK;
 }
@@ -295,6 +302,7 @@ API int32_t DSGetBufferInfo(void *handle, void *which, int32_t what, int32_t *to
     case 14: return give(&none, sizeof none, SIZE, told, out, room);
     case 16: return give(&meta->block, 8, UINT64, told, out, room);
     case 18: return give(&none, sizeof none, SIZE, told, out, room);
+    case 19: return give(&meta->kind, 8, UINT64, told, out, room);
     case 20: return give(&meta->format, 8, UINT64, told, out, room);
     case 30: return give(&chunks, 1, BOOL8, told, out, room);
     }

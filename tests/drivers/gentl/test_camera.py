@@ -1,7 +1,11 @@
 """GenTL cameras: a simulated one behind a producer of rig's own, and Viky, of the package genicam."""
 
+import ctypes
+import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -9,12 +13,13 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.conformance import EXAMINATIONS, examine
 from drivers.discovery import ask_all
+from drivers.discovery import find_cameras as all_cameras
 from drivers.errors import CameraClaimed, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.genicam.settings import lock, stop
+from drivers.genicam.settings import lock, prepare, stop
 from drivers.gentl import ENVIRONMENT, GentlCamera, find_cameras, installed
-from drivers.gentl.abi import BufferInfo, Code, DeviceInfo, StreamInfo
-from drivers.gentl.producer import producer
-from drivers.gentl.session import GentlSession
+from drivers.gentl.abi import BufferInfo, Code, DeviceInfo, Library, StreamInfo
+from drivers.gentl.producer import Producer, producer
+from drivers.gentl.session import GentlSession, Port, read_xml
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.optics.exposure import Exposure
@@ -61,6 +66,31 @@ def test_a_frame_with_parts_missing_is_told(simulated: SimulatedDevice) -> None:
     simulated.cut = False
     assert shoot(camera, 1 / 500).pixels.shape == (48, 64)
     camera.close()
+
+
+def test_what_is_no_image_is_refused(simulated: SimulatedDevice) -> None:
+    camera = only(SystemClock())
+    for simulated.kind in (5, 10, 11):  # JPEG, multi-part, GenDC
+        with pytest.raises(CameraRefused, match=rf"payloads of type {simulated.kind:#06x}, not images"):
+            shoot(camera, 1 / 500)
+    for simulated.kind in (0, 1, 4):
+        assert shoot(camera, 1 / 500).pixels.shape == (48, 64)
+    camera.close()
+
+
+def test_containers_of_viky_are_refused_and_switched_off(viky: Path) -> None:
+    session = GentlSession(producer(installed()[0]).cameras()[0])
+    session.nodes.set("PixelFormat", "Mono8")
+    session.nodes.set("GenDCStreamingMode", "On")
+    session.stream.start()
+    session.nodes.execute("AcquisitionStart")
+    with pytest.raises(CameraRefused, match="payloads of type 0x000b, not images"):
+        session.stream.next_frame(5.0)
+    session.nodes.execute("AcquisitionStop")
+    session.stream.stop()
+    prepare(session.nodes, "camera 0")
+    assert session.nodes.text("GenDCStreamingMode") == "Off"
+    session.close()
 
 
 def test_a_camera_that_is_unplugged_is_told_and_found_again(simulated: SimulatedDevice) -> None:
@@ -151,6 +181,65 @@ def test_they_are_listed_once_beside_the_others(
     monkeypatch.setattr("drivers.gige.find_cameras", lambda network, clock: [ours])
     (one,) = ask_all(bus, SystemClock(), network=NoNetwork())
     assert one.protocol == "GigE Vision"
+
+
+@pytest.mark.usefixtures("no_gige")
+def test_the_first_producer_has_a_camera_that_two_list(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = (
+        cast(Producer, SimpleNamespace(library=SimpleNamespace(where=name))) for name in ("first", "second")
+    )
+    listed = [("a", first), ("b", first), ("b", first), ("a", second), ("c", second)]
+    cameras = [GentlCamera(serial, one, SystemClock()) for serial, one in listed]
+    monkeypatch.setattr("drivers.gentl.find_cameras", lambda clock: cameras)
+    assert all_cameras(VirtualBus(VirtualClock()), SystemClock(), NoNetwork()) == [*cameras[:3], cameras[4]]
+
+
+def test_a_producer_that_cannot_start_is_tried_again(
+    fixture_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path(shutil.copy(fixture_path, tmp_path / "later.cti"))
+    at_exit: list[Callable[[], None]] = []
+    monkeypatch.setattr("drivers.gentl.producer.atexit.register", at_exit.append)
+    unplug = ctypes.CDLL(str(path)).fixture_unplug
+    unplug(1)
+    with pytest.raises(CameraLost, match="TLOpen fails"):
+        Producer(path)
+    assert at_exit == []
+    unplug(0)
+    assert Producer(path).cameras() == []
+    (close,) = at_exit
+    close()
+
+
+class _Described:
+    """A producer and a device, with that URL of a description and those bytes at 0x8000."""
+
+    def __init__(self, url: str, data: bytes) -> None:
+        self._url, self._data = url, data
+
+    def call(self, name: str, port: int, count: Any, *, where: str) -> None:
+        count._obj.value = 1
+
+    def info_text(self, *arguments: object) -> str:
+        return self._url
+
+    def read(self, address: int, size: int) -> bytes:
+        return self._data[address - 0x8000 :][:size]
+
+    def description(self) -> bytes:
+        return read_xml(cast(Library, self), 1, cast(Port, self), "GenTL fixture camera")
+
+
+@pytest.mark.parametrize("place", ["8000;6", "0x8000;0x6", " 8000; 6?SchemaVersion=1.1.0"])
+def test_the_place_of_a_description_may_have_prefixes_and_blanks(place: str) -> None:
+    assert _Described(f"Local:cam.xml;{place}", b"<xml/>more").description() == b"<xml/>"
+
+
+def test_a_damaged_description_names_the_camera() -> None:
+    with pytest.raises(
+        CameraProtocol, match=r"^GenTL fixture camera: .* cannot be unzipped .*: update its firmware\.$"
+    ):
+        _Described("Local:cam.zip;8000;10", b"PK\3\4" + bytes(12)).description()
 
 
 @pytest.mark.usefixtures("no_gige")

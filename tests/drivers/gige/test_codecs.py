@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol
+from drivers.genicam.archive import parse_url
 from drivers.gige import gvcp, gvsp
 from drivers.gige.gvcp import Action, Answer, Command, Resend
 from drivers.gige.gvsp import Leader, PacketHeader
-from drivers.gige.registers import About, parse_url
+from drivers.gige.registers import About
 
 u16, u32, u64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 

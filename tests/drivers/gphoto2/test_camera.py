@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,6 +13,7 @@ from drivers.clock import SystemClock
 from drivers.conformance import EXAMINATIONS, Subject, examine, frames, identity, settings
 from drivers.errors import CameraRefused
 from drivers.gphoto2 import Gphoto2Camera, cameras_at, find_cameras
+from drivers.gphoto2.body import Body
 from drivers.gphoto2.library import library
 from imaging.errors import CameraError
 from imaging.optics.exposure import Exposure
@@ -70,6 +72,33 @@ def test_raw_and_jpeg_come_together(serve: Serve) -> None:
     assert frame.developed is not None
     assert (frame.developed[0], frame.developed[1][:2]) == (".jpg", b"\xff\xd8")
     camera.close()
+
+
+class _Chatty:
+    """libgphoto2 and a body of it that tells something every 0.7 s, and at `stored` s its second file."""
+
+    GP_EVENT_UNKNOWN, GP_EVENT_TIMEOUT, GP_EVENT_FILE_ADDED = range(3)
+
+    def __init__(self, stored: float) -> None:
+        self.now, self._stored = 0.0, stored
+
+    def wait_for_event(self, milliseconds: int) -> tuple[int, object]:
+        self.now += min(0.7, milliseconds / 1000)
+        if self.now > self._stored:
+            return self.GP_EVENT_FILE_ADDED, SimpleNamespace(folder="/", name="IMG.JPG")
+        return self.GP_EVENT_UNKNOWN, "PTP Property d215 changed"
+
+
+def test_the_second_file_of_a_body_that_tells_other_things_is_not_waited_for_without_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("gphoto2", reason="the package gphoto2 is not installed")
+    for stored, file in ((5.0, ("/", "IMG.JPG")), (60.0, None)):
+        body, chatty = Body.__new__(Body), _Chatty(stored)
+        body._gp, body._where, body._camera, body._both = chatty, "gphoto2:usb:001,001", chatty, True
+        monkeypatch.setattr("drivers.gphoto2.body.monotonic", lambda chatty=chatty: chatty.now)
+        assert body.beside(("/", "IMG.CR2")) == file
+        assert chatty.now < 11.0
 
 
 def test_a_body_that_goes_is_told_and_found_again(serve: Serve) -> None:
