@@ -23,7 +23,9 @@ JITTER = 2e-3
 """Scatter of a step's ratio over the frames, beyond noise, from which every shot gets a scale of its own."""
 
 Key = float
-"""Key of a camera's steps: ln of the label, or the step's index where labels lack."""
+"""Key of a camera's steps: ln of the label, or the step's index plus `_UNLABELLED` where labels lack."""
+_UNLABELLED = 1000.0
+"""More than the ln of any label, so that 1 s is not taken for a first step without one."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,9 @@ def estimate(session: Session, views: Sequence[View], progress: Progress) -> Exp
 
 
 def _key(shot: ShotRecord) -> Key:
-    return float(shot.step) if shot.exposure is None else round(float(np.log(shot.exposure.scale)), 6)
+    if shot.exposure is None:
+        return _UNLABELLED + shot.step
+    return round(float(np.log(shot.exposure.scale)), 6)
 
 
 def _measure(session: Session, views: Mapping[int, View], step: Callable[[], None]) -> _Steps:

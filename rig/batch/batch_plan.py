@@ -199,7 +199,7 @@ def _sources(path: Path, patterns: tuple[str, ...], line: int) -> dict[str, str]
 
 def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, ...]:
     """The folders that are meant, in the order of the plan."""
-    sessions: dict[Path, None] = {}
+    sessions: dict[Path, Path] = {}
     for pattern in patterns:
         folder = path.parent / pattern
         base = Path(folder.anchor) if Path(pattern).is_absolute() else path.parent
@@ -217,5 +217,6 @@ def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, .
                 f"{path}, line {line}: {pattern!r} is not a session relative to {path.name}: correct it, or "
                 "make one with rig import or rig capture."
             )
-        sessions |= dict.fromkeys(some)
-    return tuple(sessions)
+        for one in some:
+            sessions.setdefault(one.resolve(), one)
+    return tuple(sessions.values())

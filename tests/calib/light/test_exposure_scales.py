@@ -17,7 +17,10 @@ from tests.calib.conftest import make_session
 from .curves.test_response import smooth
 
 
-def test_one_missing_label_leaves_a_step_that_a_single_view_has_alone_its_brightness(tmp_path: Path) -> None:
+@pytest.mark.parametrize("missing", [0, 1])  # a first step without a label, beside 1 s, whose ln is 0
+def test_one_missing_label_leaves_a_step_that_a_single_view_has_alone_its_brightness(
+    tmp_path: Path, missing: int
+) -> None:
     light = smooth(np.random.default_rng(0), 0.02, 0.9)[..., 1]
 
     def shot(time: float, label: float | None) -> tuple[RawMosaic, Exposure | None]:
@@ -25,7 +28,8 @@ def test_one_missing_label_leaves_a_step_that_a_single_view_has_alone_its_bright
         return RawMosaic(pixels, Cfa.RGGB, ((64,),), 4095), None if label is None else Exposure(time=label)
 
     bracket = [shot(0.25, 0.25), shot(1.0, 1.0)]
-    views = [bracket, bracket, [shot(0.25, 0.25), shot(1.0, None)], [shot(0.5, 0.5)]]
+    labels = [None if step == missing else label for step, label in enumerate((0.25, 1.0))]
+    views = [bracket, bracket, [shot(0.25, labels[0]), shot(1.0, labels[1])], [shot(0.5, 0.5)]]
     session = Session.open(make_session(tmp_path / "s", views))
     scale = estimate(session, scene_views(session), unreported).scale
     true = {f"raw/{frame:04d}/cam_{step}.dng": 4.0 ** (step - 1) for frame in range(3) for step in range(2)}

@@ -20,7 +20,7 @@ def plan(folder: Path, text: str) -> Path:
 
 
 def test_patterns_find_sessions_once_and_in_order(tmp_path: Path) -> None:
-    read = read_plan(plan(tmp_path, 'sessions = ["other", "scans/*", "*/a"]'))
+    read = read_plan(plan(tmp_path, 'sessions = ["other", "scans/*", "*/a", "scans/../scans/b"]'))
     assert [str(session.relative_to(tmp_path)) for session in read.sessions] == [
         "other",
         "scans/a",
