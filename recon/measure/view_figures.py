@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import torch
 from imaging import metrics
 from imaging.arrays import Array32, Mask
 from imaging.progress import Progress, unreported
-from recon.data.dataset import View
+from recon.data.dataset import Dataset, View
 from recon.data.light import Images, kept_images
 from recon.data.shot import Shot
 from recon.measure.recorded_light import RecordedLight, against_photographs, recorded_light
@@ -49,6 +49,8 @@ def measured(
 
     light = kept_images(opened.dataset, each())
     pooled: dict[str, Any] = {}
+    if reference is None:
+        _against_exr(views, light, rows)
     if recorded:
         pooled = against_photographs(recorded)
     elif reference is not None:
@@ -56,7 +58,7 @@ def measured(
         ours = [image[unmasked] for image, unmasked in light]
         true = [goal[unmasked] for goal, (_, unmasked) in zip(reference, light, strict=True)]
         pooled = _against_light(ours, true, rows)
-        if opened.dataset.bands:
+        if opened.dataset.bands and pooled:
             pooled["bands"] = _by_band(opened, ours, true, pooled["alignment_scale"])
     return light, seconds, rows, pooled
 
@@ -69,12 +71,32 @@ def reference_light(opened: Opened) -> list[Array32] | None:
             for view in opened.dataset.reported
         ]
     if opened.dataset.kind == "hdr":
-        return [view.shots[-1].pixels / np.float32(view.shots[-1].k) for view in opened.dataset.reported]
+        return [_light_of_exr(view) for view in opened.dataset.reported]
     return None
 
 
+def _light_of_exr(view: View) -> Array32:
+    """Light of a view of EXR before the lens, float32 [H, W, 3]: the file has the falloff of the lens."""
+    shot = view.shots[-1]
+    return np.asarray(shot.pixels / np.float32(shot.k) / view.sensor.falloff[..., None], np.float32)
+
+
+def has_figure(dataset: Dataset, view: View) -> bool:
+    """Return whether a held-out view can be measured: masks leave some of it, and of photographs without
+    truth a shot of an exposure that training saw.
+    """
+    if view.sensor.kind != "ldr" or has_truth(dataset.session):
+        return bool(view.valid.any())
+    return any(shot.valid.any() for shot in view.shots if dataset.trained_at(shot.k))
+
+
 def _against_light(light: list[Array32], truth: list[Array32], rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Fills the rows; returns what is pooled over the views."""
+    """Fills the rows; returns what is pooled over the views. A view that is masked altogether is left out."""
+    unmasked = [turn for turn, goal in enumerate(truth) if goal.size]
+    if not unmasked:
+        return {}
+    light, truth = [light[turn] for turn in unmasked], [truth[turn] for turn in unmasked]
+    rows = [rows[turn] for turn in unmasked]
     peak = max(0.0, *(float(image.max()) for image in truth))
     # Views of several cameras may differ in size: pooled, they are plain pixels.
     everything, true = (
@@ -103,6 +125,18 @@ def _against_light(light: list[Array32], truth: list[Array32], rows: list[dict[s
         "truth_p999": most,
         "pu21_display_peak": DISPLAY_PEAK,
     }
+
+
+def _against_exr(views: Sequence[View], light: Images, rows: list[dict[str, Any]]) -> None:
+    """Fills the rows of a mixed rig's EXR views, relative to the brightest light of them all."""
+    pairs = {}
+    for turn, view in enumerate(views):
+        if view.sensor.kind == "hdr" and view.valid.any():
+            image, unmasked = light[turn]
+            pairs[turn] = image[unmasked], _light_of_exr(view)[unmasked]
+    peak = max([0.0, *(float(goal.max()) for _, goal in pairs.values())])
+    for turn, (image, goal) in pairs.items():
+        rows[turn]["hdr_psnr_mu"] = metrics.hdr_psnr_mu(image, goal, peak)
 
 
 @torch.no_grad()

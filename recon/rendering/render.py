@@ -84,13 +84,15 @@ def render(
 
     Raises:
         ReconstructionError: The scene has no such view, or, after all is written, no frame sees any Gaussian.
-        InputError: The path is invalid, or the camera unknown.
+        InputError: The path is invalid, the camera unknown, or a film wanted without stops.
         StorageError: The disk refuses.
     """
     out = Path(out)
     for layer in request.layers:
         if layer not in LAYERS:
             raise InputError(f"There is no layer {layer!r:.60}: choose from {', '.join(LAYERS)}.")
+    if request.video and not request.stops:
+        raise InputError("A film is made of the PNG files, of which there are none without stops: name one.")
     # The disk is tried before a scene is opened and drawn, which takes longer.
     store.require_writable(out)
     scene = open_scene(folder)

@@ -15,8 +15,9 @@ from imaging.compute.cores import available_cores
 from imaging.compute.workers import Share, apart
 from imaging.files import store
 from imaging.progress import Progress, unreported
+from imaging.session.calibration import read_calibration
 from recon.data.dataset import Dataset
-from recon.data.load import load
+from recon.data.load import calibration_sha256, load
 from recon.decide.request import TrainingRequest
 from recon.measure.view_figures import measured
 from recon.reconstruct import reconstruct
@@ -119,7 +120,11 @@ def train_point(
         corrected = opened.training.refinement
         _, _, rows, _ = measured(replace(opened, dataset=dataset))
         # Views of a mixed rig are each measured as their camera is.
-        by_view = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
+        by_view = {
+            row["view"]: next(row[key] for key in MEASURES if key in row)
+            for row in rows
+            if not row.keys().isdisjoint(MEASURES)
+        }
         truth = [row["hdr_psnr_mu_aligned"] for row in rows if "hdr_psnr_mu_aligned" in row]
         return Point(
             key=key,
@@ -149,7 +154,8 @@ MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
 
 def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:
     """The data set that all points of a session are measured on, read once a process."""
-    measured_before = _cache(session, width, store.sha256(session / "calibration" / "calibration.json"))
+    read_calibration(session)  # a session without one is refused
+    measured_before = _cache(session, width, calibration_sha256(session))
     if not measured_before:
         measured_before.append(load(session, max_width=width, progress=progress))
     return measured_before[0]

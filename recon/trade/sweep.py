@@ -21,6 +21,7 @@ from recon.decide.cost.memory_need import forecast
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.steps.method_choice import chosen_method
+from recon.measure.view_figures import has_figure
 from recon.trade.point import OutOfTime, measuring, train_apart, train_point
 from recon.trade.sweep_order import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.trade_record import (
@@ -81,6 +82,11 @@ def trade_sweep(
         raise ReconstructionError(
             f"{session} has too few views to hold one out, so nothing can be measured: take "
             f"{FEWEST_FOR_HOLDOUT} or more."
+        )
+    if not any(has_figure(dataset, view) for view in dataset.held_out):
+        raise ReconstructionError(
+            f"No held-out view of {session} can be measured, since masks hide all of it or no training view "
+            "has its exposures: mend the masks, or name other test shots in split.json."
         )
     run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget, until)
     if workers == 1:

@@ -137,6 +137,12 @@ def test_pictures_of_any_width_show_the_same_scene(cut_out: Path, tmp_path: Path
         assert planes[width].mean() == pytest.approx(planes[32].mean(), rel=0.03)
 
 
+def test_a_film_without_pictures_is_refused_before_the_scene_is_opened(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="none without stops"):
+        render(tmp_path / "scene", tmp_path / "out", path="spline:3", stops=(), video=True)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp_path: Path) -> None:
     reports = []
     files = render(

@@ -1,22 +1,28 @@
 """Sweeps at toy size: points are kept, true, and made again by what is said beside them."""
 
 import importlib
+import shutil
 from concurrent.futures import Future
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imaging.compute.workers import LocalWorkers, WorkerLost
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
+from recon.data.load import load
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
+from recon.trade.point import measuring
 from recon.trade.trade_record import key_of
+from tests.recon.methods.conftest import as_exr
 
 TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best": Quality(30, 300, 64)}
 module = importlib.import_module("recon.trade.sweep")
@@ -140,6 +146,48 @@ def test_without_held_out_views_nothing_can_be_measured(session_copy: Path) -> N
     record = store.read_json(path)
     store.write_json(path, record | {"views": record["views"][:3]})
     with pytest.raises(ReconstructionError, match="too few views"):
+        trade_sweep(session_copy, budget=1.0)
+
+
+def test_where_masks_hide_all_held_out_views_nothing_is_trained(
+    toy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = load(toy)
+    held_out = tuple(
+        replace(view, shots=tuple(shot.showing(valid=np.zeros_like(shot.valid)) for shot in view.shots))
+        for view in dataset.held_out
+    )
+    monkeypatch.setattr(module, "measuring", lambda *_: replace(dataset, held_out=held_out))
+    monkeypatch.setattr(module, "train_point", pytest.fail)
+    with pytest.raises(ReconstructionError, match="masks hide all of it"):
+        trade_sweep(toy, budget=1.0)
+
+
+def test_a_camera_of_exr_beside_others_is_measured(toy: Path, tmp_path: Path) -> None:
+    """As linear light, without a truth too; it is the camera of the held-out view."""
+    session = as_exr(toy, tmp_path / "mixed", lambda light: light, of=["cam0"])
+    shutil.rmtree(session / "truth")
+    (point,) = trade_sweep(session, budget=AT_ONCE).points
+    (view,) = load(session).held_out
+    assert view.sensor.kind == "hdr"
+    assert point.views == {view.name: point.db}
+    assert 5 < point.db < 60
+    assert point.truth_db is None
+
+
+def test_another_split_is_read_anew(session_copy: Path) -> None:
+    before = measuring(session_copy, 64)
+    assert measuring(session_copy, 64) is before
+    shots = {view.name: [shot.file for shot in view.shots] for view in before.views}
+    (old,), new = (view.name for view in before.held_out), before.train[0].name
+    split = {"train": [file for name in shots if name != new for file in shots[name]], "test": shots[new]}
+    store.write_json(session_copy / "split.json", {"schema_version": 1, "reason": "by hand"} | split)
+    assert [view.name for view in measuring(session_copy, 64).held_out] == [new] != [old]
+
+
+def test_a_session_without_calibration_is_refused(session_copy: Path) -> None:
+    store.discard(session_copy / "calibration" / "calibration.json")
+    with pytest.raises(InputError, match="not calibrated"):
         trade_sweep(session_copy, budget=1.0)
 
 
