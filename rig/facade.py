@@ -1,6 +1,7 @@
 """Functions of `import rig` that no single stage has."""
 
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -84,25 +85,40 @@ def reconstruct(
         InputError: A setting is invalid, or the scene exists with other settings.
         StorageError: The disk refuses.
     """
-    from recon.decide.cost.budget import Budget
     from recon.decide.request import TrainingRequest
     from recon.reconstruct import reconstruct as train
     from recon.result.scene import open_scene
 
     if budget is not None:
-        options["budget"] = Budget.of(budget)
+        options["budget"] = _budget(budget)
     if settings is not None:
         options["overrides"] = _overrides(settings)
     asked = TrainingRequest.of(request, options)
     return open_scene(train(session, asked, on_progress=on_progress, on_message=on_message, on_log=on_log))
 
 
-def _overrides(settings: Mapping[str, object]) -> "Overrides":
-    """InputError for a key that does not exist, or a value that is not possible."""
+def _budget(budget: object) -> "Budget | None":
+    """InputError for a value of a wrong type, or text that states no budget."""
+    from recon.decide.cost.budget import Budget
+
+    if isinstance(budget, bool) or not isinstance(budget, Budget | Real | str):
+        raise InputError(
+            f"reconstruct cannot take {budget!r:.60} for budget: give it seconds, or text such as '5m'."
+        )
+    return Budget.of(float(budget) if isinstance(budget, Real) else budget)
+
+
+def _overrides(settings: object) -> "Overrides":
+    """InputError for no mapping, a key that does not exist, or a value that is not possible."""
     from pydantic import ValidationError
 
     from recon.decide.overrides import Overrides
 
+    if not isinstance(settings, Mapping):
+        raise InputError(
+            f"reconstruct cannot take {settings!r:.60} for settings: give it a mapping such as "
+            '{"iterations": 500}.'
+        )
     if unknown := sorted(map(str, settings.keys() - Overrides.model_fields.keys())):
         raise InputError(f"settings has no {unknown[0]!r}: it takes {', '.join(Overrides.model_fields)}.")
     try:

@@ -12,6 +12,7 @@ from capture.imports.photos import import_photos
 from capture.imports.request import ImportRequest
 from imaging.errors import CalibrationError, InputError
 from imaging.progress import Progress
+from imaging.session.session import Session
 from recon.measure.protocols import eth3d
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
 
@@ -43,10 +44,20 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 
 def _import(images: Path, session: Path, progress: Progress) -> None:
-    """A session of the photographs, whose folders are cameras; of a rig where these name all files alike."""
-    named = {frozenset(file.name for file in camera.iterdir()) for camera in images.iterdir()}
+    """A session of the photographs, whose folders are cameras; of a rig where these name all files alike.
+
+    One that has all photographs is kept.
+    """
+    cameras = [
+        frozenset(file.name for file in camera.iterdir() if not file.name.startswith("."))
+        for camera in images.iterdir()
+        if camera.is_dir() and not camera.name.startswith(".")
+    ]
+    there = Session.open(session).shots("scene") if (session / "session.json").is_file() else []
+    if there and len(there) == sum(map(len, cameras)):
+        return
     request = ImportRequest(
-        layout="photos", cameras="folder", bracket=1, together="order" if len(named) == 1 else "never"
+        layout="photos", cameras="folder", bracket=1, together="order" if len(set(cameras)) == 1 else "never"
     )
     import_photos(images, session, request, on_progress=progress).require_complete()
 

@@ -8,13 +8,14 @@ import typer
 from capture.rigfile import network_address
 from drivers import discovery
 from rig.cameras.usb_bus import open_bus, open_network
-from rig.options.camera_addresses import CameraOption, addresses_of
+from rig.options.camera_addresses import CameraOption, rig_or_addresses
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
 
 def cameras(
+    context: typer.Context,
     sim: Annotated[
         str | None,
         typer.Option("--sim", metavar="NAME", help="The cameras of a simulated rig, on a simulated bus."),
@@ -29,7 +30,7 @@ def cameras(
     Example: rig cameras --sim demo
     """
     with running("cameras") as status:
-        addresses = addresses_of(camera, sim)
+        sim, addresses = rig_or_addresses(context, sim, camera)
         bus, network = open_bus(sim), open_network(sim, addresses)
         places = network_address.ptpip_places(addresses)
         listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))

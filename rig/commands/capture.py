@@ -21,6 +21,7 @@ from rig.cameras import foretelling, rehearsal
 from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.options.request import Asked, Shown
+from rig.options.value_source import is_typed, is_users, without_users
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
@@ -107,10 +108,13 @@ def capture(
     """
     rig_file, out = _places(context, paths, sim)
     kind = _kind(context, {"dark": darks, "flat": flats, "board": board})
-    if sim is None and ((seed and _is_typed(context, "seed")) or rough):
+    if sim is None and ((seed and is_typed(context, "seed")) or rough):
         raise WrongUsage("--seed and --rough are for simulated rigs: add --sim, or leave them out", context)
-    limits = {name: value for name, value in vars(goals).items() if _source(context, name) != "DEFAULT"}
-    typed = {name for name in ("bracket", *limits) if _is_typed(context, name)}
+    typed = {name for name in ("bracket", *vars(goals)) if is_typed(context, name)}
+    users = {name for name in vars(goals) if is_users(context, name)}
+    if request.resume and not typed and _is_planned(out):  # the plan has its own bracket
+        request, users = without_users(context, request, "bracket"), set()
+    limits = {name: value for name, value in vars(goals).items() if name in typed | users}
     if kind != "scene" and typed and (request.bracket == () or typed != {"bracket"}):
         raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)
     rig = None if rig_file is None else rigfile.read_rig_file(rig_file)
@@ -138,22 +142,19 @@ def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple
     raise WrongUsage(f"Missing option '--sim', or the rig file before {paths[0]}", context)
 
 
+def _is_planned(out: Path) -> bool:
+    """Return whether the scene of a session is planned."""
+    if not (out / "session.json").is_file():
+        return False
+    return any(plan.kind == "scene" for plan in sessions.Session.open(out).plans())
+
+
 def _kind(context: typer.Context, wanted: dict[choices.Subject, bool]) -> choices.Subject:
     """Kind of shots: the scene, or one of the frames for calibration."""
     chosen = [kind for kind, is_wanted in wanted.items() if is_wanted]
     if len(chosen) > 1:
         raise WrongUsage("--darks, --flats and --board are shot one after the other: give one", context)
     return chosen[0] if chosen else "scene"
-
-
-def _source(context: typer.Context, name: str) -> str:
-    """Return where the value of a parameter is from, in click's words: DEFAULT_MAP is the user's file."""
-    source = context.get_parameter_source(name)
-    return "DEFAULT" if source is None else source.name
-
-
-def _is_typed(context: typer.Context, name: str) -> bool:
-    return _source(context, name) in ("COMMANDLINE", "ENVIRONMENT")
 
 
 def _bracket(

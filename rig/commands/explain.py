@@ -91,7 +91,7 @@ def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _De
         calibration = calibrations.read_calibration(session)
     added = session is not None and calibrations.is_stale(session, calibration)
     again = False
-    if session is not None and model is not None:
+    if session is not None and model is not None and (session / "calibration" / "calibration.json").is_file():
         again = load.calibration_sha256(session) != model.calibration_sha256
     return _Decisions(folder, session, plans, calibration, model, added, again)
 

@@ -15,8 +15,9 @@ from recon.exports.request import ExportRequest
 from recon.result import scene as scenes
 from rig.options.common import JsonOption, WrongUsage
 from rig.options.request import Asked, Shown
+from rig.options.value_source import is_users, without_users
 from rig.terminal.result import CommandResult, running
-from rig.terminal.text import counted, number
+from rig.terminal.text import counted, number, size
 
 NO_OPTIONS = ExportRequest()
 OPTIONS = Asked(
@@ -27,6 +28,7 @@ OPTIONS = Asked(
 
 
 def export(
+    context: typer.Context,
     reconstruction: Annotated[
         Path,
         typer.Argument(metavar="RECON", help="SESSION/reconstructions/NAME, or a session for its newest."),
@@ -54,6 +56,12 @@ def export(
 
     Example: rig export S --out scene.usdc
     """
+    if is_users(context, "out") and vfx is not None:
+        out = None
+    elif is_users(context, "vfx") and out is not None:
+        vfx = None
+    if vfx is not None:
+        request = without_users(context, request, "format", "program")
     if (out is None) == (vfx is None):
         raise WrongUsage("Name a file with --out, or a folder with --vfx")
     given = (request.format, request.linear, request.program, request.albedo)
@@ -72,7 +80,7 @@ def export(
             )
         assert out is not None
         exported = exporting.export(scene, out, request, on_progress=status)
-    size = sum(path.stat().st_size for path in exported.files)
+    written = sum(path.stat().st_size for path in exported.files)
     if exported.format == "cameras":
         lines = [
             f"{out}: the cameras of {counted(exported.views, 'view')} of {folder}, for COLMAP and nerfstudio"
@@ -84,7 +92,7 @@ def export(
     made = "" if exported.loss is not None else f"{exported.format} made of "
     what = f"{made}{counted(exported.gaussians, 'Gaussian')} of {folder}, {light}"
     lines = [
-        f"{exported.files[0]}: {what}, {size / 1e6:.3g} MB",
+        f"{exported.files[0]}: {what}, {size(written)}",
         *(f"beside it: {path}" for path in exported.files[1:]),
         *_lost(exported.exposure_factor, exported.loss, exported.notes),
         *(() if exported.albedo is None else (f"albedo: {exported.albedo}",)),
@@ -94,20 +102,20 @@ def export(
 
 
 def _handed_over(folder: Path, done: "hand_over.HandOver") -> CommandResult:
-    size = sum(path.stat().st_size for path in done.files)
+    written = sum(path.stat().st_size for path in done.files)
     data = {
         "reconstruction": str(folder),
         "vfx": str(done.folder),
         "gaussians": done.gaussians,
         "exposure_factor": done.exposure_factor,
         "files": [str(path) for path in done.files],
-        "bytes": size,
+        "bytes": written,
         "loss": done.loss.data(),
         "not_in_it": list(done.notes),
     }
     lines = [
         f"{done.folder}: {counted(done.gaussians, 'Gaussian')} of {folder} in "
-        f"{counted(len(done.files), 'file')}, {size / 1e6:.3g} MB; begin with {done.folder / 'index.html'}",
+        f"{counted(len(done.files), 'file')}, {size(written)}; begin with {done.folder / 'index.html'}",
         *_lost(done.exposure_factor, done.loss, done.notes),
     ]
     return CommandResult(data, lines)

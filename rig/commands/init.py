@@ -11,13 +11,14 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.session import records
 from rig.cameras.usb_bus import open_bus, open_network
-from rig.options.camera_addresses import CameraOption, addresses_of
+from rig.options.camera_addresses import CameraOption, rig_or_addresses
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, counted
 
 
 def init(
+    context: typer.Context,
     path: Annotated[Path, typer.Argument(metavar="RIG.toml", help="The file to write; never overwritten.")],
     sim: Annotated[
         str | None,
@@ -36,7 +37,7 @@ def init(
     with running("init") as status:
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} exists already: name another file, or move it away.")
-        addresses = addresses_of(camera, sim)
+        sim, addresses = rig_or_addresses(context, sim, camera)
         bus, network = open_bus(sim), open_network(sim, addresses)
         places = network_address.ptpip_places(addresses)
         listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))

@@ -14,6 +14,7 @@ from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from rig.options.common import JsonOption, SessionArgument, WrongUsage
 from rig.options.request import Asked, Shown
+from rig.options.value_source import without_users
 from rig.terminal import panorama_result as results
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
@@ -61,6 +62,7 @@ def merge(
         with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
             merged_map = panoramas.merge_panorama(session, out, request, on_progress=status)
         return results.panorama_result(session, merged_map)
+    request = without_users(context, request, "width", "sun")
     if request.width is not None or request.sun is not None:
         raise WrongUsage("--width and --sun are for --panorama: add it, or leave them out", context)
     with (

@@ -20,6 +20,7 @@ from recon.result import scene as opening
 from recon.result.layer_names import LAYERS, Layer
 from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.options.request import Asked, Shown
+from rig.options.value_source import is_typed, is_users, without_users
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
 from rig.view.pictures import look
@@ -63,6 +64,7 @@ OPTIONS = Asked(
 
 
 def render(
+    context: typer.Context,
     reconstructions: ReconstructionsArgument,
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Output folder; each scene gets a subfolder.")
@@ -107,6 +109,7 @@ def render(
     with running("render") as status:
         folders = _scenes(reconstructions)
         targets = _targets(folders, out)
+        request, probe, probe_view = _agreeing(context, request, probe, probe_view)
         if request.first_frame is not None and request.path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
         place = _place(probe, probe_view)
@@ -152,6 +155,22 @@ def render(
         result = for_each_scene(folders, render_one, "rendered")
     result.data["space"] = request.space
     return result
+
+
+def _agreeing(
+    context: typer.Context, request: RenderRequest, probe: str | None, view: str | None
+) -> tuple[RenderRequest, str | None, str | None]:
+    """The request and the place of a probe, without defaults of the user's that contradict what was typed."""
+    pictures = any(is_typed(context, name) for name in ("path", "layers", "video", "raw", "hdr"))
+    if is_users(context, "probe") and (pictures or view is not None):
+        probe = None
+    if is_users(context, "probe_view") and (pictures or probe is not None):
+        view = None
+    if probe is not None or view is not None:
+        request = without_users(context, request, "path", "layers", "raw")
+    if request.path is None:
+        request = without_users(context, request, "path_in", "path_camera", "first_frame")
+    return request, probe, view
 
 
 def _hdr(*, film: bool) -> str:
@@ -229,5 +248,7 @@ def _targets(folders: Sequence[Path], out: Path) -> dict[Path, Path]:
             raise InputError(f"Two scenes are called {target.name}: render them with an --out each.")
         if scene := scene_around(target):
             raise InputError(f"{target} is in the folder of the scene {scene}: name another --out.")
+        if target.resolve() == folder.resolve():
+            raise InputError(f"{target} is the file of the scene: name another folder with --out.")
         targets[folder] = target
     return targets

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.options.value_source import is_users
+
 if TYPE_CHECKING:
     from capture.rigfile.network_address import NetworkAddress
 
@@ -17,6 +19,18 @@ CameraOption = Annotated[
         "Vision camera that no broadcast reaches; repeatable. gphoto2:ptpip:ADDRESS has libgphoto2 drive it.",
     ),
 ]
+
+
+def rig_or_addresses(
+    context: typer.Context, sim: str | None, camera: Sequence[str] | None
+) -> "tuple[str | None, list[NetworkAddress]]":
+    """Values of `--sim` and `--camera`; of two that contradict each other, one of the user's file yields."""
+    if camera and sim is not None:
+        if is_users(context, "camera"):
+            camera = None
+        elif is_users(context, "sim"):
+            sim = None
+    return sim, addresses_of(camera, sim)
 
 
 def addresses_of(given: Sequence[str] | None, sim: str | None) -> "list[NetworkAddress]":

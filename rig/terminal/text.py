@@ -41,7 +41,7 @@ def duration(seconds: float) -> str:
 def size(count: float) -> str:
     """Bytes with a decimal unit: `3.2 MB`."""
     for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
+        if count < 999.5:  # from which on three digits would be 1000
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} TB"

@@ -52,6 +52,8 @@ def test_reconstruct_opens_the_scene_that_is_there_and_its_settings_are_those_of
     [
         ({"settings": {"iteration": 5}}, "settings has no 'iteration'"),
         ({"settings": {"iterations": "many"}}, "iterations='many' cannot be used"),
+        ({"settings": ["iterations"]}, "cannot take ['iterations'] for settings: give it a mapping"),
+        ({"budget": [1]}, "cannot take [1] for budget: give it seconds"),
         ({"quality": "fine"}, "cannot take 'fine' for quality: give it one of 'draft'"),
         ({"method": "nerf"}, "cannot take 'nerf' for method"),
     ],

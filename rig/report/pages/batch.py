@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from urllib.parse import quote
 
 from rig.batch.result import BatchResult, BatchRow
 from rig.report.charts.topic import Tile
@@ -65,6 +66,10 @@ def _at(rows: Sequence[BatchRow]) -> str:
     return f", at {widths[0]} to {widths[-1]} px: not to be compared"
 
 
+def _link(report: Path, beside: Path) -> str:
+    return quote(Path(os.path.relpath(report, beside)).as_posix())
+
+
 def _in_words(row: BatchRow, beside: Path) -> SceneRow:
     outcome = "already there" if row.already_there else "made"
     if row.exports:
@@ -74,7 +79,7 @@ def _in_words(row: BatchRow, beside: Path) -> SceneRow:
     return SceneRow(
         session=plain(row.place),
         scene=row.scene,
-        link="" if row.report is None or row.stored is not None else os.path.relpath(row.report, beside),
+        link="" if row.report is None or row.stored is not None else _link(row.report, beside),
         db=row.quality,
         iterations="" if row.iterations is None else f"{row.iterations:,}",
         seconds=f"{row.seconds:.0f}",

@@ -1,5 +1,6 @@
 """The section "Provenance": versions, seeds, hashes and the commands that reproduce it."""
 
+import os
 import platform
 import shlex
 from collections.abc import Iterable, Mapping
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imaging.files import store
-from imaging.session.calibration import CalibrationRecord
+from imaging.session.calibration import COLOUR, CalibrationRecord
 from imaging.session.session import Session
 from rig.report.charts.topic import plus_minus
 
@@ -34,7 +35,7 @@ def provenance(
     """Collect it from the records of the session; `name` is the reconstruction's folder."""
     return ProvenanceSection(
         rows=tuple(_rows(session, calibration, model, version)),
-        commands=tuple(_commands(session, calibration is not None, model, name)),
+        commands=tuple(_commands(session, calibration, model, name)),
     )
 
 
@@ -84,18 +85,25 @@ def _versions(versions: Mapping[str, str]) -> str:
 
 
 def _commands(
-    session: Session, calibrated: bool, model: "ModelRecord | None", reconstruction: str | None
+    session: Session,
+    calibration: CalibrationRecord | None,
+    model: "ModelRecord | None",
+    reconstruction: str | None,
 ) -> Iterable[str]:
     record = session.record
     name = shlex.quote(record.name)
+    given = None if calibration is None else _given_by(calibration)
     if record.origin.startswith("sim:"):
-        yield f"rig capture --sim {shlex.quote(record.origin[4:])} --seed {record.seed or 0} {name}"
+        options = f"--seed {record.seed or 0}{_planned(session)}"
+        yield f"rig capture --sim {shlex.quote(record.origin[4:])} {options} {name}"
     elif record.origin == "import":
-        yield f"rig import {_source(session)} {name}"
+        yield f"rig import {_imported(session, given)} {name}"
     else:
         yield f"rig capture {shlex.quote(record.origin)} {name}"
-    if calibrated:
+    if calibration is not None and given is None:
         yield f"rig calibrate {name}"
+    elif calibration is not None:
+        yield from (f"rig calibrate {name} --only {part}" for part in _measured_parts(calibration))
     if model is not None:
         from recon.decide.cost.budget import Budget
         from recon.result.training_folder import default_name
@@ -111,11 +119,61 @@ def _commands(
         yield f"rig reconstruct {name} {options}{budget}{early}{sets}{named}"
 
 
-def _source(session: Session) -> str:
-    """The folder that the first photograph was imported from, else a word for it."""
-    for shot in session.shots():
-        if shot.source:
-            parent = Path(shot.source).parent
-            if parent.name:
-                return shlex.quote(str(parent))
-    return "PHOTOS"
+def _planned(session: Session) -> str:
+    """Options of a capture that its last plan of the scene records."""
+    plan = next((plan for plan in reversed(session.plans()) if plan.kind == "scene"), None)
+    if plan is None:
+        return ""
+    frames = f" --frames {len(plan.frames)}"
+    if plan.asked is None:
+        return frames
+    if plan.asked.startswith("stops "):
+        return f"{frames} --bracket {shlex.quote(plan.asked.removeprefix('stops ').replace(' ', ''))}"
+    limits = [limit.rpartition(" ") for limit in plan.asked.split(", ")[1:]]
+    words = [word for name, _, value in limits for word in (f"--{name.replace(' ', '-')}", value)]
+    return f"{frames} --bracket auto {shlex.join(words)}".rstrip()
+
+
+def _given_by(calibration: CalibrationRecord) -> str | None:
+    """File or folder, relative to the imported one, that gave lenses and poses; None: they were measured."""
+    for rung in calibration.rungs:
+        if rung.name == "poses" and rung.reason.startswith("given by "):
+            return rung.reason.removeprefix("given by ").removesuffix(", not measured")
+    return None
+
+
+def _measured_parts(calibration: CalibrationRecord) -> Iterable[str]:
+    """Parts that were measured beside given poses: an import itself states noise and colour of RAW."""
+    from calib.measures import MEASURES
+
+    considered = {rung.name for rung in calibration.rungs} - {COLOUR, "sensor_noise"}
+    for part, measures in MEASURES.items():
+        if part is not None and measures.rungs & considered:
+            yield part
+
+
+def _imported(session: Session, given: str | None) -> str:
+    """Path of the import, as a shell takes it: a video, else the folder of all photographs and of `given`."""
+    from capture.imports.video.video import SUFFIXES
+
+    sources = [shot.source for shot in session.shots("scene") if shot.source]
+    if not sources:
+        return "PHOTOS"
+    video = sources[0].rpartition(": ")[0]
+    if Path(video).suffix.lower() in SUFFIXES:
+        return shlex.quote(video)
+    folder = Path(os.path.commonpath([Path(source).parent for source in sources]))
+    if given is not None:
+        usual = folder.parent if folder.name.startswith(("images", "input")) else folder
+        above = (place for place in (folder, *folder.parents) if _holds(place, given))
+        folder = next(above, usual)
+    return shlex.quote(str(folder))
+
+
+def _holds(place: Path, given: str) -> bool:
+    """Return whether a file or folder of poses is in a folder; the name of one may begin with its parent."""
+    known, parts = place.resolve().parts, Path(given).parts
+    return any(
+        known[len(known) - count :] == parts[:count] and place.joinpath(*parts[count:]).exists()
+        for count in range(len(parts) + 1)
+    )

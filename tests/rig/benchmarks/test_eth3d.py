@@ -80,3 +80,20 @@ def test_a_rig_of_which_nothing_is_placed_scores_nothing(rig, tmp_path, monkeypa
     cameras = Session.open(tmp_path / "out" / "terrains" / "session").record.cameras
     assert len(cameras) == 2
     assert (cameras[0].rig == cameras[1].rig is not None) == alike
+
+
+def test_a_benchmark_that_was_stopped_after_the_import_goes_on(rig, tmp_path, monkeypatch):
+    steps = [KeyboardInterrupt(), CalibrationError("No view can be placed.")]
+
+    def stopped(*_, **__):
+        raise steps.pop(0)
+
+    monkeypatch.setattr("rig.benchmarks.eth3d.calibrate", stopped)
+    scene = eth3d_scene(tmp_path / "terrains")
+    for folder in (scene / "images", scene / "images" / RIG[0]):
+        (folder / ".DS_Store").write_bytes(b"Bud1")
+    assert bench(rig, scene, "--out", tmp_path / "out")[0] == 130
+    code, result, err = bench(rig, scene, "--out", tmp_path / "out")
+    assert (code, err, result["mean"]["placed"]) == (0, "", 0.0)
+    cameras = Session.open(tmp_path / "out" / "terrains" / "session").record.cameras
+    assert cameras[0].rig == cameras[1].rig is not None

@@ -200,6 +200,20 @@ def test_defaults_of_the_user_give_way_where_they_do_not_apply(
     assert (code, err, shot) == (0, "", [asked])
 
 
+def test_a_capture_with_a_typed_bracket_is_resumed_whatever_the_users_is(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = ("capture", "--sim", "toy", str(tmp_path / "S"))
+    assert rig(*capture, "--frames", "1", "--bracket", "0")[0] == 0
+    (tmp_path / "config.toml").write_text('[capture]\nbracket = "-2,0,2"\nslowest = "1/4"\n')
+    monkeypatch.setenv("RIG_CONFIG", str(tmp_path / "config.toml"))
+    code, out, err = rig(*capture, "--resume")
+    assert (code, err) == (0, "")
+    assert "2 of 2 shots" in out
+    code, _, err = rig(*capture, "--resume", "--bracket", "-2,0,2")
+    assert (code, "was planned with the bracket stops 0" in err) == (2, True)
+
+
 def test_a_default_seed_hinders_no_cameras_and_typed_limits_are_still_looked_at(
     rig, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,6 +47,14 @@ def test_json_has_every_rung_of_both_records(rig, scene) -> None:
     assert not data["calibration_is_stale"]
 
 
+def test_a_scene_of_a_session_whose_calibration_was_removed(rig, scene) -> None:
+    shutil.rmtree(scene / "calibration")
+    code, out, err = rig("explain", str(scene / "reconstructions" / "nh-3dgs-draft"))
+    assert (code, err) == (0, "")
+    assert "3 parts considered, 1 taken" in out
+    assert "calibrated again" not in out
+
+
 def test_a_calibrated_session_without_a_scene(rig, toy) -> None:
     code, out, _ = rig("explain", str(toy))
     assert code == 0

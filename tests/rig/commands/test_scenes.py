@@ -111,6 +111,16 @@ def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_p
     assert sorted(Path(two[0]).parent.rglob("*")) == before
 
 
+def test_a_scene_file_is_never_taken_for_the_folder_of_its_pictures(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "x.ply").write_bytes(b"ply")
+    monkeypatch.chdir(tmp_path)
+    code, out, err = rig("render", "x.ply", "--out", ".")
+    assert (code, out) == (2, "")
+    assert "x.ply is the file of the scene: name another folder with --out" in err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -31,6 +31,66 @@ def test_a_default_holds_and_what_is_typed_wins(rig, config: Path, toy: Path, tm
     ]
 
 
+@pytest.mark.parametrize(
+    ("defaults", "arguments"),
+    [
+        ("[merge]\nwidth = 512\nsun = 1000", ("merge", "nosuch", "out")),
+        ("[render]\nstart-frame = 5", ("render", "nosuch")),
+        ('[render]\npath-in = "scene.usd"\npath-camera = "one"', ("render", "nosuch")),
+        (
+            '[render]\npath = "orbit"\nlayers = "depth"\nraw = "cam0"\nstart-frame = 5',
+            ("render", "nosuch", "--probe", "0,0,0"),
+        ),
+        ('[render]\nprobe = "0,0,0"', ("render", "nosuch", "--probe-view", "0000/cam0")),
+        ('[render]\nprobe-view = "0000/cam0"', ("render", "nosuch", "--path", "orbit")),
+        ('[export]\nformat = "ply"\nfor = "nuke"', ("export", "nosuch", "--vfx", "out")),
+        ('[export]\nout = "scene.ply"', ("export", "nosuch", "--vfx", "out")),
+        ('[export]\nvfx = "out"', ("export", "nosuch", "--out", "scene.ply")),
+    ],
+)
+def test_a_default_that_does_not_go_with_what_is_typed_gives_way(
+    rig, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, defaults: str, arguments
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rig.commands.render.find_reconstruction", Path)
+    config.write_text(defaults)
+    code, _, err = rig(*arguments)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "nosuch" in err  # the options are agreed, and the scene is what is looked for
+    assert "--" not in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("merge", "nosuch", "out", "--width", "512"),
+        ("render", "nosuch", "--start-frame", "5"),
+        ("render", "nosuch", "--probe", "0,0,0", "--path", "orbit"),
+        ("export", "nosuch", "--vfx", "out", "--format", "ply"),
+    ],
+)
+def test_what_is_typed_has_to_go_together(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rig.commands.render.find_reconstruction", Path)
+    code, _, err = rig(*arguments)
+    assert (code, "--" in err) == (2, True)
+
+
+def test_cameras_of_ones_own_give_way_to_a_simulated_rig(rig, config: Path, tmp_path: Path) -> None:
+    config.write_text('[init]\ncamera = ["gige:192.0.2.1"]\n[cameras]\nsim = "toy"\n')
+    path = tmp_path / "RIG.toml"
+    code, _, err = rig("init", str(path), "--sim", "toy")
+    assert (code, err) == (0, "")
+    assert "192.0.2.1" not in path.read_text()
+    code, _, err = rig("cameras", "--camera", "nonsense")
+    assert (code, "--camera 'nonsense' has to be" in err) == (2, True)
+    config.write_text("")
+    code, _, err = rig("init", str(tmp_path / "new.toml"), "--sim", "toy", "--camera", "gige:192.0.2.1")
+    assert (code, "leave out --sim, or --camera" in err) == (2, True)
+
+
 def test_values_are_as_typed_whatever_toml_calls_them(config: Path) -> None:
     config.write_text('[reconstruct]\nseed = 3\nbudget = "5m"\nset = ["iterations=10"]\n')
     read = read_defaults(config, typer.main.get_command(app))

@@ -41,7 +41,7 @@ def test_the_page_tells_what_the_records_say(toy: Path) -> None:
         "not tried: see why",
         "tangential distortion",
         "RAW is linear: brackets agree within 0.4 %.",
-        "rig capture --sim toy --seed 3 toy",
+        "rig capture --sim toy --seed 3 --frames 3 toy",
         store.sha256(toy / "shots.jsonl"),
     ):
         assert words in page.text, words

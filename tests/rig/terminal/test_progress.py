@@ -185,6 +185,7 @@ def test_words() -> None:
         "2 h 01 min",
     ]
     assert [size(n) for n in (0, 999, 1000, 3_200_000)] == ["0 B", "999 B", "1 kB", "3.2 MB"]
+    assert [size(n) for n in (999_499, 999_500, 1_240_000_000)] == ["999 kB", "1 MB", "1.24 GB"]
     assert [number(v) for v in (0.0, 0.2104, 39.7, 12345.0, float("nan"), None)] == [
         "0",
         "0.210",
