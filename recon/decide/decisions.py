@@ -25,7 +25,7 @@ from recon.decide.steps.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.steps.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials
 from recon.start.far_light import far_light, without_far
-from recon.start.initialisation import Start, points_of_poses, scattered, start_points
+from recon.start.initialisation import FEWEST_POINTS, Start, points_of_poses, scattered, start_points
 
 NO_TIME = "not tried, since a trial would take its time from the budget"
 
@@ -112,7 +112,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         dataset, tried, against_trials, degree, corrections.names, points, progress, run.device
     )
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
-    points = fewer(points, int(asked.start_share * count), asked.seed)
+    points = fewer(points, _begun_with(asked, count), asked.seed)
     settings = _with(settings, max_gaussians=count)
 
     rungs = (size, colour, environment, *depth)
@@ -153,7 +153,7 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
     first: points of a sweep over all depths, where poses came without any.
     """
     countdown, dataset = run.countdown, evidence.dataset
-    count = int(settings.start_share * settings.max_gaussians)
+    count = _begun_with(settings, settings.max_gaussians)
     rng = np.random.Generator(np.random.PCG64([settings.seed, 0x57A27]))
     over = None if countdown is None else countdown.start_over()
     points = start_points(dataset, evidence.images, count, rng, run.progress, over, first, evidence.light)
@@ -161,6 +161,11 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
         few = f"{points.left_out} of {len(dataset.train)} views"
         run.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")
     return points
+
+
+def _begun_with(settings: Settings, most: int) -> int:
+    """Points that a training of at most `most` Gaussians begins with: its share, or the fewest allowed."""
+    return max(FEWEST_POINTS, int(settings.start_share * most))
 
 
 def _reason_against_trials(run: Run, evidence: Evidence, plan: TrainingPlan) -> str | None:

@@ -12,6 +12,7 @@ from imaging.record import Record
 
 if TYPE_CHECKING:
     from recon.data.dataset import Dataset
+    from recon.data.shot import Shot
     from recon.methods.method import Method
 
 T = TypeVar("T")
@@ -39,7 +40,8 @@ class Overrides(Record):
     views: int | None = Field(default=None, ge=1)
     """Number of training views in use, evenly chosen."""
     exposures: int | None = Field(default=None, ge=1)
-    """Number of shots of each training view's bracket in use, evenly chosen."""
+    """Number of shots of each training view's bracket in use, evenly chosen; of a filter wheel, of each
+    band."""
     refine: str | None = Field(default=None, pattern=_REFINE)
     """Corrections of the calibration by training, joined by +, or none."""
 
@@ -83,7 +85,7 @@ class Overrides(Record):
         """The training views and exposures of a data set that are used; held-out views stay as they are."""
         train = dataset.train if self.views is None else _evenly(dataset.train, self.views)
         if self.exposures is not None:
-            train = tuple(replace(view, shots=_evenly(view.shots, self.exposures)) for view in train)
+            train = tuple(replace(view, shots=_of_each_band(view.shots, self.exposures)) for view in train)
         return replace(dataset, train=train)
 
     def composed(self, method: "Method") -> "Method":
@@ -93,6 +95,15 @@ class Overrides(Record):
         if self.degree is not None:
             method = replace(method, degrees=method.degrees[: self.degree])
         return method
+
+
+def _of_each_band(shots: tuple["Shot", ...], count: int) -> tuple["Shot", ...]:
+    """`count` of the shots of each band, in their order."""
+    places: dict[int | None, list[int]] = {}
+    for place, shot in enumerate(shots):
+        places.setdefault(shot.band, []).append(place)
+    chosen = [place for band in places.values() for place in _evenly(tuple(band), count)]
+    return tuple(shots[place] for place in sorted(chosen))
 
 
 def _evenly(items: tuple[T, ...], count: int) -> tuple[T, ...]:

@@ -66,3 +66,19 @@ class TrainingRequest(Request):
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"The seed {self.seed} is out of range: give a number from 0 to {LARGEST_SEED}.")
+
+    def most_gaussians(self, views: int, pixels: int, degree: int = 0) -> int:
+        """Maximum number of Gaussians: of the budget, else of an override, else of the preset.
+
+        Args:
+            views: Number of training views.
+            pixels: Of all of them together.
+            degree: Of the harmonics; a budget in bytes holds fewer Gaussians of a higher one.
+
+        Returns:
+            The number before anything is decided by the scene.
+        """
+        budget = None if self.budget is None else self.budget.gaussians_of(degree)
+        if budget is not None:
+            return min(budget, pixels)  # more Gaussians than pixels cannot be distinguished
+        return self.overrides.gaussians or QUALITIES[self.quality].gaussians_of(views)

@@ -132,11 +132,7 @@ def asked_for(dataset: Dataset, method: str, request: TrainingRequest, *, proces
     """
     preset, budget, overrides = QUALITIES[request.quality], request.budget, request.overrides
     iterations = overrides.iterations or preset.iterations_of(len(dataset.train))
-    gaussians = overrides.gaussians or preset.gaussians_of(len(dataset.train))
-    if budget is not None and budget.gaussians is not None:
-        # More Gaussians than pixels cannot be distinguished.
-        pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
-        gaussians = min(budget.gaussians, pixels)
+    pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
     return Settings.model_validate(
         {
             "method": method,
@@ -144,7 +140,7 @@ def asked_for(dataset: Dataset, method: str, request: TrainingRequest, *, proces
             "seed": request.seed,
             "iterations": math.ceil(iterations / processes),
             "batch": processes,
-            "max_gaussians": gaussians,
+            "max_gaussians": request.most_gaussians(len(dataset.train), pixels),
             "max_width": overrides.width or preset.width,
             "budget": None if budget is None else budget.amount,
             "budget_unit": "s" if budget is None else budget.unit,

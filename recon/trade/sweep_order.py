@@ -3,6 +3,7 @@ front.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ SAFETY = 1.2
 
 @dataclass(frozen=True)
 class Session:
-    """Limits of a session. width: px of its widest images."""
+    """Limits of a session. width: px of its widest images. exposures: most shots of a view, of one band."""
 
     width: int
     views: int
@@ -32,7 +33,11 @@ class Session:
         return cls(
             width=max(view.lens.width for view in dataset.views),
             views=len(dataset.train),
-            exposures=max(len(view.shots) for view in dataset.train),
+            exposures=max(
+                count
+                for view in dataset.train
+                for count in Counter(shot.band for shot in view.shots).values()
+            ),
         )
 
     def effective(self, choice: Choice) -> Overrides:

@@ -117,8 +117,8 @@ def _scene(session: Path, scene: PlannedScene) -> tuple[float, float]:
         return 0.0, 0.0
     held_out = -(-len(views) // EVERY) if len(views) >= FEWEST_FOR_HOLDOUT else 0
     train = len(views) - held_out
-    gaussians = (budget and budget.gaussians) or overrides.gaussians or preset.gaussians_of(train)
     each = sum(views) / len(views)
+    gaussians = request.most_gaussians(train, round(1e6 * each * train), overrides.degree or 0)
     raw = all(shot.file.lower().endswith(".dng") for shot in shots)
     work = Work(
         train=train,

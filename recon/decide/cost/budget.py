@@ -70,8 +70,12 @@ class Budget:
     @property
     def gaussians(self) -> int | None:
         """The most Gaussians that fit, of whichever degree, for those kinds that limit them."""
+        return self.gaussians_of(0)
+
+    def gaussians_of(self, degree: int) -> int | None:
+        """The most Gaussians of that degree that fit, for those kinds that limit them."""
         if self.unit == "bytes":
-            return most_gaussians(self.amount, 0)
+            return most_gaussians(self.amount, degree)
         return int(self.amount) if self.unit == "Gaussians" else None
 
     def __str__(self) -> str:

@@ -15,6 +15,7 @@ from imaging.compute.threads import thread_count
 from imaging.session.session import Session
 from recon.data.dataset import View
 from recon.data.resident import pixels_of
+from recon.decide.cost.memory_need import trained_pixels
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
@@ -191,7 +192,7 @@ def how_long(
         counts,
         sum(shot.width * shot.height for shot in opened.shots("scene")) / 1e6,
         overrides.iterations or preset.iterations_of(train),
-        (budget and budget.gaussians) or overrides.gaussians or preset.gaussians_of(train),
+        request.most_gaussians(train, trained_pixels(firsts, counts), overrides.degree or 0),
         tried=request.quality != "draft" and overrides == Overrides(),
     )
     at_most = request.early_stop or (budget is not None and budget.unit == "dB")

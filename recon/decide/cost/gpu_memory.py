@@ -53,15 +53,21 @@ def require_room(dataset: Dataset, asked: Settings, device: torch.device) -> Non
     if device.type != "cuda":
         return
     free, _ = torch.cuda.mem_get_info(device)
-    degree = DEGREE if asked.overrides.degree is None else asked.overrides.degree
+    degrees = range(DEGREE + 1) if asked.overrides.degree is None else (asked.overrides.degree,)
     pixels = max(map(pixels_of, dataset.views))
     step = max(map(step_bytes, dataset.views))
-    count = most_for(dataset, asked, degree)
-    if (total := needed(pixels, step, count, degree)) <= free:
+    # A file of some bytes holds more Gaussians of a lower degree, which may take more memory in all.
+    total = max(needed(pixels, step, most_for(dataset, asked, degree), degree) for degree in degrees)
+    if total <= free:
         return
-    fixed = needed(pixels, step, 0, degree)
-    fitting = int(0.98 * (free - fixed) * count / (total - fixed)) // 1000 * 1000
-    fix = f"give --set gaussians={fitting}" if fitting >= count / 4 else "give a smaller --set width"
+    fixed, one = (needed(pixels, step, count, degrees[-1]) for count in (0, 1))
+    fitting = int(0.98 * (free - fixed) / (one - fixed)) // 1000 * 1000
+    if 4 * fitting * (one - fixed) < total - fixed:
+        fix = "give a smaller --set width"
+    elif asked.budget_unit in ("bytes", "Gaussians"):
+        fix = f"give --budget {fitting // 1000}k"
+    else:
+        fix = f"give --set gaussians={fitting}"
     raise InputError(
         f"Training on {dataset.session} takes about {memory.text(total)} of the memory of "
         f"{device_name(device)} where {memory.text(free)} are free: {fix}, {ELSEWHERE}."
@@ -77,5 +83,5 @@ def exceeded(folder: Path, device: torch.device, *, resumable: bool) -> Reconstr
     again = ", which goes on from its checkpoint" if resumable else ""
     return ReconstructionError(
         f"{what}: close other programs that use it and run the command again{again}, {ELSEWHERE}; or train "
-        "fewer Gaussians, by --set gaussians and --replace."
+        "fewer Gaussians, by --set gaussians, or by a smaller --budget that limits them, and --replace."
     )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -55,6 +55,8 @@ class Need:
     count: int
     held: int = 0
     """Bytes of the images that are in memory already."""
+    budgeted: bool = False
+    """True if a budget in bytes or Gaussians gives `count`."""
 
     @property
     def total(self) -> int:
@@ -85,7 +87,7 @@ class Need:
             width = int(0.95 * self.width * math.sqrt((room - self.gaussians) / self.images)) // 8 * 8
         count = int(0.98 * self.count * (room - self.images) / self.gaussians) // 1000 * 1000
         if count >= self.count / 4:
-            fix = f"give --set gaussians={count}"
+            fix = f"give --budget {count // 1000}k" if self.budgeted else f"give --set gaussians={count}"
         elif width >= 32:
             fix = f"give --set width={width}"
         else:
@@ -131,15 +133,19 @@ def need(
     targets += max(step_bytes(view) + PICTURE * pixels_of(view) for view in firsts)
     if stored:
         targets += max(LOOK * pixels_of(view) for view in firsts)
-    numbers = sum(NUMBERS[: degree + 1])
     return Need(
         process=memory.resident() + KERNELS,
         images=shots + max(start, targets),
-        gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
+        gaussians=gaussians * bytes_of_gaussian(degree),
         width=max(view.lens.width for view in firsts),
         count=gaussians,
         held=sum(map(decoded_bytes, firsts)),
     )
+
+
+def bytes_of_gaussian(degree: int) -> int:
+    """Bytes of a Gaussian in a training."""
+    return FLOAT * ADAM * sum(NUMBERS[: degree + 1]) + TABLES
 
 
 def _number(counts: Counts, view: View, which: int, stored: bool) -> int:
@@ -184,15 +190,26 @@ def fitting(
     Returns:
         The demand, and True if the images have to stay on the disk.
     """
-    overrides = request.overrides
-    asked = None if request.budget is None else request.budget.gaussians
+    asked = request.overrides.degree
+    degrees = range(DEGREE + 1) if asked is None else (asked,)
     trained = sum(train for _, train in counts.values())
-    most = asked or overrides.gaussians or QUALITIES[request.quality].gaussians_of(trained)
-    degree = DEGREE if overrides.degree is None else overrides.degree
-    needed = need(firsts, counts, most, degree)
+    pixels = trained_pixels(firsts, counts)
+    # In Gaussians of the highest degree: a file of some bytes holds more of a lower one.
+    highest = bytes_of_gaussian(degrees[-1])
+    most = max(
+        request.most_gaussians(trained, pixels, degree) * bytes_of_gaussian(degree) // highest
+        for degree in degrees
+    )
+    needed = need(firsts, counts, most, degrees[-1])
     if stored := needed.too_large(free):
-        needed = need(firsts, counts, most, degree, stored=True)
-    return needed, stored
+        needed = need(firsts, counts, most, degrees[-1], stored=True)
+    budgeted = request.budget is not None and request.budget.gaussians is not None
+    return replace(needed, budgeted=budgeted), stored
+
+
+def trained_pixels(firsts: Sequence[View], counts: Counts) -> int:
+    """Pixels of all training views together; firsts: a view of each camera."""
+    return sum(counts[view.camera][1] * pixels_of(view) for view in firsts)
 
 
 class _Read(Exception):

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import torch
 
+from imaging.errors import InputError
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ONE_OF_SEVERAL, Rung
@@ -15,6 +16,8 @@ from recon.data.geometry import inside, project
 from recon.data.light import Images
 from recon.data.load import again
 from recon.decide.held_out_evidence import STEPS, robust_score_db
+from recon.decide.overrides import Overrides
+from recon.decide.presets import MethodName
 from recon.decide.settings import Settings
 from recon.decide.steps.stray_light import glare_of
 from recon.decide.trials import Trials, room
@@ -87,14 +90,31 @@ def corrections_for(
     asked = settings.overrides.refine
     shares, glare = glare_of(dataset, images, "refine glare")
     if asked is not None:
-        rungs = [
-            _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
-        ]
+        rungs = [_as_asked(name, dataset, settings) for name in ALL]
     else:
         known = _displayed(dataset, settings.method, "glare") or glare
         rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress, device), known]
     taken = tuple(name for name, rung in zip(ALL, rungs, strict=True) if rung.taken)
     return Corrections(taken, tuple(rungs), tuple(shares))
+
+
+def require_light(dataset: Dataset, method: MethodName, overrides: Overrides) -> None:
+    """InputError where corrections of the light are asked for, with a method that takes display values as
+    they are.
+    """
+    names = [name for name in ALL if name in (overrides.refine or "") and _displayed(dataset, method, name)]
+    if names:
+        raise InputError(
+            f"Display values, which --method {method} trains on, have no {names[0]} to correct: use --method "
+            f"hdr-gs, or leave {' and '.join(names)} out of --set refine."
+        )
+
+
+def _as_asked(name: Refined, dataset: Dataset, settings: Settings) -> Rung:
+    """The rung of a correction where they are set by hand."""
+    if name not in (settings.overrides.refine or ""):
+        return _rung(name, False, "not asked for")
+    return _displayed(dataset, settings.method, name) or _rung(name, True, "asked for")
 
 
 def rungs_by_evidence(
@@ -192,8 +212,8 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
 
 
 def _displayed(dataset: Dataset, method: str, name: Refined) -> Rung | None:
-    """Rung of methods that do not separate the light from display values."""
-    if dataset.kind == "ldr" and method == vanilla.NAME:
+    """Rung of corrections of the light, with methods that do not separate it from display values."""
+    if name != "poses" and dataset.kind == "ldr" and method == vanilla.NAME:
         return _rung(name, False, "display values are taken as they are, with no idea of light")
     return None
 

@@ -13,6 +13,7 @@ from recon.decide.cost.countdown import Countdown
 from recon.decide.cost.prediction import enough
 from recon.decide.decisions import NO_TIME, decide
 from recon.decide.evidence import Evidence, Run
+from recon.decide.overrides import Overrides
 from recon.decide.plan import TrainingPlan
 from recon.train.ranks import Ranks
 
@@ -43,6 +44,15 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
     stored = json.loads(json.dumps(decided.facts()))
     again = TrainingPlan.stored(stored, decided.light)
     assert (again.settings, again.rungs, again.prediction) == (decided.settings, decided.rungs, None)
+
+
+@pytest.mark.parametrize("most", [16, 100])
+def test_a_scene_of_few_gaussians_that_are_grown_has_enough_to_start_from(toy_dataset, most):
+    few = Overrides(gaussians=most, growth=0.95, environment=False)
+    run = run_of(toy_dataset, settings(max_gaussians=most, overrides=few))
+    plan = decide(run, Evidence.of(run))
+    assert len(plan.points.xyz) == 8
+    assert plan.settings.max_gaussians == most
 
 
 def test_early_stop_asks_for_no_more_than_was_worth_it():

@@ -7,7 +7,7 @@ import pytest
 from imaging.compute import memory
 from imaging.compute.threads import thread_count
 from imaging.errors import InputError
-from recon.data.dataset import Dataset
+from recon.data.dataset import Dataset, View
 from recon.decide.cost import memory_need as module
 from recon.decide.cost.budget import Budget
 from recon.decide.cost.memory_need import ARENA, KERNELS, Need, fitting, forecast, need
@@ -15,6 +15,8 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
+from recon.scene.harmonics import DEGREE
+from recon.scene.ply import most_gaussians
 
 ROOM = 64 << 30
 OF_PROCESS = ARENA * thread_count() + KERNELS
@@ -52,8 +54,44 @@ def test_it_is_what_the_training_itself_will_say(session_copy: Path, needs: list
 def test_it_grows_with_gaussians_and_width(toy: Path) -> None:
     small = of(toy, width=32, gaussians=1000)
     assert of(toy, width=32, gaussians=1_000_000) > small + 100_000_000
-    assert of(toy, width=32, budget="1000k") > small + 100_000_000
     assert of(toy, width=64, gaussians=1000) != small
+
+
+def looks(dataset: Dataset, train: int) -> tuple[list[View], dict[str, tuple[int, int]]]:
+    """A view of each camera, and counts of that many views of each to train on."""
+    firsts = list({view.camera: view for view in (*dataset.train, *dataset.held_out)}.values())
+    return firsts, {view.camera: (train + 1, train) for view in firsts}
+
+
+@pytest.mark.parametrize("budget", ["1000k", "300MB"])
+def test_a_budget_takes_no_more_gaussians_than_there_are_pixels(toy_dataset: Dataset, budget: str) -> None:
+    firsts, counts = looks(toy_dataset, 2)
+    pixels = sum(2 * view.lens.width * view.lens.height for view in firsts)
+    needed, _ = fitting(firsts, counts, ROOM, TrainingRequest(budget=Budget.of(budget)))
+    assert needed.gaussians == need(firsts, counts, pixels, DEGREE).gaussians
+
+
+def test_a_budget_in_bytes_takes_what_its_dearest_degree_does(toy_dataset: Dataset) -> None:
+    firsts, counts = looks(toy_dataset, 10_000)
+    budget = Budget.of("30MB")
+    assert budget is not None
+    degrees = range(DEGREE + 1)
+    each = [need(firsts, counts, most_gaussians(budget.amount, degree), degree) for degree in degrees]
+    needed, _ = fitting(firsts, counts, ROOM, TrainingRequest(budget=budget))
+    assert needed.gaussians == pytest.approx(max(one.gaussians for one in each), rel=1e-3)
+    asked = TrainingRequest(budget=budget, overrides=Overrides(degree=2))
+    assert fitting(firsts, counts, ROOM, asked)[0].gaussians == each[2].gaussians
+
+
+@pytest.mark.parametrize("budget", ["900k", "60MB"])
+def test_a_budget_without_room_is_refused_with_one_that_fits(toy_dataset: Dataset, budget: str) -> None:
+    firsts, counts = looks(toy_dataset, 10_000)
+    needed, _ = fitting(firsts, counts, ROOM, TrainingRequest(budget=Budget.of(budget)))
+    free = needed.images - needed.held + needed.gaussians // 2 + KERNELS
+    with pytest.raises(InputError, match=r"give --budget \d+k\.") as refusal:
+        needed.require("S", free)
+    smaller = TrainingRequest(budget=Budget.of(str(refusal.value).split("--budget ")[1].rstrip(".")))
+    fitting(firsts, counts, ROOM, smaller)[0].require("S", free)
 
 
 def test_images_that_leave_no_room_are_counted_as_on_the_disk(toy_dataset: Dataset) -> None:

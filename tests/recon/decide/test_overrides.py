@@ -12,6 +12,7 @@ from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, Quality
 from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.result.opened import open_model
+from recon.trade.sweep_order import Session
 
 
 def test_the_names_that_help_shows_are_those_that_there_are() -> None:
@@ -68,6 +69,18 @@ def test_exposures_are_taken_evenly(toy_dataset, count: int, stops: list[int]) -
     subset = Overrides(exposures=count).subset(replace(toy_dataset, train=(seven,)))
     assert [shot.k for shot in subset.train[0].shots] == [2.0**k for k in stops]
     assert subset.held_out is held_out
+
+
+def test_exposures_are_taken_of_each_band(toy_dataset) -> None:
+    view = toy_dataset.train[0]
+    taken = [(band, k) for k in (1.0, 2.0, 4.0) for band in (0, 2, 1)] + [(3, 1.0)]
+    wheel = replace(view, shots=tuple(replace(view.shots[0], band=band, k=k) for band, k in taken))
+    dataset = replace(toy_dataset, train=(wheel,))
+    assert Session.of(dataset).exposures == 3
+    for count, ks in ((1, (2.0,)), (2, (1.0, 4.0)), (3, (1.0, 2.0, 4.0))):
+        shots = Overrides(exposures=count).subset(dataset).train[0].shots
+        kept = [(band, k) for band, k in taken if k in ks or band == 3]
+        assert [(shot.band, shot.k) for shot in shots] == kept
 
 
 def test_views_are_taken_evenly(toy_dataset) -> None:

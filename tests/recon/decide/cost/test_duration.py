@@ -5,7 +5,8 @@ import shutil
 import pytest
 
 from recon.data.pixels import ShotSource
-from recon.decide.cost.duration import SURE, WORTH_SAYING, Work, words
+from recon.decide.cost.budget import Budget
+from recon.decide.cost.duration import SURE, WORTH_SAYING, Work, how_long, words
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
@@ -54,6 +55,15 @@ def test_trials_make_no_more_iterations_than_were_counted(toy_long, tmp_path, mo
     (work,) = counted["work"]
     made, most = len(counted["iterations"]) - work.iterations, work.trials + work.small_trials
     assert most / 4 <= made <= most
+
+
+def test_a_budget_counts_no_more_gaussians_than_pixels(toy_dataset, counted):
+    firsts = list({view.camera: view for view in toy_dataset.views}.values())
+    counts = {view.camera: (4, 3) for view in firsts}
+    request = TrainingRequest(budget=Budget.of("300MB"))
+    assert how_long(toy_dataset.session, firsts, counts, request) is None
+    (work,) = counted["work"]
+    assert work.gaussians == sum(3 * view.lens.width * view.lens.height for view in firsts)
 
 
 def work(train: int, held_out: int, files: float, view: float, planes: float, **how: int) -> Work:

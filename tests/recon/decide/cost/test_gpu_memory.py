@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,8 +15,10 @@ if not torch.cuda.is_available():
 
 from imaging.errors import InputError, ReconstructionError
 from recon import reconstruct as stage
+from recon.data.dataset import View
 from recon.data.load import load
 from recon.decide.cost import gpu_memory
+from recon.decide.cost.budget import Budget
 from recon.decide.cost.gpu_memory import PAIR, needed, require_room
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
@@ -81,6 +84,31 @@ def test_gaussians_that_do_not_fit_are_refused_with_a_number_that_does(
     with pytest.raises(InputError, match="give a smaller --set width, or put CUDA_VISIBLE_DEVICES= in front"):
         require_room(dataset, settings, GPU)
     require_room(dataset, settings, torch.device("cpu"))
+
+
+@pytest.mark.parametrize("budget", ["1000k", "100MB"])
+def test_a_budget_that_does_not_fit_is_refused_with_one_that_does(
+    toy: Path, card: SimpleNamespace, budget: str
+) -> None:
+    dataset = load(toy)
+    wide = replace(dataset, train=tuple(view_of(view, 4000, 3000) for view in dataset.train))
+
+    def require(amount: str) -> None:
+        request = TrainingRequest(budget=Budget.of(amount))
+        require_room(wide, asked_for(wide, "nh-3dgs", request, processes=1), GPU)
+
+    step = max(map(gpu_memory.step_bytes, wide.views))
+    card.free = needed(12_000_000, step, 500_000, 2)
+    with pytest.raises(InputError, match="give --budget ") as refusal:
+        require(budget)
+    smaller = re.findall(r"--budget (\d+k)", str(refusal.value))[0]
+    assert smaller == "490k"
+    require(smaller)
+
+
+def view_of(view: View, width: int, height: int) -> View:
+    """The same with a lens that draws pictures of that size."""
+    return replace(view, lens=replace(view.lens, width=width, height=height))
 
 
 def test_memory_that_ends_in_a_training_leaves_its_checkpoint(

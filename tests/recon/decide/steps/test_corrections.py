@@ -5,12 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imaging.errors import InputError
 from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
+from recon.data.light import radiance_images
 from recon.data.load import load
+from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
-from recon.decide.steps.corrections import pose_error_px, rungs_by_evidence, tried
+from recon.decide.steps.corrections import (
+    corrections_for,
+    pose_error_px,
+    require_light,
+    rungs_by_evidence,
+    tried,
+)
 from recon.decide.trials import reason_against_trials
 
 
@@ -72,6 +81,20 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
     rung = rungs_of(sure, settings(method="hdr-gs"))[1]
     assert known in rung.reason
     assert not rung.taken
+
+
+def test_display_values_are_not_corrected_as_light(toy_ldr):
+    dataset, overrides = load(toy_ldr), Overrides(refine="poses+exposures+glare")
+    with pytest.raises(InputError, match=r"no exposures .* hdr-gs, or leave exposures and glare out"):
+        require_light(dataset, "vanilla", overrides)
+    for method in ("auto", "hdr-gs"):
+        require_light(dataset, method, overrides)
+    require_light(dataset, "vanilla", Overrides(refine="poses"))
+    chosen = settings(method="vanilla", overrides=overrides)
+    corrections = corrections_for(dataset, radiance_images(dataset), chosen, None, unreported)
+    assert corrections.names == ("poses",)
+    assert "display values are taken as they are" in corrections.rungs[1].reason
+    assert corrections.rungs[2].reason == "not asked for"
 
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
