@@ -84,7 +84,7 @@ def _machine() -> int | None:
 
 
 def _group() -> int | None:
-    """Return what the limit of a container leaves, file caches not counted, or None without one."""
+    """Return what the limits of control groups leave, file caches not counted, or None without one."""
     limits = []
     for folder in (_GROUPS / "memory", _GROUPS, *_own_groups()):
         for limit, usage in (
@@ -102,14 +102,21 @@ def _group() -> int | None:
 
 
 def _own_groups() -> list[Path]:
-    """Folders of the group that this process is in, of either version of control groups."""
+    """Folders of the group that this process is in, and of those around it, whose limits hold for it too, of
+    either version of control groups.
+    """
     try:
         lines = _OWN_GROUPS.read_text("utf-8").splitlines()
     except (OSError, ValueError):
         return []
     paths = {controllers: path.lstrip("/") for _, controllers, path in (line.split(":", 2) for line in lines)}
     bases = {"": _GROUPS, "memory": _GROUPS / "memory"}
-    return [base / paths[controllers] for controllers, base in bases.items() if paths.get(controllers)]
+    return [
+        base.joinpath(*parts[:count])
+        for controllers, base in bases.items()
+        for parts in [Path(paths.get(controllers, "")).parts]
+        for count in range(1, len(parts) + 1)
+    ]
 
 
 def _address_space() -> int | None:

@@ -69,7 +69,9 @@ def view(
         with running("view") as status:
             if session is not None:
                 session_page.show_session(viewer, session)
-                wait: Callable[[], object] = follow.Follower(viewer, session).run
+                named = reconstructions[0]
+                name = None if session == named else follow.name_of(named.resolve())
+                wait: Callable[[], object] = follow.Follower(viewer, session, name).run
             else:
                 status("opening the scene", 0, 0)
 

@@ -7,6 +7,7 @@ there, and asks again. Once the training is over the finished scene takes its pl
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from imaging.errors import RigError
@@ -26,17 +27,27 @@ LONG = 30.0
 NONE = "None is under way: what `rig reconstruct` trains is shown here as it goes."
 
 
-def training_in(session: Path) -> Path | None:
-    """Folder in which a process trains a scene, the newest of several, or None."""
-    running = [folder for folder in session.glob("reconstructions/*/") if is_held(folder)]
-    return max(running, key=lambda folder: folder.stat().st_mtime_ns, default=None)
+def training_in(session: Path, name: str | None = None) -> Path | None:
+    """Folder in which a process trains a scene of a name, or any: the newest of several, or None."""
+    running = []
+    for folder in session.glob("reconstructions/*/"):
+        if name in (None, name_of(folder)) and is_held(folder):
+            with suppress(FileNotFoundError):  # it has just got its final name: found by that next time
+                running.append((folder.stat().st_mtime_ns, folder))
+    return max(running)[1] if running else None
 
 
 class Follower:
-    """Follower of a session, which keeps a viewer up to date."""
+    """Follower of a session, or of its one scene of a name, which keeps a viewer up to date."""
 
-    def __init__(self, viewer: Viewer, session: Path, clock: Callable[[], float] = time.monotonic) -> None:
-        self.viewer, self.session, self.clock = viewer, session, clock
+    def __init__(
+        self,
+        viewer: Viewer,
+        session: Path,
+        name: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.viewer, self.session, self.name, self.clock = viewer, session, name, clock
         self._training: Path | None = None
         self._finished_before: object = None
         self._shown_stamp: object = None
@@ -56,7 +67,7 @@ class Follower:
     def look(self) -> None:
         """Update once; failures are shown in the page, and retried at the next update."""
         try:
-            training = training_in(self.session)
+            training = training_in(self.session, self.name)
             if training is not None and training != self._training:
                 self._begin(training)
             if self._training is None:
@@ -72,7 +83,7 @@ class Follower:
         self._training, self._opened, self._shown_stamp, self._last = training, None, None, None
         self._finished_before = _stamp(_final(training) / MODEL) if training != _final(training) else None
         self._shown_at = self.clock()
-        self._say(f"**{_name(training)}** is being trained: waiting for its first picture.")
+        self._say(f"**{name_of(training)}** is being trained: waiting for its first picture.")
 
     def _follow(self, training: Path) -> None:
         """Show a new snapshot, if there is one, and ask for the next."""
@@ -98,8 +109,8 @@ class Follower:
             return
         else:
             self._say(
-                f"The training of **{_name(training)}** failed or was killed, so there is no finished scene: "
-                "its terminal says why; the same `rig reconstruct` goes on from its last checkpoint."
+                f"The training of **{name_of(training)}** failed or was killed, so there is no finished "
+                "scene: its terminal says why; the same `rig reconstruct` goes on from its last checkpoint."
             )
         self._training = None
 
@@ -135,10 +146,11 @@ def _alike(one: Scene, other: Scene) -> bool:
 
 def _final(training: Path) -> Path:
     """Return where the scene of a training is in the end (`recon.result.training_folder`)."""
-    return training.with_name(_name(training))
+    return training.with_name(name_of(training))
 
 
-def _name(training: Path) -> str:
+def name_of(training: Path) -> str:
+    """Return the name that the scene of a training has in the end."""
     name = training.name
     return name[1:].removesuffix(".new") if name.startswith(".") else name
 
@@ -157,7 +169,7 @@ def _unfinished(session: Path) -> str:
     for folder in sorted(session.glob("reconstructions/*/")):
         begun = (folder / CHECKPOINT).is_file() or (folder / LOG).is_file()
         if begun and not (folder / MODEL).is_file():
-            return f"**{_name(folder)}** was stopped: `rig reconstruct` goes on with it, and is shown here."
+            return f"**{name_of(folder)}** was stopped: `rig reconstruct` goes on with it, and is shown here."
     return NONE
 
 
@@ -165,7 +177,7 @@ def _progress(training: Path, snapshot: Snapshot) -> str:
     record = snapshot.scene.record
     share = 100 * record.iterations / max(snapshot.total, 1)
     done = f"iteration **{record.iterations:,}** of {snapshot.total:,}, {share:.0f} %"
-    lines = [f"**{_name(training)}**: {done}"]
+    lines = [f"**{name_of(training)}**: {done}"]
     if snapshot.moment is not None:
         iteration, db = snapshot.moment
         lines.append(f"held-out views **{db:.1f} dB** at {record.width} px, iteration {iteration:,}")

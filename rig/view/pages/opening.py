@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from imaging.errors import InputError
 from recon.result.first_look import shot_at
+from recon.result.model import read_own_calibration
 from recon.result.scene import Scene, open_scene
 from rig.view.pages.browser_cameras import start_of
 from rig.view.pages.page import ScenePage
@@ -16,7 +18,30 @@ from rig.view.serving.start_view import Start
 def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:
     """Open one scene, or two to compare, and have a viewer show them."""
     scenes = [open_scene(folder) for folder in folders]
+    if len(scenes) > 1:
+        _require_same_world(*scenes)
     show_painter(viewer, painter_of(*scenes), None if viewer.first is None else viewer.first.start)
+
+
+def _require_same_world(first: Scene, second: Scene) -> None:
+    """InputError for scenes of a session whose views were placed anew in between.
+
+    Other changes of a calibration, as of its luminance or its held-out views, leave coordinates as they are.
+    Scenes of two sessions may share their coordinates, as by a survey.
+    """
+    one, other = first.record, second.record
+    hashes = {one.calibration_sha256, other.calibration_sha256} - {""}  # splats of other programs have none
+    if len(hashes) < 2 or one.session != other.session:
+        return
+    poses, others = (
+        {view.id: view.cam_from_world for view in read_own_calibration(scene.folder).views}
+        for scene in (first, second)
+    )
+    if any(poses[view] != others[view] for view in poses.keys() & others.keys()):
+        raise InputError(
+            f"{first.folder} and {second.folder} come from different calibrations, whose coordinates differ: "
+            "reconstruct the older one again."
+        )
 
 
 def painter_of(*scenes: Scene) -> Painter:

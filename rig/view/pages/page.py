@@ -19,7 +19,7 @@ from rig.view.pages.frusta import Frusta
 from rig.view.pictures.layers import LAYERS, TRUST, picture_of
 from rig.view.pictures.look import CURVES, Look, coloured, stops
 from rig.view.pictures.meter import reading
-from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
+from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted, measured
 from rig.view.serving.frame import Frame, marked
 from rig.view.serving.start_view import Start, point, stand, start_at, up_of
 from rig.view.serving.state import State
@@ -294,7 +294,10 @@ class ScenePage:
         self.controls.spot.content = reading(drawing, show, self.painter.scene, *place)
         if coarse:
             return
+        number = measured(show, place[1], drawing.light.shape[1])
+        if number is None:
+            return
         self.client.flush()
-        residuals = self.painter.residuals()  # the first time it takes a while
+        residuals = self.painter.residuals(number)  # the first time it takes a while
         if residuals is not None and not self._closed.is_set():
             self.controls.spot.content = reading(drawing, show, self.painter.scene, *place, residuals)

@@ -95,9 +95,9 @@ class Painter:
             self.scenes, self._data = (scene,), DataLayers(scene)
             self._residuals.clear()
 
-    def residuals(self) -> Residuals | None:
-        """Return how far the first scene is off held-out photographs, which are read once."""
-        scene = self.scene
+    def residuals(self, number: int = 0) -> Residuals | None:
+        """Return how far a scene, by its number, is off held-out photographs, which are read once."""
+        scene = self.scenes[number]
         with self.drawing:
             if scene not in self._residuals:
                 self._residuals[scene] = residuals_of(scene)
@@ -162,6 +162,13 @@ class Painter:
 def compared_with(show: str) -> str:
     """Return what the light of a drawing is compared with, in words."""
     return "A" if show == OVER else "the reference"
+
+
+def measured(show: str, column: int, width: int) -> int | None:
+    """Return the number of the scene whose light a column of a drawing has; None: that of a photograph."""
+    if show == REFERENCE:
+        return None
+    return int(show in (SECOND, OVER) or (show == SPLIT and column >= width // 2))
 
 
 def references(scene: Scene) -> Mapping[str, Path]:

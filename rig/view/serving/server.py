@@ -215,7 +215,7 @@ def _require_address(host: str) -> None:
         family, kind, *_, place = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as trial:
             trial.bind(place)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # the latter of names that the DNS cannot have
         raise InputError(
             f"{host} is not an address of this machine: give one that is, or 0.0.0.0 for all of them."
         ) from error

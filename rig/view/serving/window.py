@@ -23,6 +23,8 @@ _SAID = re.compile(rf"(?:^|;)\s*{_COOKIE}=([0-9]{{1,5}})\s*(?:;|$)")
 # viser leaves a pointer alone that an element has captured. Browsers capture those of fingers and pens by
 # themselves for what they touch, so that no tap would ever measure. It connects to the address of the page,
 # which must have nothing behind its # then: that comes back with the first picture.
+# Cookies are of all windows alike: each window writes its own just before it connects, which viser lets a
+# worker do, first and after the server was away.
 # On slow browsers viser draws fewer pixels than the screen has, unless its address names the ratio when it
 # begins: a view pixel for pixel would be resampled.
 # Until our panel is there, its place has viser's own settings, on white.
@@ -40,24 +42,24 @@ html:not(.{HERE}) body::before {{
 const ours = () => document.documentElement.classList.add("{HERE}");
 setTimeout(ours, 15000);
 const high = matchMedia("(dynamic-range: high)");
+let state = location.hash.slice(1);
 const say = () => {{
   document.cookie = `{_COOKIE}=${{innerWidth}}; Path=/; SameSite=Strict`;
   document.cookie = `{_HDR}=${{Number(high.matches)}}; Path=/; SameSite=Strict`;
+  document.cookie = `{_STATE}_${{location.port}}=${{encodeURIComponent(state)}}; Path=/; SameSite=Strict`;
 }};
-say();
-addEventListener("resize", say);
-const keep = () => {{
-  const state = encodeURIComponent(location.hash.slice(1));
-  document.cookie = `{_STATE}_${{location.port}}=${{state}}; Path=/; SameSite=Strict`;
+const post = Worker.prototype.postMessage;
+Worker.prototype.postMessage = function (message, ...rest) {{
+  if (["set_server", "retry"].includes(message?.type)) say();
+  return post.call(this, message, ...rest);
 }};
-keep();
 const asked = new URLSearchParams(location.search);
 asked.delete("fixedDpr");
 const address = location.pathname + (`${{asked}}` && `?${{asked}}`);
 asked.set("fixedDpr", devicePixelRatio);
 history.replaceState(null, "", location.pathname + "?" + asked);
 matchMedia(`(resolution: ${{devicePixelRatio}}dppx)`).addEventListener("change", () => location.reload());
-high.addEventListener("change", () => {{ say(); location.reload(); }});
+high.addEventListener("change", () => location.reload());
 const bright = Object.assign(new Image(), {{ id: "{BRIGHT}-shown", alt: "" }});
 const cover = () => {{
   const data = document.getElementById("{BRIGHT}")?.dataset;
@@ -68,14 +70,14 @@ const cover = () => {{
   bright.src = "data:image/avif;base64," + data.avif;
   document.querySelector("canvas[data-engine]").after(bright);
 }};
-addEventListener("hashchange", () => {{ keep(); location.reload(); }});
+addEventListener("hashchange", () => location.reload());
 new MutationObserver(() => {{
   if (document.getElementById("{HERE}")) setTimeout(ours, 300); // in which viser folds its settings away
   cover();
   const said = document.getElementById("{ELEMENT}")?.title;
   if (said === undefined || "#" + said === location.hash) return;
   history.replaceState(null, "", address + "#" + said);
-  keep();
+  state = location.hash.slice(1);
 }}).observe(document, {{ subtree: true, childList: true, attributeFilter: ["title"] }});
 addEventListener("pointerdown", (event) => {{
   const {{ target, pointerId }} = event;

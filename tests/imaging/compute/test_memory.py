@@ -220,6 +220,10 @@ def test_what_is_free_is_the_least_that_anyone_says(tmp_path: Path, monkeypatch:
         assert memory.available() == 3_000_000
         (group / limit).write_text("max\n")
         assert memory.available() == 5000 * 1024
+        for name, value in ((limit, "2000000"), (usage, "500000"), ("memory.stat", "inactive_file 0")):
+            (group.parent / name).write_text(f"{value}\n")
+        assert memory.available() == 1_500_000  # of the group around it
+        (group.parent / limit).unlink()
     (tmp_path / "meminfo").write_text("")
     assert memory.available() > 0
 

@@ -2,11 +2,13 @@
 
 import itertools
 import multiprocessing
+import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,11 +19,13 @@ from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.result.live_scene import SNAPSHOT, WANTED, read_snapshot
 from recon.result.scene import Scene, open_scene
-from rig.commands.view import _followed
-from rig.view.pages.follow import Follower
+from rig.commands.view import _followed, view
+from rig.view.pages import follow, session_page
+from rig.view.pages.follow import Follower, training_in
 from rig.view.pages.page import ScenePage
 from rig.view.pages.session_page import SessionPage, show_session
 from rig.view.pictures.look import Look
+from rig.view.serving import server
 from rig.view.serving.server import Viewer
 from tests.rig.view.conftest import Window
 
@@ -197,3 +201,46 @@ def test_a_scene_that_replaces_another_is_shown_in_its_place(scene: Path, open_w
         replace_folder(new, finished)
         follower.look()
         assert follower._painter.scene.folder == finished
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Path:
+    """A session with the folders of two trainings, of which B is the newer; A replaces another scene."""
+    (tmp_path / "session.json").write_text("{}")
+    for age, name in enumerate(("B", ".A.new")):
+        folder = tmp_path / "reconstructions" / name
+        folder.mkdir(parents=True)
+        os.utime(folder, (1000 - age, 1000 - age))
+    return tmp_path
+
+
+def test_the_training_that_is_named_is_followed(two: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    new, newer = (two / "reconstructions" / name for name in (".A.new", "B"))
+    with held(new), held(newer):
+        assert training_in(two) == training_in(two, "B") == newer
+        assert training_in(two, "A") == new
+        names = []
+        monkeypatch.setattr(server, "Viewer", lambda *_: nullcontext(SimpleNamespace(url="")))
+        monkeypatch.setattr(session_page, "show_session", lambda *_: None)
+        monkeypatch.setattr(
+            follow, "Follower", lambda *its: names.append(its[2]) or SimpleNamespace(run=lambda: None)
+        )
+        for path in (new, newer, two):
+            view([path])
+    assert names == ["A", "B", None]
+
+
+def test_a_training_that_gets_its_final_name_meanwhile_is_found_next_time(
+    two: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    new = two / "reconstructions" / ".A.new"
+    final = new.with_name("A")
+
+    def renamed(folder: Path) -> bool:
+        if folder == new:
+            new.rename(final)
+        return folder.name != "B"
+
+    monkeypatch.setattr(follow, "is_held", renamed)
+    assert training_in(two) is None
+    assert training_in(two) == final

@@ -1,5 +1,15 @@
 """The first moments of a page, before there is a scene."""
 
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.session.paths import find_reconstruction
+from rig.view.pages.opening import show_scenes
 from rig.view.serving.server import Viewer
 
 WATCH = """
@@ -30,3 +40,30 @@ def test_while_it_opens_a_page_has_our_own_names_alone(browser) -> None:
         assert tab.get_by_text("my scene", exact=True).is_visible()
         assert tab.evaluate("[...foreign]") == []
         tab.close()
+
+
+def calibrated_again(scene: Path, place: Path, moved: float, **record: object) -> Path:
+    """A scene of the same photographs on a calibration whose cameras are elsewhere."""
+    shutil.copytree(scene, place, ignore=shutil.ignore_patterns("renders", "references"))
+    calibration = store.read_json(place / "calibration.json")
+    for view in calibration["views"]:
+        view["cam_from_world"]["translation"][2] += moved
+    store.write_json(place / "calibration.json", calibration)
+    store.write_json(place / "model.json", store.read_json(place / "model.json") | record)
+    return place
+
+
+def test_scenes_whose_coordinates_differ_are_not_compared(scene_template: Path, tmp_path: Path) -> None:
+    first, shown = find_reconstruction(scene_template), []
+    viewer = SimpleNamespace(first=None, show=lambda *its: shown.append(its))
+    second = calibrated_again(first, tmp_path / "moved", 0.5, calibration_sha256="1" * 64)
+    with pytest.raises(InputError, match=f"^{first} and {second} come from different calibrations"):
+        show_scenes(viewer, [first, second])
+    assert not shown
+    for name, moved, record in (
+        ("in place", 0.0, {"calibration_sha256": "1" * 64}),  # as after a reading of luminance
+        ("of another session", 0.5, {"calibration_sha256": "1" * 64, "session": "other"}),
+        ("of another program", 0.5, {"calibration_sha256": ""}),
+    ):
+        show_scenes(viewer, [first, calibrated_again(first, tmp_path / name, moved, **record)])
+    assert len(shown) == 3

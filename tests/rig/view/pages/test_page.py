@@ -105,6 +105,18 @@ def test_a_reload_comes_back_to_what_was_shown(window, viewer) -> None:
     window.until(lambda: page.frame.light.shape[:2] == (lens.height, lens.width))
 
 
+def test_a_window_comes_back_to_its_own_state_after_the_server_was_away(window, viewer) -> None:
+    """Another window of the same browser has said its state since, in the cookie that they share."""
+    window.tab.locator("input[inputmode=decimal]").fill("1.5")
+    window.tab.keyboard.press("Enter")
+    window.until(lambda: "stops=1.5" in window.tab.evaluate("location.hash"))
+    window.tab.evaluate("document.cookie = `rig_view_state_${location.port}=stops%3D-2; Path=/`")
+    known = set(viewer.pages)
+    viewer.server._websock_server.disconnect_all_clients()
+    window.until(lambda: bool(set(viewer.pages) - known))
+    assert viewer.pages[max(viewer.pages)].look == Look(1.5, "AgX")
+
+
 def test_a_link_leads_to_the_same_spot(window, viewer) -> None:
     def addressed() -> np.ndarray | None:
         """Place of the camera by the address; None while it differs from the true one."""

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from imaging.session.paths import find_reconstruction
 from recon.result.scene import Scene, open_scene
 from rig.terminal.text import number
+from rig.view.pages.page import ScenePage
 from rig.view.pictures.layers import picture_of
 from rig.view.pictures.look import LUMINANCE
 from rig.view.pictures.meter import reading
@@ -135,6 +138,37 @@ def test_a_scene_is_off_held_out_photographs_by_what_it_is_too_bright(scene: Sce
     assert painter.residuals() is painter.residuals()
     text = reading(drawing, RENDER, scene, row, column, painter.residuals())
     assert f"**+- {number(plain.at(float(luminance[row, column])), 2)} stops**" in text
+
+
+def test_the_error_is_that_of_the_scene_that_is_measured(scene: Scene, brighter: Scene) -> None:
+    painter = Painter(scene, brighter)
+    view, spot = next(iter(painter.references)), SimpleNamespace(content="")
+    page = SimpleNamespace(
+        painter=painter,
+        controls=SimpleNamespace(spot=spot),
+        client=SimpleNamespace(flush=lambda: None),
+        _closed=Event(),
+    )
+    own = [residuals_of(scene), residuals_of(brighter), None]
+    stated = set()
+    for show, right, number_of in [
+        (FIRST, False, 0),
+        (SECOND, False, 1),
+        (SPLIT, False, 0),
+        (SPLIT, True, 1),
+        (OVER, False, 1),
+        (REFERENCE, False, 2),
+    ]:
+        drawing = painter.draw(Wanted(show, view, painter.placed(view)))
+        height, width = drawing.light.shape[:2]
+        place = height // 2, width // 2 - (not right)
+        ScenePage._measure(page, drawing, place, show, coarse=False)
+        residuals, luminance = own[number_of], float(drawing.light[place] @ LUMINANCE)
+        error = None if residuals is None else residuals.at(luminance)
+        assert spot.content == reading(drawing, show, scene, *place, residuals)
+        assert (error is not None) == ("68 % of held-out pixels" in spot.content) == (number_of < 2)
+        stated.add(error)
+    assert len(stated) > 2
 
 
 def test_without_its_photographs_a_scene_has_no_error(scene: Scene, tmp_path: Path) -> None:

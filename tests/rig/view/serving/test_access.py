@@ -84,7 +84,7 @@ def test_a_page_that_others_reach_wants_its_token(open_to_all: Viewer) -> None:
         connect(open_to_all, f"/?{query}", origin="http://example.org")
 
 
-@pytest.mark.parametrize("host", ["192.0.2.1", "no such name"])
+@pytest.mark.parametrize("host", ["192.0.2.1", "no such name", "192.168..1"])
 def test_an_address_of_others_is_told(host: str) -> None:
     with pytest.raises(InputError, match=f"{host} is not an address of this machine"):
         Viewer("toy", 0, host=host)
