@@ -29,6 +29,7 @@ from recon.decide.plan import TrainingPlan
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings, asked_for
+from recon.decide.steps.corrections import require_light
 from recon.decide.steps.method_choice import method_for, rungs, uncoloured
 from recon.observe.refinement import Refinement
 from recon.result.folder import SceneFolder
@@ -37,7 +38,6 @@ from recon.result.training_folder import default_name, names_of, place_for
 from recon.scene.checkpoint import Checkpoint
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.gpu_check import trusted
-from recon.train.half_size import UNTIL
 from recon.train.interrupt import Interrupted
 from recon.train.monitor import Hooks, Shown, no_viewer
 from recon.train.ranks import joined
@@ -144,6 +144,7 @@ def reconstruct(
                 f"the colour of {', '.join(missing)} is not known: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
+        require_light(dataset, request.method, overrides)
         # The name of the scene follows from the method, and its folder from the name.
         chosen, reasons = method_for(dataset, request.method)
         asked = asked_for(dataset, chosen, request, processes=ranks.count)
@@ -287,9 +288,7 @@ def _steers(run: Run, training: Training, settings: Settings, *, resumed: bool) 
     """Return what may make the training shorter on the way."""
     asked, cap = run.asked, settings.max_gaussians
     slower = slowdown(run.dataset.train, cap)
-    # At half size quality stands still before what full size has to show.
-    stop = EarlyStop() if slower == 1 else EarlyStop(begin=UNTIL)
-    steers: list[Steer] = [stop] if asked.early_stop else []
+    steers: list[Steer] = [EarlyStop(halved=slower > 1)] if asked.early_stop else []
     if asked.budget is not None and asked.budget_unit == "dB":
         steers.append(Goal(asked.budget))
     if run.countdown is not None:

@@ -214,9 +214,10 @@ def _composite(
     Going back adds to `pulls`, both [N], the sums over these pixels of |s| and of s, alpha d loss / d alpha.
     """
     if len(mean2d) == 0:
-        image = background.expand(len(pixels), -1)
+        # A sum of nothing, which keeps the graph: the inputs have a gradient, of zeros.
+        zero = mean2d.sum() + ellipse.sum() + opacities.sum() + colours.sum()
         none = torch.zeros(0, dtype=torch.float64)
-        return image, torch.zeros(len(pixels), dtype=torch.float64), none, none.bool()
+        return background.expand(len(pixels), -1) + zero, zero.expand(len(pixels)), none, none.bool()
     a, b, _, determinant = ellipse.unbind(dim=1)
     dx = pixels[:, :1] - mean2d[:, 0]
     dy = pixels[:, 1:] - mean2d[:, 1]

@@ -41,11 +41,17 @@ class EarlyStop:
     moments: int = 5
     begin: float = 0.3
     """Share of the schedule before which nothing is judged."""
+    halved: bool = False
+    """Views begin at half size, at which quality stands still before what full size has to show: no moment
+    up to their full size is judged by."""
 
     def __call__(self, training: Training) -> int | None:
         """Decide at a point of the curve only."""
         schedule, curve = training.schedule, training.curve
-        if schedule is None or training.ending or len(curve) < self.moments:
+        if schedule is None or training.ending:
+            return None
+        since = UNTIL if self.halved else 0.0
+        if sum(schedule.progress(moment.iteration) > since for moment in curve) < self.moments:
             return None
         if curve[-1].iteration != training.iteration or schedule.progress(training.iteration) < self.begin:
             return None

@@ -51,9 +51,12 @@ class Ranks:
             tensor.copy_(part.view_as(tensor))
 
     def raise_to_largest(self, tensor: Tensor) -> None:
-        """Replace each number by the largest of all ranks, in place."""
-        if self.count > 1:
-            distributed.all_reduce(tensor, distributed.ReduceOp.MAX)
+        """Replace each number, wherever the tensor is, by the largest of all ranks, in place."""
+        if self.count == 1:
+            return
+        moved = tensor.to(_device())
+        distributed.all_reduce(moved, distributed.ReduceOp.MAX)
+        tensor.copy_(moved)
 
     def totals(self, *numbers: float) -> list[float]:
         """Sums over the ranks."""
@@ -90,14 +93,22 @@ def _device() -> str:
 def joined() -> Iterator[Ranks]:
     """The ranks that `torchrun` started together (NCCL on GPUs, else Gloo); alone without it.
 
-    Ranks of one machine share its cores. ReconstructionError if they cannot find each other.
+    Ranks of one machine share its cores. ReconstructionError if they cannot find each other, or if not each
+    has a GPU of its own where there are any.
     """
     count = int(os.environ.get("WORLD_SIZE", "1"))
     if count <= 1:
         yield Ranks()
         return
+    here, gpus = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+    # All ranks of the machine refuse: one that went on would wait for the others.
+    if torch.cuda.is_available() and here > gpus:
+        raise ReconstructionError(
+            f"{here} processes need as many GPUs, and this machine has {gpus}: "
+            f"start torchrun with --nproc-per-node {gpus} here."
+        )
     before = threads.thread_count()
-    threads.set_threads(before // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
+    threads.set_threads(before // here)
     if torch.cuda.is_available():
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     try:

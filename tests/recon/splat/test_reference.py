@@ -71,6 +71,20 @@ def test_one_gaussian_by_hand() -> None:
     np.testing.assert_allclose(render.image[6, 10].numpy(), expected, rtol=1e-12)
 
 
+def test_a_view_that_shows_no_gaussian_has_gradients_of_zeros() -> None:
+    camera = SplatCamera(np.eye(4), fx=50, fy=50, cx=8, cy=8, width=16, height=16)
+    behind = [[[0.0, 0.0, -2.0]], [[1.0, 0.0, 0.0, 0.0]], [[0.1, 0.1, 0.1]], [0.5], [[1.0, 1.0, 1.0]]]
+    tensors = [torch.tensor(value, dtype=torch.float64, requires_grad=True) for value in behind]
+    background = torch.full((3,), 0.25, dtype=torch.float64, requires_grad=True)
+    render = rasterize(*tensors, camera, background)
+    assert (render.image == 0.25).all()
+    assert (render.alpha == 0).all()
+    (render.image.sum() + render.alpha.sum()).backward()
+    assert all((tensor.grad == 0).all() for tensor in tensors)
+    assert background.grad is not None
+    assert background.grad.tolist() == 3 * [256.0]
+
+
 def test_rotations_are_rotations() -> None:
     quats = torch.tensor(np.random.default_rng(0).normal(size=(50, 4)))
     matrices = rotation_matrices(quats * 1e-30)

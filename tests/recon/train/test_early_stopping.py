@@ -1,16 +1,22 @@
 """Trainings that are cut short: by the clock, since quality stands still, or since it is reached."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
+import recon.reconstruct as stage
 from recon.data.light import light_of, radiance_image
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
+from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.start.initialisation import gaussians_at, start_points
+from recon.train import half_size, live_curve
 from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
 from recon.train.live_curve import Moment, chosen_views, period
@@ -161,6 +167,36 @@ def test_quality_that_stands_still_is_told_from_quality_that_rises():
     between = at(flat)
     between.iteration += 1
     assert EarlyStop()(between) is None  # nothing was measured just now
+
+
+def test_no_moment_at_half_size_ends_a_training():
+    """Flat up to the middle of the schedule, and rising by little after it."""
+    curve = [Moment(10 * (i + 1), float(i), 20 + 0.02 * max(i - 7, 0)) for i in range(13)]
+
+    def ends(moments, steer):
+        seen = SimpleNamespace(
+            schedule=Schedule.straight(160), curve=curve[:moments], ending="", iteration=10 * moments
+        )
+        return steer(seen) is not None
+
+    whole, halved = EarlyStop(), EarlyStop(halved=True)
+    assert [count for count in range(1, 14) if ends(count, whole)] == list(range(5, 14))
+    assert [count for count in range(1, 14) if ends(count, halved)] == [13]
+
+
+@pytest.mark.parametrize(("fewest", "moments"), [(0, 13), (100_000, 5)])
+def test_a_reconstruction_judges_views_that_come_to_full_size_by_it_alone(
+    session_copy, monkeypatch, fewest, moments
+):
+    """The first judgement ends it, whatever it sees: after five moments in sixteen, or five at full size."""
+    monkeypatch.setattr(half_size, "FEWEST", fewest)
+    monkeypatch.setattr(stage, "EarlyStop", partial(EarlyStop, least=100.0))
+    monkeypatch.setattr(live_curve, "ITERATIONS_A_RENDER", 1)
+    monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=32, gaussians=CAP, width=64))
+    model = read_model(stage.reconstruct(session_copy, TrainingRequest(quality="draft", early_stop=True)))
+    assert model.ending == "early stop"
+    (why,) = [rung.reason for rung in model.rungs if rung.name == "early stop"]
+    assert f"hardly rose any more after {2 * moments}," in why
 
 
 def test_a_converged_scene_stops_by_itself_and_cools_down(begun, toy_dataset):

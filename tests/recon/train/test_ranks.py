@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.compute.threads import thread_count
+from imaging.errors import ReconstructionError
 from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
 from recon.data.load import load
@@ -170,6 +172,22 @@ def test_a_time_that_is_too_short_ends_both_ranks_with_one_sentence(session_copy
     assert (first[0], second[0]) == (2, 2), first[2] + second[2]
     assert "1 s are too short for this scene" in second[2]
     assert first[2].endswith(second[2])
+
+
+def test_more_processes_than_gpus_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On each of them, so that none waits for another."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    before = thread_count()
+    for rank in range(2):
+        for name, value in (("WORLD_SIZE", 2), ("LOCAL_WORLD_SIZE", 2), ("LOCAL_RANK", rank)):
+            monkeypatch.setenv(name, str(value))
+        with (
+            pytest.raises(ReconstructionError, match="has 1: start torchrun with --nproc-per-node 1 here"),
+            joined(),
+        ):
+            raise AssertionError
+    assert thread_count() == before
 
 
 if __name__ == "__main__":

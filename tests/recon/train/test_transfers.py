@@ -182,3 +182,20 @@ def test_ranks_add_what_is_on_the_device_and_what_is_not(monkeypatch: pytest.Mon
         assert there.device == DEVICE
         assert there.cpu().tolist() == [[0.0, 2.0, 4.0], [6.0, 8.0, 10.0]]
         assert here.tolist() == [20.0, 20.0]
+
+
+def test_ranks_find_the_largest_of_what_is_not_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training on the CPU of a machine with GPUs has its statistics there; NCCL takes the GPU's alone."""
+
+    def all_reduce(tensor: torch.Tensor, operation: object) -> None:
+        assert (tensor.device, operation) == (DEVICE, torch.distributed.ReduceOp.MAX)
+        tensor.clamp_(min=2.0)
+
+    monkeypatch.setattr(ranks, "_device", lambda: DEVICE)
+    monkeypatch.setattr(torch.distributed, "all_reduce", all_reduce)
+    with pretended():
+        there, here = torch.tensor([1.0, 3.0]).to(DEVICE), torch.tensor([4.0, 1.0])
+        for tensor in (there, here):
+            ranks.Ranks(0, 2).raise_to_largest(tensor)
+        assert there.cpu().tolist() == [2.0, 3.0]
+        assert here.tolist() == [4.0, 2.0]
