@@ -46,7 +46,7 @@ class Place:
 
     @property
     def source(self) -> str:
-        """What the record of the shot states: a frame lies in a folder that each import names anew."""
+        """Origin in the record of the shot: a frame lies in a folder that each import names anew."""
         path = self.original.path
         return shown(path) if self.video is None else f"{shown(self.video)}: {shown(path.name)}"
 

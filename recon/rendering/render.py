@@ -92,7 +92,7 @@ def render(
         if layer not in LAYERS:
             raise InputError(f"There is no layer {layer!r:.60}: choose from {', '.join(LAYERS)}.")
     if request.video and not request.stops:
-        raise InputError("A film is made of the PNG files, of which there are none without stops: name one.")
+        raise InputError("A film is made of the PNG files, which need stops: name one, such as 0.")
     # The disk is tried before a scene is opened and drawn, which takes longer.
     store.require_writable(out)
     scene = open_scene(folder)

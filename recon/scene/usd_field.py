@@ -145,7 +145,7 @@ def _space(field: Any) -> str:
 
 def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCamera]:
     """A camera at each of its times, its axes as OpenCV has them; those of no perspective are left out."""
-    from pxr import Usd, UsdGeom
+    from pxr import Usd
 
     times = _times(camera.GetPrim())
     rounded = [max(0, round(time)) for time in times]

@@ -1,4 +1,4 @@
-"""Where the value of an option is from: what was typed has to go together, and the user's defaults yield."""
+"""Sources of the values of options: what was typed has to go together, and the user's defaults yield."""
 
 from dataclasses import MISSING, fields, replace
 from typing import TypeVar
@@ -21,9 +21,9 @@ def is_users(context: typer.Context, name: str) -> bool:
 
 
 def without_users(context: typer.Context, request: R, *names: str) -> R:
-    """Return the request with its own defaults in place of the user's for the options of these names."""
-    own = {one.name: one.default for one in fields(request) if one.default is not MISSING}
-    return replace(request, **{name: own[name] for name in names if is_users(context, name)})
+    """Return the request with its class's defaults in place of the user's for options of these names."""
+    defaults = {one.name: one.default for one in fields(request) if one.default is not MISSING}
+    return replace(request, **{name: defaults[name] for name in names if is_users(context, name)})
 
 
 def _source(context: typer.Context, name: str) -> str:

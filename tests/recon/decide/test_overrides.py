@@ -79,8 +79,8 @@ def test_exposures_are_taken_of_each_band(toy_dataset) -> None:
     assert Session.of(dataset).exposures == 3
     for count, ks in ((1, (2.0,)), (2, (1.0, 4.0)), (3, (1.0, 2.0, 4.0))):
         shots = Overrides(exposures=count).subset(dataset).train[0].shots
-        kept = [(band, k) for band, k in taken if k in ks or band == 3]
-        assert [(shot.band, shot.k) for shot in shots] == kept
+        wanted = [(band, k) for band, k in taken if k in ks or band == 3]
+        assert [(shot.band, shot.k) for shot in shots] == wanted
 
 
 def test_views_are_taken_evenly(toy_dataset) -> None:

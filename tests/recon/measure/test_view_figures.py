@@ -96,10 +96,10 @@ def test_photographs_have_a_figure_at_exposures_that_training_saw(toy_dataset):
     view = toy_dataset.held_out[0]
     photographs = replace(view, sensor=replace(view.sensor, kind="ldr"))
     elsewhere = replace(photographs, shots=tuple(replace(shot, k=shot.k * 1.4) for shot in view.shots))
-    seen = [view, photographs, elsewhere]
+    views = [view, photographs, elsewhere]
     dataset = replace(toy_dataset, session=toy_dataset.session / "raw")
-    assert [has_figure(dataset, view) for view in seen] == [True, True, False]
-    assert [has_figure(toy_dataset, view) for view in seen] == [True, True, True]
+    assert [has_figure(dataset, view) for view in views] == [True, True, False]
+    assert [has_figure(toy_dataset, view) for view in views] == [True, True, True]
 
 
 def test_a_view_that_is_masked_altogether_has_no_figures(toy, toy_dataset):

@@ -174,10 +174,10 @@ def test_no_moment_at_half_size_ends_a_training():
     curve = [Moment(10 * (i + 1), float(i), 20 + 0.02 * max(i - 7, 0)) for i in range(13)]
 
     def ends(moments, steer):
-        seen = SimpleNamespace(
+        training = SimpleNamespace(
             schedule=Schedule.straight(160), curve=curve[:moments], ending="", iteration=10 * moments
         )
-        return steer(seen) is not None
+        return steer(training) is not None
 
     whole, halved = EarlyStop(), EarlyStop(halved=True)
     assert [count for count in range(1, 14) if ends(count, whole)] == list(range(5, 14))

@@ -149,7 +149,7 @@ def test_the_error_is_that_of_the_scene_that_is_measured(scene: Scene, brighter:
         client=SimpleNamespace(flush=lambda: None),
         _closed=Event(),
     )
-    own = [residuals_of(scene), residuals_of(brighter), None]
+    expected = [residuals_of(scene), residuals_of(brighter), None]
     stated = set()
     for show, right, number_of in [
         (FIRST, False, 0),
@@ -163,7 +163,7 @@ def test_the_error_is_that_of_the_scene_that_is_measured(scene: Scene, brighter:
         height, width = drawing.light.shape[:2]
         place = height // 2, width // 2 - (not right)
         ScenePage._measure(page, drawing, place, show, coarse=False)
-        residuals, luminance = own[number_of], float(drawing.light[place] @ LUMINANCE)
+        residuals, luminance = expected[number_of], float(drawing.light[place] @ LUMINANCE)
         error = None if residuals is None else residuals.at(luminance)
         assert spot.content == reading(drawing, show, scene, *place, residuals)
         assert (error is not None) == ("68 % of held-out pixels" in spot.content) == (number_of < 2)
