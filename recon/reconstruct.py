@@ -36,16 +36,16 @@ from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
 from recon.result.training_folder import default_name, names_of, place_for
 from recon.scene.checkpoint import Checkpoint
+from recon.train.devices.gpu_check import trusted
+from recon.train.devices.ranks import joined
+from recon.train.devices.training_device import training_device
+from recon.train.devices.warm_up import warm_up
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
-from recon.train.gpu_check import trusted
 from recon.train.interrupt import Interrupted
 from recon.train.monitor import Hooks, Shown, no_viewer
-from recon.train.ranks import joined
 from recon.train.trainer import train
 from recon.train.training import Steer, Training
 from recon.train.training_checkpoint import light_in, restored
-from recon.train.training_device import training_device
-from recon.train.warm_up import warm_up
 
 _DEFAULTS = TrainingRequest()
 _CPU = torch.device("cpu")

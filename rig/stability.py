@@ -10,7 +10,7 @@ def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Ite
     """Calibration, splatting, methods; quick: with smaller pictures."""
     from calib.stability import calibration
     from recon.stability import methods, splatting
-    from recon.train.warm_up import warm_up
+    from recon.train.devices.warm_up import warm_up
 
     warm_up(progress)
     progress("calibration", 0, 0)

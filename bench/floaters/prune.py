@@ -32,9 +32,9 @@ from recon.data.dataset import Dataset
 from recon.data.load import load
 from recon.splat import SplatCamera
 from recon.train.densification import Change
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
+from recon.train.devices.warm_up import warm_up
 from recon.train.training import Training
-from recon.train.warm_up import warm_up
 
 SETS = {"demo": (160, 3000), "gallery": (160, 3000), "monstree": (250, 4000)}
 """Width, px, and Gaussians."""

@@ -44,7 +44,7 @@ from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from recon.result.opened import Opened, open_model
 from recon.start.initialisation import start_points
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 SETS = {"castle": "sceaux"} | {
     name: name for name in ("monstree", "lego", "lund", "banana", "brighton", "fox")

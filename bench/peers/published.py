@@ -22,7 +22,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 PUBLISHED = {
     "chair": 35.83, "drums": 26.15, "ficus": 34.87, "hotdog": 37.72,

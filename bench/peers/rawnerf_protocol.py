@@ -45,10 +45,10 @@ from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.devices.warm_up import warm_up
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 CAP = 2000
 STRENGTHS = 0.5, 1.0, 2.0

@@ -29,7 +29,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.opened import open_model
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 ITERATIONS = (250, 1000, 3000)
 GAUSSIANS = (10_000, 40_000, 160_000)

@@ -101,7 +101,7 @@ from recon.scene.gaussians import Gaussians, GeometryRates, Renderer, limits_for
 from recon.splat import SplatCamera, SplatStats
 from recon.train.adam import Adam
 from recon.train.densification import Density, DensityRules
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 {PEAK}
 count, degree = int(sys.argv[1]), int(sys.argv[2])
 warm_up(lambda *arguments: None)

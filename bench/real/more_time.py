@@ -39,7 +39,7 @@ from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.opened import open_model
 from recon.start.plane_sweep import plane_sweep
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 SETS = ("castle", "monstree", "banana", "brighton")
 PRESETS: tuple[QualityName, ...] = ("draft", "standard", "best")

@@ -35,7 +35,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 LENGTHS = (6, 12, 25, 50, 100, 200, 400, 800, 1600, 3200)
 FIRST = np.log([12.0, 40.0, 1.3])

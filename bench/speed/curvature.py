@@ -34,7 +34,7 @@ from recon.observe.linear import Observation
 from recon.start.initialisation import gaussians_at
 from recon.train.adam import Adam
 from recon.train.densification import DensityRules
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

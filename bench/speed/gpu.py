@@ -28,8 +28,8 @@ from bench.support.record import arguments, deliver, machine, words
 from imaging.compute import memory
 from recon.splat import Limits, SplatCamera
 from recon.stability.workloads import view, workload
-from recon.train.gpu_check import COUNT, compared, examined
-from recon.train.training_device import training_device
+from recon.train.devices.gpu_check import COUNT, compared, examined
+from recon.train.devices.training_device import training_device
 
 ROOT = Path(__file__).parents[2]
 SIZES = ((1920, 1080), (3840, 2160))

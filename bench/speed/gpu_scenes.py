@@ -30,8 +30,8 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.scene import open_scene
-from recon.train.training_device import training_device
-from recon.train.warm_up import warm_up
+from recon.train.devices.training_device import training_device
+from recon.train.devices.warm_up import warm_up
 
 SCENES = ("lego", "demo")
 PLACES = {"gpu": {}, "processor": {"CUDA_VISIBLE_DEVICES": ""}}

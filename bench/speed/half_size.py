@@ -36,11 +36,11 @@ from recon.methods import METHODS
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train import half_size
 from recon.train.densification import DensityRules
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
+from recon.train.devices.warm_up import warm_up
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,9 @@ from recon.splat import Limits
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.start.initialisation import gaussians_at
 from recon.train.densification import DensityRules
+from recon.train.devices.warm_up import warm_up
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 FIRST = "vanilla 3DGS"
 USUAL = Limits(alpha_max=0.99, t_min=1e-4, alpha_min=1 / 255)

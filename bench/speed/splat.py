@@ -26,7 +26,7 @@ from imaging.files import store
 from recon.splat import Limits, Render
 from recon.splat.cpu import rasterizer
 from recon.stability.workloads import view, workload
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 BEGIN, END = "<!-- bench:splat -->", "<!-- /bench -->"
 CUTS = {

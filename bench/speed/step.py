@@ -31,10 +31,10 @@ from recon.scene.appearance import LuminanceChromaticity
 from recon.start.initialisation import gaussians_at
 from recon.train.adam import Adam
 from recon.train.densification import DensityRules
+from recon.train.devices.warm_up import warm_up
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 PARTS = {
     "rasterise, forward": (recon.scene.gaussians, "rasterize"),

@@ -23,9 +23,9 @@ from recon.methods.method import Method
 from recon.observe.shot_comparison import shot_psnr
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.devices.warm_up import warm_up
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.autobracket import AutoBracket, Fit, best_fit, shows
 from drivers.ptp.bracket_shot import shoot, stand
-from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
 from drivers.ptp.exposure import Dial
 from drivers.ptp.ip.connection import IpConnection
 from drivers.ptp.picture import best_of, camera_file, developed_beside, suffix
-from drivers.ptp.session import Download
+from drivers.ptp.protocol.connection import Connection, UsbConnection
+from drivers.ptp.protocol.session import Download
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError, InputError

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.errors import CameraRefused
-from drivers.ptp.codec import Value
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Value
+from drivers.ptp.protocol.codes import (
     CanonProperty,
     NikonProperty,
     PropertyCode,
     SonyProperty,
 )
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.shutter import (
     CANON_SHUTTER,
     MICROSECONDS,

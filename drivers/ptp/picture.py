@@ -4,8 +4,8 @@ from pathlib import PurePath
 
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
-from drivers.ptp.codes import FormatCode
-from drivers.ptp.session import Download
+from drivers.ptp.protocol.codes import FormatCode
+from drivers.ptp.protocol.session import Download
 from imaging.files import photo, raw
 
 _SUFFIXES = {

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from drivers.ptp.dials import Setting
-from drivers.ptp.session import Download
+from drivers.ptp.protocol.session import Download
 from drivers.ptp.vendors.standard import StandardBody
 
 

@@ -1,8 +1,8 @@
 """Waiting for the objects of one shot, by events where they come and by asking where they do not."""
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.ptp.codes import EventCode, FormatCode
-from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.protocol.codes import EventCode, FormatCode
+from drivers.ptp.protocol.session import Download, PtpSession
 
 GRACE = 0.1
 """Seconds without news after which a shot that is complete has all its objects: RAW+JPEG gives two."""

@@ -13,7 +13,7 @@ from recon.data.measured_depth import DepthFit
 from recon.decide.cost.countdown import Countdown
 from recon.decide.settings import Settings
 from recon.decide.steps.depth_weight import depth_fit
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from recon.observe.refinement import Refined, Refinement
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.devices.training_device import CPU
 from recon.train.monitor import Hooks
 from recon.train.schedule import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.training_device import CPU
 
 FEWEST_VIEWS = 4
 """Held out of a trial; with fewer a gain cannot be distinguished from luck."""

@@ -2,8 +2,8 @@
 """Canvases of viewers: Gaussians of display values, painted from back to front in steps of 8 bits.
 
 As PlayCanvas 2.23 and Spark 2.2 paint them, by their shaders and by pictures of their canvases
-(`tests/foreign_viewers/`). Beside the blur (`recon/result/viewers.py`) they differ from `rig` in the order of
-layers, in the falloff, and in that each layer is rounded.
+(`tests/foreign_viewers/`). Beside the blur (`recon/result/splats/viewers.py`) they differ from `rig` in the
+order of layers, in the falloff, and in that each layer is rounded.
 """
 
 import math
@@ -15,7 +15,7 @@ import torch
 from imaging.arrays import Array
 from imaging.compute.jit import kernel
 from recon.exports.splats import Splats
-from recon.result.viewers import PLAYCANVAS_BLUR, SPARK_BLUR
+from recon.result.splats.viewers import PLAYCANVAS_BLUR, SPARK_BLUR
 from recon.scene.appearance import PlainHarmonics
 from recon.splat import SplatCamera
 from recon.splat.reference import rotation_matrices

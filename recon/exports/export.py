@@ -21,7 +21,7 @@ from recon.exports.request import ExportRequest, FormatName
 from recon.exports.splats import sound
 from recon.exports.target_coordinates import place_of
 from recon.result.scene import Scene, open_scene
-from recon.result.viewers import MOST_CODE
+from recon.result.splats.viewers import MOST_CODE
 
 _DEFAULTS = ExportRequest()
 

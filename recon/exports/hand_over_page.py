@@ -8,7 +8,7 @@ from pathlib import Path
 from recon.exports.job import Job
 from recon.exports.loss import Loss
 from recon.result.scene import Scene
-from recon.result.splat_files import what_is_shown
+from recon.result.splats.splat_files import what_is_shown
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 46rem;

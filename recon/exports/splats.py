@@ -12,11 +12,11 @@ from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform
 from recon.exports import decoding
-from recon.result.display_colours import LitScene, display_colours, steps_after
 from recon.result.environment_files import dome_of
 from recon.result.model import SPLATS, DisplayValues
 from recon.result.scene import Scene
-from recon.result.splat_files import shown_in_colour
+from recon.result.splats.display_colours import LitScene, display_colours, steps_after
+from recon.result.splats.splat_files import shown_in_colour
 from recon.scene.environment import Environment
 from recon.scene.gaussians import GEOMETRY, Gaussians
 from recon.scene.harmonics import C0, COEFFICIENTS

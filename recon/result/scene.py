@@ -20,11 +20,11 @@ from imaging.notebook import gallery
 from imaging.session.paths import find_reconstruction
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
-from recon.result.display import in_colour, picture
-from recon.result.foreign import read_splats
 from recon.result.layer_names import LAYERS
 from recon.result.layer_names import Layer as LayerName
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model
+from recon.result.splats.display import in_colour, picture
+from recon.result.splats.foreign import read_splats
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import Environment
@@ -271,8 +271,8 @@ def open_scene(folder: str | PathLike[str]) -> Scene:
     """Open a finished reconstruction, the newest of a session, or splats of another program.
 
     Args:
-        folder: Folder of the reconstruction or session, a PLY, SPZ or USD file (`recon.result.foreign`), or
-            an open scene, which is returned as it is.
+        folder: Folder of the reconstruction or session, a PLY, SPZ or USD file
+            (`recon.result.splats.foreign`), or an open scene, which is returned as it is.
 
     Returns:
         The scene.

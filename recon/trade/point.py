@@ -24,8 +24,8 @@ from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
 from recon.result.opened import open_model
 from recon.trade.trade_record import FOLDER, Choice, Point, Trade, key_of
-from recon.train.training_device import training_device
-from recon.train.warm_up import warm_up
+from recon.train.devices.training_device import training_device
+from recon.train.devices.warm_up import warm_up
 
 
 class OutOfTime(Exception):

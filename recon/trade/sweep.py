@@ -35,7 +35,7 @@ from recon.trade.trade_record import (
     key_of,
     read_trade,
 )
-from recon.train.training_device import gpus
+from recon.train.devices.training_device import gpus
 
 
 @checked

@@ -13,7 +13,7 @@ from recon.methods.method import Method
 from recon.observe.refinement import Refinement
 from recon.observe.shot_comparison import psnr_of, shot_psnr
 from recon.scene.gaussians import Gaussians, Renderer
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 
 MOST_VIEWS = 4
 MOST_MOMENTS = 16

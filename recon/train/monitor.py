@@ -11,10 +11,10 @@ from torch import Tensor
 
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
+from recon.train.devices.ranks import Ranks
 from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import Interrupt
 from recon.train.live_curve import Moment, chosen_views, period
-from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
 from recon.train.training import Plan, Steer, Training
 

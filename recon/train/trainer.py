@@ -17,11 +17,11 @@ from recon.splat import Render
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.densification import Density, DensityControl
+from recon.train.devices.ranks import Ranks
 from recon.train.finite_losses import FiniteLosses
 from recon.train.half_size import HalfSize, halves
 from recon.train.interrupt import deferred
 from recon.train.monitor import Hooks, Monitor
-from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule, far_rate_factor
 from recon.train.training import Plan, Training
 

@@ -17,8 +17,8 @@ from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatStats
 from recon.train.adam import Adam
 from recon.train.densification import DensityRules
+from recon.train.devices.ranks import Ranks
 from recon.train.live_curve import Moment, held_out_psnr
-from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
 
 _CPU = torch.device("cpu")

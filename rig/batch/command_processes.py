@@ -193,7 +193,7 @@ def begun(count: int, address: str | None, cores: int) -> Iterator[Workers]:
     """
     workers: Workers
     if address is None:
-        from recon.train.training_device import gpus
+        from recon.train.devices.training_device import gpus
 
         workers = LocalWorkers(count, gpus())
     else:

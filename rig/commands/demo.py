@@ -12,8 +12,8 @@ from imaging.session import calibration as calibrations
 from recon.decide import request as requests
 from recon.decide.cost import budget as budgets
 from recon.decide.presets import MethodName
-from recon.train import training_device as devices
-from recon.train import warm_up
+from recon.train.devices import training_device as devices
+from recon.train.devices import warm_up
 from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate

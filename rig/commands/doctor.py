@@ -10,8 +10,8 @@ from capture.rigfile import network_address
 from drivers import conformance, discovery, host
 from imaging import stress_case
 from imaging.errors import CameraError, InputError
-from recon.train import gpu_check
-from recon.train import training_device as devices
+from recon.train.devices import gpu_check
+from recon.train.devices import training_device as devices
 from rig import stability as stresses
 from rig.cameras.usb_bus import open_bus, open_network
 from rig.options.camera_addresses import addresses_of

@@ -18,7 +18,7 @@ from capture.request import RigRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all
-from drivers.ptp.codes import Operation
+from drivers.ptp.protocol.codes import Operation
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.genicam.lines import Wire

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from drivers.errors import CameraTimeout
-from drivers.ptp.codec import Command, Data, Event, Header, Response, pack_value, parse
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Command, Data, Event, Header, Response, pack_value, parse
+from drivers.ptp.protocol.codes import (
     DataType,
     EventCode,
     Operation,

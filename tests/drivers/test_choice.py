@@ -11,7 +11,7 @@ from drivers.camera import Capabilities
 from drivers.clock import SystemClock
 from drivers.discovery import ConnectedCamera, ask_all, find_cameras
 from drivers.gphoto2 import Gphoto2Camera
-from drivers.ptp.codes import VendorId
+from drivers.ptp.protocol.codes import VendorId
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp import dials
 from drivers.sim.ptp.profiles import profile

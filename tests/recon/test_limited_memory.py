@@ -29,7 +29,7 @@ from recon.decide.cost.memory_need import need
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 warm_up(lambda *told: None)
 first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 before = resource.getrlimit(resource.RLIMIT_AS)

@@ -30,7 +30,7 @@ from recon.decide.steps.size import COLOUR, COUNT
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 CAP = QUALITIES["standard"].gaussians
 COUNTS = (1250, 2500, 5000, 10_000, 20_000, 40_000)

@@ -33,7 +33,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 RIGHT = 0.95
 """Share of the rungs that has to be right."""

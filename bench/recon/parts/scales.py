@@ -43,9 +43,9 @@ from recon.splat import Limits, Render, SplatCamera, rasterize
 from recon.splat.reference import rotation_matrices
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.devices.warm_up import warm_up
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
-from recon.train.warm_up import warm_up
 
 WIDTHS = {"lego": 100, "demo": 80, "castle": 200, "monstree": 60}
 """Widths of training, px: a quarter of the full ones."""

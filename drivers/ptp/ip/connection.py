@@ -17,11 +17,11 @@ from drivers.errors import (
     CameraRefused,
     CameraTimeout,
 )
-from drivers.ptp.codec import damaged
-from drivers.ptp.connection import REPLUG_SECONDS, identified
 from drivers.ptp.ip.packets import VERSION, Link, PacketType, place_of
 from drivers.ptp.ip.transport import IpTransport
-from drivers.ptp.session import QUICK_TIMEOUT, PtpSession
+from drivers.ptp.protocol.codec import damaged
+from drivers.ptp.protocol.connection import REPLUG_SECONDS, identified
+from drivers.ptp.protocol.session import QUICK_TIMEOUT, PtpSession
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from enum import IntEnum
 
 from drivers.errors import CameraLost, CameraNotFound, CameraTimeout
-from drivers.ptp.codec import damaged
+from drivers.ptp.protocol.codec import damaged
 
 PORT = 15740
 """Port of cameras."""

@@ -7,9 +7,9 @@ from contextlib import suppress
 
 from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
-from drivers.ptp.codec import Command, Event, Response, damaged
 from drivers.ptp.ip.packets import HEAD, Link, PacketType
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
+from drivers.ptp.protocol.codec import Command, Event, Response, damaged
+from drivers.ptp.protocol.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
 from imaging.errors import CameraError
 
 _NO_DATA_OUT, _DATA_OUT = 1, 2

@@ -12,11 +12,18 @@ from dataclasses import replace
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Reader, Value
-from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType, Operation, ResponseCode
-from drivers.ptp.datasets import DevicePropDesc, EnumForm
 from drivers.ptp.exposure import CANON_DIALS, Dial
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download, RefusedWith
+from drivers.ptp.protocol.codec import Reader, Value
+from drivers.ptp.protocol.codes import (
+    CanonEvent,
+    CanonOperation,
+    CanonProperty,
+    DataType,
+    Operation,
+    ResponseCode,
+)
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm
+from drivers.ptp.protocol.session import PATIENCE, QUICK_TIMEOUT, Download, RefusedWith
 from drivers.ptp.vendors.canon_records import OBJECTS, unpack_object, unpack_records
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import GRACE, deadline

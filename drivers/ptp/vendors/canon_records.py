@@ -8,10 +8,10 @@ Verified against: the simulated cameras, which follow the same notes; no hardwar
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from drivers.ptp.codec import Reader, damaged
-from drivers.ptp.codes import CanonEvent, FormatCode
-from drivers.ptp.datasets import ObjectInfo
-from drivers.ptp.session import Download
+from drivers.ptp.protocol.codec import Reader, damaged
+from drivers.ptp.protocol.codes import CanonEvent, FormatCode
+from drivers.ptp.protocol.datasets import ObjectInfo
+from drivers.ptp.protocol.session import Download
 
 _SUFFIXES = {
     FormatCode.EXIF_JPEG: ".JPG",

@@ -10,8 +10,10 @@ from contextlib import suppress
 
 from drivers.errors import CameraLost, CameraRefused, CameraTimeout
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Event, Reader, Value, damaged
-from drivers.ptp.codes import (
+from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
+from drivers.ptp.picture import has_raw
+from drivers.ptp.protocol.codec import Event, Reader, Value, damaged
+from drivers.ptp.protocol.codes import (
     UNKNOWN_LENGTH,
     DataType,
     EventCode,
@@ -21,10 +23,8 @@ from drivers.ptp.codes import (
     Operation,
     PropertyCode,
 )
-from drivers.ptp.datasets import EnumForm
-from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
-from drivers.ptp.picture import has_raw
-from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
+from drivers.ptp.protocol.datasets import EnumForm
+from drivers.ptp.protocol.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors import nikon_brackets
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline

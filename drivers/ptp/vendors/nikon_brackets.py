@@ -6,8 +6,8 @@ have the frames in the low byte of a program; those before number both, and each
 """
 
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Value
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.codec import Value
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 
 _STEPS = {
     3: {0: 1, 2: 2, 3: 3},

@@ -9,8 +9,10 @@ from collections.abc import Generator
 
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Reader, Value, damaged, pack_value
-from drivers.ptp.codes import (
+from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
+from drivers.ptp.picture import has_raw
+from drivers.ptp.protocol.codec import Reader, Value, damaged, pack_value
+from drivers.ptp.protocol.codes import (
     UNKNOWN_LENGTH,
     DataType,
     Operation,
@@ -19,10 +21,15 @@ from drivers.ptp.codes import (
     SonyOperation,
     SonyProperty,
 )
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
-from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
-from drivers.ptp.picture import has_raw
-from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download, RefusedWith
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.session import (
+    PATIENCE,
+    PROMPT_TIMEOUT,
+    QUICK_TIMEOUT,
+    READY_TIMEOUT,
+    Download,
+    RefusedWith,
+)
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError

@@ -10,11 +10,11 @@ from collections.abc import Generator
 
 from drivers.errors import CameraRefused
 from drivers.ptp.autobracket import AutoBracket
-from drivers.ptp.codec import Value
-from drivers.ptp.codes import FormatCode, Operation, PropertyCode, VendorId
-from drivers.ptp.datasets import DevicePropDesc
 from drivers.ptp.exposure import FUJI_TIME, STANDARD_F_NUMBER, STANDARD_ISO, STANDARD_TIME, Dial
-from drivers.ptp.session import PATIENCE, Download, PtpSession
+from drivers.ptp.protocol.codec import Value
+from drivers.ptp.protocol.codes import FormatCode, Operation, PropertyCode, VendorId
+from drivers.ptp.protocol.datasets import DevicePropDesc
+from drivers.ptp.protocol.session import PATIENCE, Download, PtpSession
 from drivers.ptp.shutter import Coding
 from drivers.ptp.waiting import drain, wait_for_objects
 

@@ -5,8 +5,8 @@ Records after libgphoto2's ptp-pack.c: u32 length, u32 type, fields; an empty re
 
 import struct
 
-from drivers.ptp.codec import pack_array, pack_string
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import pack_array, pack_string
+from drivers.ptp.protocol.codes import (
     CanonEvent,
     CanonOperation,
     CanonProperty,

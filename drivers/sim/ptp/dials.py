@@ -8,7 +8,7 @@ Sources: libgphoto2 for the codes of the makers; what real cameras answer in its
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from drivers.ptp.codes import CanonProperty, DataType, NikonProperty, PropertyCode, SonyProperty
+from drivers.ptp.protocol.codes import CanonProperty, DataType, NikonProperty, PropertyCode, SonyProperty
 from drivers.sim.camera import shutter
 
 Setting = Literal["time", "f_number", "iso"]

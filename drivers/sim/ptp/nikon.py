@@ -2,8 +2,8 @@
 
 import struct
 
-from drivers.ptp.codec import pack_array
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import pack_array
+from drivers.ptp.protocol.codes import (
     DataType,
     EventCode,
     NikonEvent,

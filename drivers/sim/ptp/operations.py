@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codes import (
     CanonOperation,
     NikonOperation,
     Operation,

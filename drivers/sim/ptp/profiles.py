@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
 
-from drivers.ptp.codes import FormatCode, NikonEvent, SonyEvent, VendorId
+from drivers.ptp.protocol.codes import FormatCode, NikonEvent, SonyEvent, VendorId
 from drivers.sim.ptp import dials as dials
 from drivers.sim.ptp.dials import SimulatedDial
 from imaging.errors import InputError

@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 from drivers.errors import CameraProtocol
-from drivers.ptp.codec import Reader, Value
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Reader, Value
+from drivers.ptp.protocol.codes import (
     DataType,
     NikonProperty,
     PropertyCode,
     ResponseCode,
     SonyProperty,
 )
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.sim.ptp.profiles import CameraProfile, Style
 from drivers.sim.ptp.shooting import Shooting
 

@@ -10,9 +10,9 @@ import threading
 from contextlib import suppress
 from dataclasses import replace
 
-from drivers.ptp.codec import Event
-from drivers.ptp.codes import ResponseCode
 from drivers.ptp.ip.packets import PORT, VERSION, PacketType
+from drivers.ptp.protocol.codec import Event
+from drivers.ptp.protocol.codes import ResponseCode
 from drivers.sim.faults import Kind
 from drivers.sim.ptp.operations import Reply, Request
 from drivers.sim.ptp.responder import Responder

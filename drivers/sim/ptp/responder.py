@@ -6,9 +6,9 @@
 
 from collections.abc import Callable
 
-from drivers.ptp.codec import Event, pack_array, pack_value
-from drivers.ptp.codes import DataType, EventCode, NikonOperation, Operation, ResponseCode
-from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.protocol.codec import Event, pack_array, pack_value
+from drivers.ptp.protocol.codes import DataType, EventCode, NikonOperation, Operation, ResponseCode
+from drivers.ptp.protocol.datasets import DeviceInfo
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import CAPTURE_FAULTS, Fault, FaultPlan, Kind
 from drivers.sim.ptp.canon import Canon

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from drivers.camera import CameraFile
-from drivers.ptp.codec import Value
-from drivers.ptp.codes import FormatCode, ResponseCode
+from drivers.ptp.protocol.codec import Value
+from drivers.ptp.protocol.codes import FormatCode, ResponseCode
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, Kind

@@ -2,8 +2,8 @@
 
 import struct
 
-from drivers.ptp.codec import Event, pack_array, pack_value, unpack_value
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Event, pack_array, pack_value, unpack_value
+from drivers.ptp.protocol.codes import (
     DataType,
     Operation,
     PropertyCode,
@@ -12,7 +12,7 @@ from drivers.ptp.codes import (
     SonyOperation,
     SonyProperty,
 )
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.sim.ptp.operations import Handler, Phase, Reply, Request
 from drivers.sim.ptp.properties import SONY_BRACKETS
 from drivers.sim.ptp.shooting import Announcement, News

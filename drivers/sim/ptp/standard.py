@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from drivers.ptp.codec import Event
-from drivers.ptp.codes import EventCode, Operation
+from drivers.ptp.protocol.codec import Event
+from drivers.ptp.protocol.codes import EventCode, Operation
 from drivers.sim.ptp.operations import Handler, Reply, Request
 from drivers.sim.ptp.properties import SimulatedProperties
 from drivers.sim.ptp.shooting import Announcement, News, Shooting

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from drivers.ptp.codec import pack_moment
-from drivers.ptp.codes import EVERY_FORMAT, EVERY_PARENT, ROOT_PARENT, FormatCode
-from drivers.ptp.datasets import ObjectInfo, StorageInfo
+from drivers.ptp.protocol.codec import pack_moment
+from drivers.ptp.protocol.codes import EVERY_FORMAT, EVERY_PARENT, ROOT_PARENT, FormatCode
+from drivers.ptp.protocol.datasets import ObjectInfo, StorageInfo
 
 STORAGE = 0x00010001
 _ROOT, _FOLDER, _FIRST_FILE = 0x10000000, 0x10010000, 0x10010001

@@ -7,8 +7,8 @@ import struct
 from dataclasses import replace
 
 from drivers.errors import CameraProtocol
-from drivers.ptp.codec import HEADER_SIZE, Command, ContainerType, Data, Event, Header, Response
-from drivers.ptp.codes import ResponseCode
+from drivers.ptp.protocol.codec import HEADER_SIZE, Command, ContainerType, Data, Event, Header, Response
+from drivers.ptp.protocol.codes import ResponseCode
 from drivers.sim.faults import Fault, Kind
 from drivers.sim.ptp.operations import Request
 from drivers.sim.ptp.responder import Responder

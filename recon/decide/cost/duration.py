@@ -21,8 +21,8 @@ from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
 from recon.decide.steps import corrections, far_field, size
 from recon.decide.trials import FEWEST_VIEWS, HELD_OUT
+from recon.train.devices.training_device import training_device
 from recon.train.half_size import UNTIL, begins_halved, halves
-from recon.train.training_device import training_device
 
 BEGIN = 10.0
 """Processor seconds of imports, of kernels that were compiled before, and of files that are written."""

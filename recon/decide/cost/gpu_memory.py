@@ -17,7 +17,7 @@ from recon.decide.cost.memory_need import ADAM, NUMBERS, step_bytes
 from recon.decide.settings import Settings
 from recon.decide.steps.size import most_for
 from recon.scene.harmonics import DEGREE
-from recon.train.training_device import device_name
+from recon.train.devices.training_device import device_name
 
 TABLES = 600
 """Bytes of a Gaussian beside its numbers: projected (105), its gradients and moments (116), its statistics,

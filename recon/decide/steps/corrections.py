@@ -23,8 +23,8 @@ from recon.decide.steps.stray_light import glare_of
 from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
+from recon.train.devices.training_device import CPU
 from recon.train.training import Training
-from recon.train.training_device import CPU
 
 ALL: tuple[Refined, ...] = get_args(Refined)
 TRIED: tuple[Refined, ...] = ("poses", "exposures", "vignetting")

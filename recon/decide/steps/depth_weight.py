@@ -17,7 +17,7 @@ from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Trials, room
 from recon.start.initialisation import points_of_poses
-from recon.train.training_device import CPU
+from recon.train.devices.training_device import CPU
 
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)

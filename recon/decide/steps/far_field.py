@@ -19,7 +19,7 @@ from recon.decide.trials import HELD_OUT, Trials, room
 from recon.start.far_light import far_light, looked_through
 from recon.start.initialisation import Start, colours_at
 from recon.start.plane_sweep import plane_sweep, sample
-from recon.train.training_device import CPU
+from recon.train.devices.training_device import CPU
 
 NAME = "environment"
 SUGGESTED, SURE = 0.05, 0.16

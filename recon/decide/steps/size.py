@@ -25,7 +25,7 @@ from recon.observe.refinement import Refined
 from recon.scene.harmonics import DEGREE
 from recon.scene.ply import most_gaussians
 from recon.start.initialisation import Start
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 
 COUNT, COLOUR = "number of Gaussians", "direction-dependent colour"
 TRIAL_SHARE = 0.1

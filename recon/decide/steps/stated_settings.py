@@ -21,7 +21,7 @@ from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Steps, Trials, room
 from recon.start.initialisation import colours_at
-from recon.train.training_device import CPU
+from recon.train.devices.training_device import CPU
 
 
 def overruled_parts(

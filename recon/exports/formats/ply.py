@@ -9,7 +9,7 @@ from recon.albedo.estimate import Albedo
 from recon.data.world import Vector
 from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
-from recon.result.splat_files import BLENDED, what_is_shown
+from recon.result.splats.splat_files import BLENDED, what_is_shown
 from recon.scene.ply import write_ply
 
 SOLID = 0.5

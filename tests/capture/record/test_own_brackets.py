@@ -10,7 +10,7 @@ from capture.check.check import check
 from capture.record.recorder import record
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera
-from drivers.ptp.codes import PropertyCode, ResponseCode
+from drivers.ptp.protocol.codes import PropertyCode, ResponseCode
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault, Kind
 from drivers.sim.ptp import profiles

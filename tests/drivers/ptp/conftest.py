@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from drivers.ptp.codec import Command, Data, Header, Response, parse
-from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.protocol.codec import Command, Data, Header, Response, parse
+from drivers.ptp.protocol.codes import Operation, ResponseCode
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.descriptors import Description, Endpoint, Interface
 from drivers.sim.usb.port import Port, Setup, Stall

@@ -10,7 +10,7 @@ from drivers.camera import CameraFile
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera
 from drivers.ptp.autobracket import AutoBracket, best_fit, fit, shows
-from drivers.ptp.codes import CanonProperty, NikonProperty, PropertyCode
+from drivers.ptp.protocol.codes import CanonProperty, NikonProperty, PropertyCode
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault
 from drivers.sim.ptp import profiles

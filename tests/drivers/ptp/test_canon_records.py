@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.ptp.codes import CanonOperation, Operation, ResponseCode
+from drivers.ptp.protocol.codes import CanonOperation, Operation, ResponseCode
 from drivers.ptp.vendors.canon_records import OBJECTS, unpack_object, unpack_records
 from drivers.sim.ptp.canon import Canon
 from drivers.sim.ptp.operations import Reply, Request

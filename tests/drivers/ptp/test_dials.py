@@ -7,10 +7,10 @@ import pytest
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.ptp import exposure, shutter
-from drivers.ptp.codec import Event, Value
-from drivers.ptp.codes import DataType
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import Dial
+from drivers.ptp.protocol.codec import Event, Value
+from drivers.ptp.protocol.codes import DataType
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.shutter import Coding
 from drivers.ptp.vendors import nikon, sony
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused
-from drivers.ptp.codes import NikonProperty, ResponseCode, SonyOperation
+from drivers.ptp.protocol.codes import NikonProperty, ResponseCode, SonyOperation
 from drivers.sim.faults import Fault, Kind
 from drivers.sim.ptp.dials import SimulatedDial
 from drivers.sim.ptp.operations import Reply

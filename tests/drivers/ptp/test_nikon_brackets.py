@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivers.ptp.codec import Value
-from drivers.ptp.codes import DataType, NikonProperty
-from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.codec import Value
+from drivers.ptp.protocol.codes import DataType, NikonProperty
+from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.vendors.nikon_brackets import offered, values
 
 NEW_STEPS = EnumForm((2, 4, 6, 12, 18))

@@ -8,7 +8,7 @@ from drivers.camera import CameraFile
 from drivers.discovery import ConnectedCamera, ask_all
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
-from drivers.ptp.codes import CanonOperation, NikonOperation, Operation, ResponseCode, SonyOperation
+from drivers.ptp.protocol.codes import CanonOperation, NikonOperation, Operation, ResponseCode, SonyOperation
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp.operations import Handler, Reply, Request
 from drivers.sim.ptp.profiles import PROFILES, profile

@@ -8,8 +8,8 @@ import pytest
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
 from drivers.ptp import find_cameras
-from drivers.ptp.codes import PropertyCode
-from drivers.ptp.session import Download
+from drivers.ptp.protocol.codes import PropertyCode
+from drivers.ptp.protocol.session import Download
 from drivers.ptp.vendors.canon import CanonBody
 from drivers.ptp.vendors.nikon import NikonBody, nef_setting
 from drivers.ptp.vendors.sony import SonyBody

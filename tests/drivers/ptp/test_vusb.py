@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ptp.codes import FormatCode, PropertyCode
-from drivers.ptp.session import Download, PtpSession
-from drivers.ptp.transport import UsbTransport
+from drivers.ptp.protocol.codes import FormatCode, PropertyCode
+from drivers.ptp.protocol.session import Download, PtpSession
+from drivers.ptp.protocol.transport import UsbTransport
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.descriptors import Description, Endpoint, Interface
 from drivers.sim.usb.port import Port, Setup, Stall

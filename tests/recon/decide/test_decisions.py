@@ -15,7 +15,7 @@ from recon.decide.decisions import NO_TIME, decide
 from recon.decide.evidence import Evidence, Run
 from recon.decide.overrides import Overrides
 from recon.decide.plan import TrainingPlan
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 
 from .steps.test_corrections import settings
 

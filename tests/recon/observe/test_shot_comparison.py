@@ -22,8 +22,8 @@ from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
 from recon.observe.shot_comparison import shot_psnr
 from recon.splat import SplatCamera
+from recon.train.devices.ranks import Ranks
 from recon.train.live_curve import held_out_psnr
-from recon.train.ranks import Ranks
 
 LINEAR = Response(kind="linear", evidence="test")
 WHITE, BLACK, CEILING = 16383, 512, 15300

@@ -19,7 +19,7 @@ from imaging.compute.threads import share, take_number
 from recon.splat import SplatCamera, rasterize, tables
 from recon.splat.cpu import lanes, tiles
 from recon.splat.cpu.composite import cover
-from recon.train.warm_up import warm_up
+from recon.train.devices.warm_up import warm_up
 
 
 @kernel

@@ -13,7 +13,7 @@ from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import RATE, Environment
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.ranks import Ranks
+from recon.train.devices.ranks import Ranks
 from recon.train.schedule import USUAL, rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

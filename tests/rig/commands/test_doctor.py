@@ -10,7 +10,7 @@ from drivers import conformance, discovery
 from drivers.camera import Camera
 from drivers.conformance import EXAMINATIONS
 from drivers.errors import CameraTimeout
-from recon.train import gpu_check, training_device
+from recon.train.devices import gpu_check, training_device
 
 from .refusals import assert_refused
 

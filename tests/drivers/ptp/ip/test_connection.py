@@ -18,10 +18,11 @@ from drivers.errors import (
     CameraRefused,
     CameraTimeout,
 )
-from drivers.ptp import PtpCamera, cameras_at, session
+from drivers.ptp import PtpCamera, cameras_at
 from drivers.ptp.ip import connection
 from drivers.ptp.ip.connection import connect, own_guid, own_name
 from drivers.ptp.ip.packets import PacketType
+from drivers.ptp.protocol import session
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.ptp.profiles import PROFILES, profile

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
-from drivers.ptp.codec import Command, Event, Response
-from drivers.ptp.codes import Operation, ResponseCode
 from drivers.ptp.ip import transport as module
 from drivers.ptp.ip.connection import connect
 from drivers.ptp.ip.packets import PacketType
 from drivers.ptp.ip.transport import IpTransport
+from drivers.ptp.protocol.codec import Command, Event, Response
+from drivers.ptp.protocol.codes import Operation, ResponseCode
 
 from .peers import Answer, Peer, data, packet, peer, response
 

@@ -16,10 +16,10 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import CameraNotFound
-from drivers.ptp.codes import FormatCode, PropertyCode
-from drivers.ptp.connection import body_for
 from drivers.ptp.ip.connection import connect
-from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.protocol.codes import FormatCode, PropertyCode
+from drivers.ptp.protocol.connection import body_for
+from drivers.ptp.protocol.session import Download, PtpSession
 from drivers.ptp.vendors.canon import CanonBody
 
 VCAM = shutil.which("vcam")

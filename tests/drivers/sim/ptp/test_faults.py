@@ -14,8 +14,8 @@ import pytest
 from drivers.camera import CameraFile
 from drivers.errors import CameraLost, CameraTimeout
 from drivers.ptp.camera import PtpCamera, find_cameras
-from drivers.ptp.codec import Command, Event, Header
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Command, Event, Header
+from drivers.ptp.protocol.codes import (
     DataType,
     EventCode,
     Operation,

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol, CameraTimeout
-from drivers.ptp.codec import Command, Data
-from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.protocol.codec import Command, Data
+from drivers.ptp.protocol.codes import Operation, ResponseCode
 from drivers.sim.ptp.operations import Phase, Request
 from drivers.sim.ptp.profiles import PROFILES
 

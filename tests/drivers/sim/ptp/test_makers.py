@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codes import (
     CanonOperation,
     CanonProperty,
     DataType,

@@ -13,7 +13,7 @@ from pathlib import Path
 import exifread
 import pytest
 
-from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.protocol.codes import Operation, ResponseCode
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.sim.ptp.ptpip import PtpIpServer, listen

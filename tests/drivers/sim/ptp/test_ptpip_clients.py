@@ -10,8 +10,8 @@ import pytest
 
 from drivers.clock import THIS_MACHINE
 from drivers.errors import CameraClaimed
-from drivers.ptp.codes import Operation, ResponseCode, SonyOperation, SonyProperty
 from drivers.ptp.ip.connection import connect
+from drivers.ptp.protocol.codes import Operation, ResponseCode, SonyOperation, SonyProperty
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp import ptpip
 from drivers.sim.ptp.profiles import profile

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import rawpy
 
-from drivers.ptp.codec import Event, unpack_value
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Event, unpack_value
+from drivers.ptp.protocol.codes import (
     DataType,
     EventCode,
     FormatCode,
@@ -20,7 +20,7 @@ from drivers.ptp.codes import (
     PropertyCode,
     ResponseCode,
 )
-from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo, StorageInfo
+from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo, StorageInfo
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.usb import STILL_IMAGE, EndpointStalled, find

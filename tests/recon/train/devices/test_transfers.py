@@ -28,8 +28,8 @@ from recon.observe.tone_grid import curve_parameters
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatCamera
-from recon.train import ranks
 from recon.train.densification import DensityRules
+from recon.train.devices import ranks
 from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

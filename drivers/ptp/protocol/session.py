@@ -6,8 +6,8 @@ from typing import TypeVar
 
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.ptp.codec import Command, Event, Reader, Response, Value, pack_value
-from drivers.ptp.codes import (
+from drivers.ptp.protocol.codec import Command, Event, Reader, Response, Value, pack_value
+from drivers.ptp.protocol.codes import (
     EVERY_FORMAT,
     EVERY_PARENT,
     EVERY_STORAGE,
@@ -16,8 +16,8 @@ from drivers.ptp.codes import (
     Operation,
     ResponseCode,
 )
-from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost, Transport
+from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
+from drivers.ptp.protocol.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost, Transport
 
 SESSION = 1
 QUICK_TIMEOUT = 8.0

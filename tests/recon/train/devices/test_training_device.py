@@ -15,8 +15,8 @@ from recon.data.load import load
 from recon.methods import METHODS
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.start.initialisation import gaussians_at, start_points
+from recon.train.devices.training_device import device_name, gpus, training_device
 from recon.train.training import Training
-from recon.train.training_device import device_name, gpus, training_device
 
 META = torch.device("meta")
 
@@ -68,11 +68,13 @@ def test_the_device_of_this_machine_has_a_name() -> None:
 
 
 def test_each_gpu_is_named_as_a_process_is_given_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recon.train.training_device.training_device", lambda: torch.device("cuda", 0))
+    monkeypatch.setattr(
+        "recon.train.devices.training_device.training_device", lambda: torch.device("cuda", 0)
+    )
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     assert gpus() == ["0", "1"]
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3,GPU-ab")
     assert gpus() == ["3", "GPU-ab"]
-    monkeypatch.setattr("recon.train.training_device.training_device", lambda: torch.device("cpu"))
+    monkeypatch.setattr("recon.train.devices.training_device.training_device", lambda: torch.device("cpu"))
     assert gpus() == []

@@ -19,9 +19,9 @@ from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.result.model import MODEL
 from recon.splat.gpu import rasterizer
-from recon.train import gpu_check
-from recon.train.gpu_check import GpuCheck, checked, compared, examined, trusted
-from recon.train.warm_up import warm_up
+from recon.train.devices import gpu_check
+from recon.train.devices.gpu_check import GpuCheck, checked, compared, examined, trusted
+from recon.train.devices.warm_up import warm_up
 from tests.recon.interpreter import quick_interpreter
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")

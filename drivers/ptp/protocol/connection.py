@@ -9,9 +9,9 @@ from drivers import usb
 from drivers.camera import CameraIdentity
 from drivers.clock import Clock
 from drivers.errors import CameraLost
-from drivers.ptp.codes import USB_VENDORS, CanonOperation, SonyOperation, VendorId
-from drivers.ptp.session import PtpSession
-from drivers.ptp.transport import UsbTransport
+from drivers.ptp.protocol.codes import USB_VENDORS, CanonOperation, SonyOperation, VendorId
+from drivers.ptp.protocol.session import PtpSession
+from drivers.ptp.protocol.transport import UsbTransport
 from drivers.ptp.vendors.canon import CanonBody
 from drivers.ptp.vendors.nikon import NikonBody
 from drivers.ptp.vendors.sony import SonyBody

@@ -9,10 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol
-from drivers.ptp import codec
-from drivers.ptp.codec import Command, Container, ContainerType, Data, Event, Header, Reader, Response
-from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation
-from drivers.ptp.datasets import (
+from drivers.ptp.protocol import codec
+from drivers.ptp.protocol.codec import (
+    Command,
+    Container,
+    ContainerType,
+    Data,
+    Event,
+    Header,
+    Reader,
+    Response,
+)
+from drivers.ptp.protocol.codes import UNKNOWN_LENGTH, DataType, Operation
+from drivers.ptp.protocol.datasets import (
     DeviceInfo,
     DevicePropDesc,
     EnumForm,

@@ -27,7 +27,7 @@ from recon.splat import Limits, Render, SplatCamera, SplatStats
 from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.moved import DELTA, moved
 from recon.splat.raster_types import RasterInputs
-from recon.train.training_device import device_name
+from recon.train.devices.training_device import device_name
 
 COUNT, WIDTH, HEIGHT = 500, 96, 64
 DIMMEST, BRIGHTEST = 1e-4, 1e4

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.ptp.codec import Command, Data, Response
-from drivers.ptp.codes import DataType, Operation, PropertyCode, ResponseCode
-from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.session import PATIENCE, PIECE, Download, PtpSession, RefusedWith
-from drivers.ptp.transport import UsbTransport
+from drivers.ptp.protocol.codec import Command, Data, Response
+from drivers.ptp.protocol.codes import DataType, Operation, PropertyCode, ResponseCode
+from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
+from drivers.ptp.protocol.session import PATIENCE, PIECE, Download, PtpSession, RefusedWith
+from drivers.ptp.protocol.transport import UsbTransport
 
 IN = 0x81
 INFO = DeviceInfo(model="Scripted", serial="A1", operations=(Operation.GET_PARTIAL_OBJECT,))

@@ -11,8 +11,8 @@ from torch import Tensor
 from imaging.arrays import Array
 from imaging.colour.spaces import srgb_encode
 from imaging.progress import Progress
-from recon.result.display import displayed
-from recon.result.viewers import viewers_of
+from recon.result.splats.display import displayed
+from recon.result.splats.viewers import viewers_of
 from recon.scene.appearance import Rate
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer
 from recon.scene.harmonics import C0, COEFFICIENTS

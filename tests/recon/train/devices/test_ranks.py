@@ -24,13 +24,13 @@ from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
+from recon.train.devices.ranks import Ranks, joined
 from recon.train.monitor import Hooks
-from recon.train.ranks import Ranks, joined
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 PLAN = Plan(12, DensityRules(700, every=0.1), seed=5, batch=2, log_every=4)
 
 

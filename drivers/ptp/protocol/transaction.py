@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.errors import CameraTimeout
-from drivers.ptp.codec import Command, Event, Response
+from drivers.ptp.protocol.codec import Command, Event, Response
 from imaging.errors import CameraError
 
 TIMEOUT = 20.0

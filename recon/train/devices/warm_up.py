@@ -10,7 +10,7 @@ from recon.observe.kernels.linear_kernel import Sites, recorded
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.splat.limits import CHANNELS_MOST
-from recon.train.gpu_check import checked
+from recon.train.devices.gpu_check import checked
 
 _CPU = torch.device("cpu")
 
@@ -27,7 +27,7 @@ def warm_up(
 
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `imaging.compute.jit`; Triton has a cache of its own) and loaded in a fraction of a second
-    afterwards. A GPU's kernels are compared with the CPU's then (`recon.train.gpu_check`).
+    afterwards. A GPU's kernels are compared with the CPU's then (`recon.train.devices.gpu_check`).
 
     Args:
         progress: Callback for the current step, the steps done, and all of them.

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
-from drivers.ptp.codec import Command, Data, Event, Header, Response
-from drivers.ptp.codes import UNKNOWN_LENGTH, EventCode, Operation, ResponseCode
-from drivers.ptp.transport import UsbTransport
+from drivers.ptp.protocol.codec import Command, Data, Event, Header, Response
+from drivers.ptp.protocol.codes import UNKNOWN_LENGTH, EventCode, Operation, ResponseCode
+from drivers.ptp.protocol.transport import UsbTransport
 from drivers.usb import EndpointStalled
 
 OUT, IN, INTERRUPT = 0x02, 0x81, 0x83

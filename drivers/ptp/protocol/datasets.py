@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
 
-from drivers.ptp.codec import Reader, Value, damaged, pack_array, pack_string, pack_value
-from drivers.ptp.codes import UNKNOWN_LENGTH, DataType
+from drivers.ptp.protocol.codec import Reader, Value, damaged, pack_array, pack_string, pack_value
+from drivers.ptp.protocol.codes import UNKNOWN_LENGTH, DataType
 
 _U8, _U16, _U32, _U64 = DataType.UINT8, DataType.UINT16, DataType.UINT32, DataType.UINT64
 

@@ -8,9 +8,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.ptp import find_cameras
-from drivers.ptp.codec import Command, Data, Event, Response
-from drivers.ptp.codes import CanonOperation, DataType, Operation, ResponseCode, SonyOperation, VendorId
-from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo
+from drivers.ptp.protocol.codec import Command, Data, Event, Response
+from drivers.ptp.protocol.codes import (
+    CanonOperation,
+    DataType,
+    Operation,
+    ResponseCode,
+    SonyOperation,
+    VendorId,
+)
+from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.sim.ptp.responder import Responder

@@ -10,7 +10,7 @@ from functools import partial
 
 from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
-from drivers.ptp.codec import (
+from drivers.ptp.protocol.codec import (
     HEADER_SIZE,
     Command,
     ContainerType,
@@ -21,8 +21,8 @@ from drivers.ptp.codec import (
     Response,
     damaged,
 )
-from drivers.ptp.codes import UNKNOWN_LENGTH, EventCode, ResponseCode
-from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
+from drivers.ptp.protocol.codes import UNKNOWN_LENGTH, EventCode, ResponseCode
+from drivers.ptp.protocol.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost
 from drivers.usb import EndpointStalled, UsbPipe
 from imaging.errors import CameraError
 

@@ -16,9 +16,9 @@ from imaging.session.records import Band
 from recon.data.dataset import Dataset
 from recon.data.world import Vector
 from recon.observe.photographs import Display
-from recon.result.display_colours import LitScene, display_colours, steps_after
 from recon.result.environment_files import DOME, dome_of
 from recon.result.model import RADIANCE, SPLATS
+from recon.result.splats.display_colours import LitScene, display_colours, steps_after
 from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training

@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import ClassVar, Self
 
 from drivers.errors import CameraProtocol
-from drivers.ptp.codes import UNKNOWN_LENGTH, DataType
+from drivers.ptp.protocol.codes import UNKNOWN_LENGTH, DataType
 
 HEADER_SIZE = 12
 

@@ -12,12 +12,12 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
-from recon.result import display_colours as module
-from recon.result.display import displayed
-from recon.result.display_colours import LitScene, display_colours
 from recon.result.model import read_model
 from recon.result.scene import open_scene
-from recon.result.viewers import MOST_CODE, playcanvas, viewers_of
+from recon.result.splats import display_colours as module
+from recon.result.splats.display import displayed
+from recon.result.splats.display_colours import LitScene, display_colours
+from recon.result.splats.viewers import MOST_CODE, playcanvas, viewers_of
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer, limits_for
 from recon.scene.harmonics import C0

@@ -1,0 +1,1 @@
+"""PTP itself: containers, data sets, transactions and sessions."""
