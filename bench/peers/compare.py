@@ -135,14 +135,16 @@ def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, 
 def peer_rows(
     session: Path, width: int, budget: float, program: Path, work: Path, seed: int
 ) -> list[dict[str, Any]]:
-    """Rows of each variant of OpenSplat."""
+    """Rows of each variant of OpenSplat, of runs of their own for each seed, which it does not take."""
     dataset = load(session, max_width=width)
     folder = work / f"{session.name}-{width}-peer"
     if not (folder / "transforms.json").is_file():
         _write_folder(dataset, folder)
     rows = []
     for variant in opensplat.VARIANTS:
-        run = opensplat.trained(program, folder, budget, variant, folder / "runs")
+        run = opensplat.trained(
+            program, folder, budget, variant, folder / f"runs-{program.parent.name}-{seed}"
+        )
         splats = PlySplats.read(run.ply)
         views = list(dataset.held_out)
 
@@ -205,7 +207,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                 key = f"{name} {width} {budget:g} {seed}"
                 ours = cache.get(f"rig {key}", partial(rig_row, session, width, budget, seed))
                 theirs = cache.get(
-                    f"OpenSplat {key}",
+                    f"OpenSplat {program.parent.name} {key}",
                     partial(peer_rows, session, width, budget, program, options.work, seed),
                 )
                 best = max(theirs, key=lambda row: row["gained"])

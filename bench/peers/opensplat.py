@@ -17,6 +17,7 @@ from pathlib import Path
 
 import torch
 
+from bench.support.record import commit_of
 from imaging.files import store
 
 SOURCE = "https://github.com/pierotofy/OpenSplat"
@@ -54,7 +55,8 @@ class Outcome:
 
 def built(work: Path, source: Path | None = None) -> Path:
     """The program, built once in `work`; source: a checkout in place of a clone of `RELEASE`."""
-    program = work / "build" / "opensplat"
+    build = work / (f"build-{RELEASE}" if source is None else f"build-{commit_of(source)}")
+    program = build / "opensplat"
     if program.is_file():
         return program
     if source is None:
@@ -68,8 +70,8 @@ def built(work: Path, source: Path | None = None) -> Path:
         "-DFETCHCONTENT_TRY_FIND_PACKAGE_MODE=ALWAYS",
         f"-DCMAKE_PREFIX_PATH={torch.utils.cmake_prefix_path}",
     ]
-    _run(["cmake", "-S", str(source), "-B", str(work / "build"), *options])
-    _run(["cmake", "--build", str(work / "build"), "--parallel", "2"])
+    _run(["cmake", "-S", str(source), "-B", str(build), *options])
+    _run(["cmake", "--build", str(build), "--parallel", "2"])
     return program
 
 

@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.support.record import arguments, deliver, machine, words
+from bench.support.record import arguments, commit_of, deliver, machine, words
 from bench.support.trial import Cache
 
 SETS = {
@@ -91,31 +91,25 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     seeds = 1 if options.quick else options.seeds
     checkouts = {"before": options.before.resolve(), "after": HERE}
     cache = Cache(options.work / "whole_ways.jsonl")
+    commits = {when: commit_of(checkout) for when, checkout in checkouts.items()}
     for when, checkout in checkouts.items():
         session = options.work / f"way-warm-{when}"
         calibrated(checkout, "toy", session)
         rig(checkout, "reconstruct", str(session), "--quality", "draft", "--replace", "--name", "warm")
     rows = []
     for name in sets:
-        sessions = {when: options.work / f"way-{when}-{name}" for when in checkouts}
+        sessions = {when: options.work / f"way-{commits[when]}-{name}" for when in checkouts}
         row: dict[str, Any] = {"set": name, "trainings": []}
         for when, checkout in checkouts.items():
             work = partial(calibrated, checkout, name, sessions[when])
-            row[when] = cache.get(f"{name} {when} calibrated", work)["seconds"]
+            row[when] = cache.get(f"{name} {commits[when]} calibrated", work)["seconds"]
         for seed in range(seeds):
             for when, checkout in checkouts.items():
                 work = partial(trained, checkout, name, sessions[when], seed)
-                got = cache.get(f"{name} {when} {seed}", work)
+                got = cache.get(f"{name} {commits[when]} {seed}", work)
                 row["trainings"].append({"when": when, "seed": seed} | got)
         rows.append(row)
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short=8", "HEAD"],
-        cwd=options.before,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.strip()
-    return {"machine": machine(), "before": commit, "seeds": seeds, "rows": rows}
+    return {"machine": machine(), "before": commits["before"], "seeds": seeds, "rows": rows}
 
 
 def report(result: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import platform
+import subprocess
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
@@ -51,6 +52,12 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         **{name: version(name) for name in ("torch", "numba", "numpy")},
     }
+
+
+def commit_of(checkout: Path) -> str:
+    """Return the short name of the commit that a checkout is at."""
+    command = ["git", "rev-parse", "--short=8", "HEAD"]
+    return subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def words(machine: dict[str, Any]) -> str:

@@ -68,6 +68,8 @@ def test_every_record_has_the_clock_of_its_node_and_shutters_are_compared_on_one
         assert shot.clock_offset is not None
         assert shot.clock_error is not None
         assert abs(shot.clock_offset - NODES[node]) <= shot.clock_error < 0.0015
+        assert shot.skew is not None
+        assert shot.skew < 0.001
 
 
 def test_shutters_open_together_however_long_a_node_takes_to_be_told(place: Place) -> None:
@@ -86,7 +88,8 @@ def test_shutters_open_together_however_long_a_node_takes_to_be_told(place: Plac
     assert np.ptp(np.array(list(opened.values())), axis=0).max() < 0.001
     for shot in Session.open(place.folder / "nodes").shots():
         assert (shot.clock_error or 0.0) < 0.021
-        assert (shot.skew or 0.0) < 0.001
+        assert shot.skew is not None
+        assert shot.skew < 0.001
 
 
 def test_a_clock_that_jumps_is_told_and_what_is_stated_stays_true(place: Place) -> None:
@@ -125,7 +128,8 @@ def test_a_clock_that_jumps_is_told_and_what_is_stated_stays_true(place: Place) 
                 late = max(0.0, moment - other)
                 if shot.skew is None:
                     jumped += 1
-                    assert shot.skew_bound is None or shot.skew_bound >= late
+                    assert shot.skew_bound is not None
+                    assert shot.skew_bound >= late
                 else:
                     assert abs(shot.skew - late) <= 0.003
         named = [line for line in place.said if line.startswith("The clock of node right jumped by")]
@@ -133,7 +137,7 @@ def test_a_clock_that_jumps_is_told_and_what_is_stated_stays_true(place: Place) 
         assert len(named) <= 1
         assert not named or float(re.search(r"by (\S+) s", named[0]).group(1)) == pytest.approx(by, abs=0.005)
         assert named or at > max(opened["right"])  # nobody asks after the last shot
-    assert jumped
+    assert 0 < jumped < 16  # of 64 shots, most of which no clock jumped beside
 
 
 @pytest.mark.parametrize("dies_at", [("arm", 3), ("trigger", 4), ("keep", 3), ("store", 2), ("read", 3)])

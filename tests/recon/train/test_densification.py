@@ -1,6 +1,7 @@
 """Density control: what it may never break."""
 
 import numpy as np
+import pytest
 import torch
 
 from recon.data.light import Light
@@ -108,6 +109,27 @@ def test_the_steepest_are_split_into_smaller_ones_that_let_as_much_light_through
         assert (offset.abs() < 6 * old["log_scales"][split].exp()).all()
         for name in set(old) - {"means", "log_scales", "opacity_logits"}:
             assert torch.equal(child[name], old[name][split])
+
+
+def test_a_share_at_most_is_split_at_once_and_the_cap_is_reached_in_even_steps():
+    change = adapt(make_training(), make_stats(), DensityRules(10 * COUNT, growth=0.1, begin=0.0, end=0.0))
+    assert int((~change.keep).sum()) == np.ceil(0.1 * COUNT)
+    rules = DensityRules(COUNT + 20, growth=1.0, begin=0.0, end=1.0, every=0.125)  # eight adaptations
+    assert int((~adapt(make_training(), make_stats(), rules, progress=0.0).keep).sum()) == 3
+    assert int((~adapt(make_training(), make_stats(), rules, progress=0.75).keep).sum()) == 10
+
+
+def test_the_two_of_a_split_lie_apart_as_the_one_was_wide():
+    training = make_training()
+    old = training.gaussians.rows(torch.arange(COUNT))
+    change = adapt(training, make_stats(), DensityRules(2 * COUNT, growth=1.0, begin=0.0, end=0.0))
+    split = torch.nonzero(~change.keep)[:, 0]
+    assert len(split) == COUNT
+    halves = [change.new["means"][:COUNT], change.new["means"][COUNT:]]
+    back = old["quats"] * torch.tensor([1, -1, -1, -1.0])
+    apart = [rotate(back, half - old["means"]) / old["log_scales"].exp() for half in halves]
+    assert torch.stack(apart).std().item() == pytest.approx(1.0, abs=0.2)
+    assert ((halves[0] - halves[1]).norm(dim=1) > 0).all()
 
 
 def test_faint_dim_ones_go_and_faint_bright_ones_stay():
