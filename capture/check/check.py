@@ -71,7 +71,8 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     for shot in shots:
         if shot.file in failed:
             kind, what = failed[shot.file]
-            problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
+            mend = _mend(kind, shot, imported=opened.record.origin == "import")
+            problems.append(_problem(kind, shot, f"{what}: {mend}."))
             continue
         differences = list(_against_record(shot, read[shot.file]))
         if not any(problem.kind == "altered" for problem in differences):
@@ -101,6 +102,18 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
         untimed_bound=max((shot.skew_bound for shot in untimed if shot.skew_bound is not None), default=None),
         thumbnails={shot.file: content.thumbnail for shot, content in pictures},
     )
+
+
+def _mend(kind: ProblemKind, shot: ShotRecord, *, imported: bool) -> str:
+    """Return what makes the file of a shot readable again."""
+    if not imported:
+        first = "set it aside in torn/" if kind == "torn" else "drop its record"
+        return f"{first} with rig check --repair, and take it again with rig capture --resume"
+    if kind != "torn":
+        return "drop its record with rig check --repair, and import the photographs again"
+    if shot.source is not None and not shot.shifted:  # else it was made of its originals
+        return f"restore it from {shot.source}"
+    return "import the photographs again into a new folder"
 
 
 def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:

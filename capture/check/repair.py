@@ -41,6 +41,7 @@ class RepairReport(FindingModel):
 def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) -> RepairReport:
     """Drop the records of missing files, and add the whole files that have no record.
 
+    A captured file that is torn is moved to torn/ and its record dropped, so that its shot is taken again.
     No file is deleted or changed but shots.jsonl, whose old state is kept beside it.
 
     Args:
@@ -59,7 +60,14 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
     with sole_writer(session):
         shots, damaged = read_index(opened)
         sound = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
+        torn = _torn(opened, sound, on_progress)
+        sound = [shot for shot in sound if shot not in torn]
         strays = stray_files(opened, sound)
+        # Before the index is written: should this be killed, the next repair drops records without files.
+        aside = [file for shot in torn for file in (shot.file, shot.developed) if file in strays]
+        for file in aside:
+            _set_aside(session, file)
+        strays = [file for file in strays if file not in aside]
         developed = _developed_of([*strays, *(shot.file for shot in sound)])
         strays = [file for file in strays if file not in developed.values()]
         added: list[ShotRecord] = []
@@ -108,6 +116,35 @@ def _is_there(session: Session, shot: ShotRecord) -> bool:
         return session.file(shot).is_file()
     except InputError:
         return False
+
+
+def _torn(session: Session, shots: list[ShotRecord], on_progress: Progress) -> list[ShotRecord]:
+    """The shots whose files can no longer be read; none of an import, whose originals are elsewhere.
+
+    Files are whole that are what was recorded, whatever reads them here.
+    """
+    torn: list[ShotRecord] = []
+    for number, shot in enumerate(shots if session.record.origin != "import" else ()):
+        on_progress(f"reading {shot.file}", number, len(shots))
+        path = session.file(shot)
+        try:
+            if store.sha256(path) != shot.sha256:
+                read_picture(path)
+        except InputError:
+            torn.append(shot)
+    return torn
+
+
+def _set_aside(session: Path, file: str) -> None:
+    """Move a file of raw/ to torn/, under a name that is free there."""
+    path = session / file
+    new = session / "torn" / Path(file).relative_to("raw")
+    store.make_folder(new.parent)
+    number = 1
+    while new.exists():
+        new = new.with_name(f"{path.stem}.{number}{path.suffix}")
+        number += 1
+    store.rename(path, new)
 
 
 def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:

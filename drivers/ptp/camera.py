@@ -106,6 +106,7 @@ class PtpCamera:
     def arm(self) -> None:
         """Wait until the camera accepts orders, and discard its events of earlier shots."""
         self._must(self._wanted is not None, "be armed")
+        self._shot = None
 
         def ready(body: StandardBody) -> None:
             if body is not self._listening:
@@ -119,8 +120,9 @@ class PtpCamera:
         """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
         self._must(self._wanted is not None, "be triggered")
         body = self._connected()
-        self._shot, self._failed = None, True
-        time = next(choice.value for dial, choice in self.dials.setting.choices if dial is body.time)
+        times = [choice.value for dial, choice in self.dials.setting.choices if dial is body.time]
+        self._must(bool(times), "be triggered")  # a camera found again amid a shot is not set yet
+        self._shot, self._failed, time = None, True, times[0]
         before, self._listening = frozenset(body.earlier), None
         try:
             try:
@@ -226,6 +228,8 @@ class PtpCamera:
     def close(self) -> None:
         """Give the camera back to its own buttons and let go; a second time does nothing."""
         body, self._body = self._body, None
+        self._shot = self._listening = None
+        self.dials.forget()  # what is turned on the camera meanwhile counts
         if body is not None:
             with suppress(CameraError):
                 stand(body, None)

@@ -28,7 +28,7 @@ def wait_for_objects(session: PtpSession, ignored: set[int], exposure: float) ->
     start = news = clock.now()
     ask_at, events = start + exposure + _ASK_AFTER, 0
     files: list[Download] = []
-    complete = False
+    complete = full = False
     while True:
         now = clock.now()
         if files and now - news >= (GRACE if complete else LATE):
@@ -47,14 +47,18 @@ def wait_for_objects(session: PtpSession, ignored: set[int], exposure: float) ->
             elif event.code == EventCode.CAPTURE_COMPLETE:
                 complete, news = True, clock.now()
             elif event.code == EventCode.STORE_FULL:
-                raise CameraRefused(f"{session.where} has no room for the picture: free its card.")
+                full = True
         if events > _MOST_EVENTS:
             raise CameraProtocol(f"{session.where} sends events without end: switch it off and on.")
+        if full and not files:  # with this picture, or before it
+            added += _asked(session)
         for handle in added:
             if handle not in ignored:
                 files.extend(_files(session, handle))
                 ignored.add(handle)
                 news = clock.now()
+        if full and not files:
+            raise CameraRefused(f"{session.where} has no room for the picture: free its card.")
 
 
 def drain(session: PtpSession, ignored: set[int]) -> None:

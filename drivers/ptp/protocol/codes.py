@@ -110,8 +110,12 @@ class ResponseCode(IntEnum):
     INVALID_PARAMETER = 0x201D
     SESSION_ALREADY_OPENED = 0x201E
     TRANSACTION_CANCELLED = 0x201F
+    CHANGE_CAMERA_MODE_FAILED = 0xA003
+    """Nikon's: of bodies that take orders all the same."""
     BULB_RELEASE_BUSY = 0xA200
     """Nikon's: the shutter is open for as long as somebody leaves it so."""
+    SILENT_RELEASE_BUSY = 0xA201
+    """Nikon's: said by bodies that are ready, and for ever."""
 
 
 class EventCode(IntEnum):

@@ -17,6 +17,7 @@ from drivers.ptp.protocol.codes import (
     ResponseCode,
 )
 from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
+from drivers.ptp.protocol.refusals import RefusedWith, passing_over
 from drivers.ptp.protocol.transaction import MOST_BYTES, TIMEOUT, Answer, ResponseLost, Transport
 
 SESSION = 1
@@ -69,17 +70,6 @@ _TORN = {ResponseCode.INCOMPLETE_TRANSFER, ResponseCode.TRANSACTION_CANCELLED}
 T = TypeVar("T")
 
 
-class RefusedWith(CameraRefused):
-    """The camera refused with a response code, `code`."""
-
-    def __init__(self, where: str, operation: int, code: int) -> None:
-        is_standard = code in ResponseCode.__members__.values()
-        reason = ResponseCode(code).name.lower().replace("_", " ") if is_standard else f"code 0x{code:04X}"
-        fix = "free its card" if code == ResponseCode.STORE_FULL else "check its mode dial and menus"
-        super().__init__(f"{where} refused operation 0x{operation:04X} ({reason}): {fix}.")
-        self.code = code
-
-
 @dataclass
 class Download:
     """An object on its way: what came already is not fetched again, not even in another session."""
@@ -98,6 +88,9 @@ class PtpSession:
         self._transaction = 0
         self._types: dict[int, DataType] = {}
         self.info = DeviceInfo()
+        self.has_mode = False
+        """True once the camera was put into its maker's mode, which ends with the session."""
+        self._mode_lost = False
 
     def open(self) -> DeviceInfo:
         """Open the session, then ask who is there; in this order some responders insist on it."""
@@ -135,11 +128,13 @@ class PtpSession:
         may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
 
         def attempt(limit: float) -> Answer:
+            if self._mode_lost:
+                raise CameraLost(f"{self.where} dropped the session, and left remote control: try again.")
             command = Command(operation, self._next(), parameters)
             reply = self._recovered(command, data, limit, most)
             code = reply.response.code
             if code in _GONE:
-                self._begin()
+                self._reopen()
                 raise CameraProtocol(f"{self.where} had dropped the session: try again.")
             if code in _TORN:
                 raise CameraProtocol(f"{self.where} broke operation 0x{operation:04X} off: try again.")
@@ -200,7 +195,9 @@ class PtpSession:
         return tuple(handle for storage in storages for handle in self._handles(storage))
 
     def _handles(self, storage: int) -> tuple[int, ...]:
-        data = self.get(Operation.GET_OBJECT_HANDLES, storage, EVERY_FORMAT, EVERY_PARENT)
+        data = bytes(4)  # an empty array, where there is no card
+        with passing_over(ResponseCode.STORE_NOT_AVAILABLE):
+            data = self.get(Operation.GET_OBJECT_HANDLES, storage, EVERY_FORMAT, EVERY_PARENT)
         return Reader(data).array(DataType.UINT32)
 
     def object_info(self, handle: int) -> ObjectInfo:
@@ -271,10 +268,15 @@ class PtpSession:
             return self.transport.transact(command, data, timeout=timeout, most=most)
         except (CameraProtocol, CameraTimeout) as error:
             if not self.transport.recover(error, command.transaction):
-                self._begin()
+                self._reopen()
             if isinstance(error, ResponseLost):  # events and pictures in memory are not sent twice
                 return Answer(Response(ResponseCode.OK, command.transaction), error.data)
             raise
+
+    def _reopen(self) -> None:
+        """Open a session in place of one that ended; a mode that ended with it takes a new connection."""
+        self._begin()
+        self._mode_lost = self.has_mode
 
     def _begin(self) -> None:
         """OpenSession; a session that somebody left open is closed first, by a reset if it must be."""

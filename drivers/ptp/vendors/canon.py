@@ -23,7 +23,8 @@ from drivers.ptp.protocol.codes import (
     ResponseCode,
 )
 from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm
-from drivers.ptp.protocol.session import PATIENCE, QUICK_TIMEOUT, Download, RefusedWith
+from drivers.ptp.protocol.refusals import RefusedWith
+from drivers.ptp.protocol.session import PATIENCE, QUICK_TIMEOUT, Download
 from drivers.ptp.vendors.canon_records import OBJECTS, unpack_object, unpack_records
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import GRACE, deadline
@@ -80,6 +81,7 @@ class CanonBody(StandardBody):
         """Number of files of a shot, as the image format has it; None until the body reports it."""
         listed = tuple(reader for reader in _READERS if self.session.supports(reader))
         self._readers: tuple[int, ...] = listed or _READERS[:1]
+        self.session.has_mode = True
         self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
         self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
         self._listen()

@@ -22,8 +22,10 @@ from drivers.ptp.protocol.codes import (
     NikonProperty,
     Operation,
     PropertyCode,
+    ResponseCode,
 )
 from drivers.ptp.protocol.datasets import EnumForm
+from drivers.ptp.protocol.refusals import passing_over
 from drivers.ptp.protocol.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors import nikon_brackets
 from drivers.ptp.vendors.standard import StandardBody
@@ -98,8 +100,7 @@ class NikonBody(StandardBody):
             )
             self.listed = (*self.listed, *vendor_codes)
         super().enter()
-        if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
-            self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 1, repeatable=True)
+        self._change_mode(1)
         if self._to_memory and NikonProperty.RECORDING_MEDIA in self.listed:
             self.write(NikonProperty.RECORDING_MEDIA, _TO_MEMORY)
         if PropertyCode.COMPRESSION_SETTING in self.listed:
@@ -114,8 +115,7 @@ class NikonBody(StandardBody):
 
     def leave(self) -> None:
         """Local mode."""
-        if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
-            self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 0, repeatable=True)
+        self._change_mode(0)
 
     def delivers_raw(self) -> bool:
         """All that are meant here do."""
@@ -305,15 +305,22 @@ class NikonBody(StandardBody):
         with suppress(CameraRefused):  # without one
             self.session.run(Operation.DELETE_OBJECT, handle, 0, repeatable=True)
 
+    def _change_mode(self, mode: int) -> None:
+        if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
+            self.session.has_mode = True
+            with passing_over(ResponseCode.CHANGE_CAMERA_MODE_FAILED):
+                self.session.run(NikonOperation.CHANGE_CAMERA_MODE, mode, repeatable=True)
+
     def _until_ready(self, patience: float) -> None:
         if self.session.supports(NikonOperation.DEVICE_READY):
-            self.session.run(
-                NikonOperation.DEVICE_READY,
-                timeout=QUICK_TIMEOUT,
-                repeatable=True,
-                patience=patience,
-                prompt=_POLL_TIMEOUT,
-            )
+            with passing_over(ResponseCode.SILENT_RELEASE_BUSY):
+                self.session.run(
+                    NikonOperation.DEVICE_READY,
+                    timeout=QUICK_TIMEOUT,
+                    repeatable=True,
+                    patience=patience,
+                    prompt=_POLL_TIMEOUT,
+                )
 
     def _events(self) -> list[Event]:
         return unpack_events(

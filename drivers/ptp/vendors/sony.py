@@ -22,13 +22,13 @@ from drivers.ptp.protocol.codes import (
     SonyProperty,
 )
 from drivers.ptp.protocol.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.ptp.protocol.refusals import RefusedWith
 from drivers.ptp.protocol.session import (
     PATIENCE,
     PROMPT_TIMEOUT,
     QUICK_TIMEOUT,
     READY_TIMEOUT,
     Download,
-    RefusedWith,
 )
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
@@ -105,6 +105,7 @@ class SonyBody(StandardBody):
 
         A body that is set to RAW+JPEG stays so.
         """
+        self.session.has_mode = True
         for phase in (1, 2):
             self.session.get(SonyOperation.SDIO_CONNECT, phase, 0, 0)
         try:

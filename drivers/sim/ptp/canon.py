@@ -51,6 +51,8 @@ class Canon(Manner):
     _host_room = 0
     """Bytes that the host says it has room for."""
     _aeb = _drive = 0
+    _remote = False
+    """True in remote mode, which ends with the session."""
     _held = False
     """True while the button is down."""
 
@@ -58,7 +60,7 @@ class Canon(Manner):
         """Canon's own; the standard's InitiateCapture is not there."""
         done = Handler(lambda request: Reply())
         every: dict[int, Handler] = {
-            CanonOperation.SET_REMOTE_MODE: done,
+            CanonOperation.SET_REMOTE_MODE: Handler(self._remote_mode),
             CanonOperation.SET_EVENT_MODE: Handler(self._event_mode),
             CanonOperation.KEEP_DEVICE_ON: done,
             CanonOperation.GET_EVENT: Handler(self._get_event, Phase.TO_HOST),
@@ -86,7 +88,7 @@ class Canon(Manner):
     def begin(self) -> None:
         """No records before event mode."""
         super().begin()
-        self._records, self._held = [], False
+        self._records, self._held, self._remote = [], False, False
 
     def announce(self, announcement: Announcement) -> None:
         """Queue a record of the object; the completion of the capture is not announced."""
@@ -138,6 +140,10 @@ class Canon(Manner):
         fields = struct.pack(f"<{3 + len(values)}I", code, _U16_LIST, len(values), *values)
         self._record(CanonEvent.AVAILABLE_LIST_CHANGED, fields)
 
+    def _remote_mode(self, request: Request) -> Reply:
+        self._remote = request.parameter(0) != 0
+        return Reply()
+
     def _event_mode(self, request: Request) -> Reply:
         """Start the records; the first ones hold all values."""
         self._records = []
@@ -161,6 +167,8 @@ class Canon(Manner):
 
     def _set(self, request: Request) -> Reply:
         """Data: u32 length of all, u32 property, the value."""
+        if not self._remote:
+            return Reply(ResponseCode.ACCESS_DENIED)
         if len(request.data) < 12:
             return Reply(ResponseCode.INVALID_PARAMETER)
         _, code, value = struct.unpack_from("<III", request.data)
@@ -213,6 +221,8 @@ class Canon(Manner):
         return Reply()
 
     def _release(self, request: Request) -> Reply:
+        if not self._remote:
+            return Reply(ResponseCode.ACCESS_DENIED)
         if self._to_host and not self._host_room:
             return Reply(ResponseCode.STORE_FULL)
         if self.fills_memory():

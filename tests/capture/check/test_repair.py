@@ -96,6 +96,59 @@ def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
     assert check(folder).ok
 
 
+def test_a_torn_shot_is_set_aside_and_taken_again(rig):
+    folder, records = rig.session.folder, lines(rig.session)
+    assert records[2]["file"] == "raw/0000/a_1.dng"
+    torn = {file: (folder / file).read_bytes()[:-300] for file in ("raw/0000/a_1.dng", "raw/0002/b_2.jpg")}
+    for file, data in torn.items():
+        (folder / file).write_bytes(data)
+    records[2] |= {"developed": "raw/0000/a_1.jpg", "developed_sha256": "0"}
+    write(rig.session, records)
+    (folder / "raw/0000/a_1.jpg").write_bytes(b"beside")
+    (folder / "torn/0000").mkdir(parents=True)
+    (folder / "torn/0000/a_1.dng").write_bytes(b"of before")
+    mend = "set it aside in torn/ with rig check --repair, and take it again with rig capture --resume."
+    assert [one.message.endswith(mend) for one in check(folder).problems if one.kind == "torn"] == [
+        True,
+        True,
+    ]
+    done = repair(folder)
+    assert (done.dropped, done.added, done.unrepaired) == (tuple(torn), (), ())
+    assert {file: data for file, data in tree(folder).items() if file.startswith("torn/")} == {
+        "torn/0000/a_1.dng": b"of before",
+        "torn/0000/a_1.1.dng": torn["raw/0000/a_1.dng"],
+        "torn/0000/a_1.jpg": b"beside",
+        "torn/0002/b_2.jpg": torn["raw/0002/b_2.jpg"],
+    }
+    assert kinds(check(folder)) == ["missing", "missing"]
+    assert record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to).taken == 2
+    assert check(folder).ok
+
+
+def test_a_record_of_a_file_that_is_no_shot_is_dropped_and_the_file_stays(rig):
+    records = lines(rig.session)
+    write(rig.session, [records[0] | {"file": "session.json"}, *records[1:]])
+    assert repair(rig.session.folder).dropped == ("session.json",)
+    assert check(rig.session.folder).ok
+
+
+def test_a_torn_import_is_restored_from_its_original(tmp_path):
+    (tmp_path / "photos").mkdir()
+    pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+    (tmp_path / "photos" / "a.png").write_bytes(encode_png(pixels))
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    (shot,) = Session.open(tmp_path / "s").shots()
+    path = tmp_path / "s" / shot.file
+    path.write_bytes(path.read_bytes()[:-300])
+    before = tree(tmp_path / "s")
+    assert repair(tmp_path / "s").dropped == ()
+    assert tree(tmp_path / "s") == before
+    (problem,) = check(tmp_path / "s").problems
+    original = problem.message.partition(": restore it from ")[2].removesuffix(".")
+    path.write_bytes(Path(original).read_bytes())
+    assert check(tmp_path / "s").ok
+
+
 def test_repair_of_an_import_takes_the_exposures_of_silent_files_from_the_plan(tmp_path):
     (tmp_path / "photos").mkdir()
     for name, code in (("a", 10), ("b", 40), ("c", 160)):

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from drivers.camera import Camera, CameraFile
 from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
+from drivers.ptp.protocol.codec import Event
+from drivers.ptp.protocol.codes import EventCode
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.ptp.profiles import PROFILES, profile
@@ -258,6 +261,30 @@ def test_a_full_card_is_refused(rigs: dict[str, SimulatedRig]) -> None:
     bench = Bench(rigs["toy"], "generic", Fault(Kind.STORE_FULL, operation="INITIATE_CAPTURE"))
     with pytest.raises(CameraRefused, match="free its card"):
         shot(bench.camera, EXPOSURE)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        (EventCode.OBJECT_ADDED, EventCode.STORE_FULL),
+        (EventCode.STORE_FULL, EventCode.OBJECT_ADDED),
+        (EventCode.STORE_FULL,),
+    ],
+)
+def test_the_last_picture_that_a_card_holds_is_taken(
+    rigs: dict[str, SimulatedRig], told: tuple[int, ...]
+) -> None:
+    bench = Bench(rigs["toy"], "generic")
+    responder = bench.devices[0].responder
+    tell = responder.listener
+    assert tell is not None
+
+    def tell_full(event: Event) -> None:
+        for code in told if event.code == EventCode.OBJECT_ADDED else (event.code,):
+            tell(replace(event, code=code))
+
+    responder.listener = tell_full
+    assert same(shot(bench.camera, EXPOSURE), bench.truth(EXPOSURE))
 
 
 @pytest.mark.parametrize("act", [PtpCamera.arm, PtpCamera.trigger, PtpCamera.collect])

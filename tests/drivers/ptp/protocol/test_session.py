@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.protocol.codec import Command, Data, Response
 from drivers.ptp.protocol.codes import DataType, Operation, PropertyCode, ResponseCode
 from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.protocol.session import PATIENCE, PIECE, Download, PtpSession, RefusedWith
+from drivers.ptp.protocol.refusals import RefusedWith
+from drivers.ptp.protocol.session import PATIENCE, PIECE, Download, PtpSession
 from drivers.ptp.protocol.transport import UsbTransport
 
 IN = 0x81
@@ -120,6 +121,29 @@ def test_a_lost_session_is_opened_again(scripted: Any, session: PtpSession) -> N
     scripted.scripts[Operation.GET_OBJECT_HANDLES] = scripted.each(halts(scripted), handles)
     assert session.handles() == (5,)
     assert (count(scripted, Operation.OPEN_SESSION), scripted.resets) == (3, 1)
+
+
+def test_a_mode_that_ended_with_its_session_takes_a_new_connection(
+    scripted: Any, session: PtpSession
+) -> None:
+    session.open()
+    session.has_mode = True
+    gone = scripted.says(ResponseCode.SESSION_NOT_OPEN)
+    scripted.scripts[Operation.GET_OBJECT_HANDLES] = scripted.each(gone, scripted.sends(bytes(4)))
+    for _ in range(2):
+        with pytest.raises(CameraLost, match="left remote control"):
+            session.handles()
+    assert count(scripted, Operation.GET_OBJECT_HANDLES) == 1
+
+
+def test_a_storage_without_a_card_has_no_objects(scripted: Any, session: PtpSession) -> None:
+    session.open()
+    invalid, vacant = map(scripted.says, (ResponseCode.INVALID_STORAGE_ID, ResponseCode.STORE_NOT_AVAILABLE))
+    one = scripted.sends(b"\x01\0\0\0\x05\0\0\0")
+    scripted.scripts[Operation.GET_STORAGE_IDS] = scripted.sends(b"\x02\0\0\0\1\0\0\0\1\0\2\0")
+    scripted.scripts[Operation.GET_OBJECT_HANDLES] = scripted.each(invalid, vacant, one, vacant)
+    assert session.handles() == (5,)
+    assert session.handles() == ()
 
 
 def test_properties_have_the_type_that_the_camera_says(scripted: Any, session: PtpSession) -> None:

@@ -177,7 +177,11 @@ def test_what_lies_in_memory_goes_with_the_session(plug: Plug) -> None:
 @pytest.mark.parametrize("name", ["nikon-z6", "canon-eos-6d"])
 def test_events_that_are_asked_for_are_never_lost(plug: Plug, name: str) -> None:
     host = plug(name, Fault(Kind.LOST_EVENT, nth=0))
-    operation = NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA
-    host.run(operation if name == "nikon-z6" else CanonOperation.REMOTE_RELEASE, 0xFFFFFFFF)
+    operation: int = NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA
+    if name == "canon-eos-6d":
+        operation = CanonOperation.REMOTE_RELEASE
+        assert host.run(operation).code == ResponseCode.ACCESS_DENIED
+        assert host.run(CanonOperation.SET_REMOTE_MODE, 1).code == OK
+    host.run(operation, 0xFFFFFFFF)
     assert host.responder.shooting.shooting
     assert host.plan.log == []
