@@ -27,9 +27,10 @@ def _captured(folder: Path, rig: str = "toy", frames: int = POSITIONS, **changed
         capture_simulated(rig, folder, seed=1)
 
 
-def _middle_shots(folder: Path) -> list[Path]:
-    """The middle exposure of each view of a bracket of developed photographs, view by view."""
-    _captured(folder, "toy-ldr")
+def _middle_shots(folder: Path, **changed: Any) -> list[Path]:
+    """The middle exposure of each view of a bracket of developed photographs, view by view; changed: settings
+    of the simulated rig."""
+    _captured(folder, "toy-ldr", **changed)
     views: dict[tuple[str, int], list[Path]] = {}
     for shot in Session.open(folder).shots("scene"):
         views.setdefault((shot.camera, shot.frame), []).append(folder / shot.file)
@@ -47,7 +48,7 @@ def _singles(folder: Path) -> None:
 def _video(folder: Path) -> None:
     path = folder.with_name("video.avi")
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE, (WIDTH, WIDTH * 3 // 4))
-    for file in _middle_shots(folder.with_name("frames")):
+    for file in _middle_shots(folder.with_name("frames"), frames=2 * POSITIONS, cameras=1):
         picture = cv2.imread(str(file))
         for _ in range(RATE):
             writer.write(picture)
