@@ -138,7 +138,7 @@ def test_pictures_of_any_width_show_the_same_scene(cut_out: Path, tmp_path: Path
 
 
 def test_a_film_without_pictures_is_refused_before_the_scene_is_opened(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="none without stops"):
+    with pytest.raises(InputError, match="need stops"):
         render(tmp_path / "scene", tmp_path / "out", path="spline:3", stops=(), video=True)
     assert not (tmp_path / "out").exists()
 

@@ -34,9 +34,10 @@ def test_a_calibration_grows_with_photographs_and_their_size(toy: Path, tmp_path
 def test_a_training_is_as_its_settings_say(toy: Path) -> None:
     workers = LocalWorkers(1)
     small = forecasts.training(toy, PlannedScene(set={"gaussians": 1000}), workers)
+    large = forecasts.training(toy, PlannedScene(set={"gaussians": 1_000_000}), workers)
     budget = forecasts.training(toy, PlannedScene(budget="1000k"), workers)
     assert small.gpu
-    assert small.memory < budget.memory - 100_000_000
+    assert small.memory < budget.memory < large.memory - 100_000_000  # as many as there are pixels
     workers.room = 1
     with pytest.raises(InputError, match="more of memory where 0 MB are free"):
         forecasts.training(toy, PlannedScene(), workers)
