@@ -264,7 +264,7 @@ def test_a_full_card_is_refused(rigs: dict[str, SimulatedRig]) -> None:
 
 
 @pytest.mark.parametrize(
-    "told",
+    "events",
     [
         (EventCode.OBJECT_ADDED, EventCode.STORE_FULL),
         (EventCode.STORE_FULL, EventCode.OBJECT_ADDED),
@@ -272,7 +272,7 @@ def test_a_full_card_is_refused(rigs: dict[str, SimulatedRig]) -> None:
     ],
 )
 def test_the_last_picture_that_a_card_holds_is_taken(
-    rigs: dict[str, SimulatedRig], told: tuple[int, ...]
+    rigs: dict[str, SimulatedRig], events: tuple[int, ...]
 ) -> None:
     bench = Bench(rigs["toy"], "generic")
     responder = bench.devices[0].responder
@@ -280,7 +280,7 @@ def test_the_last_picture_that_a_card_holds_is_taken(
     assert tell is not None
 
     def tell_full(event: Event) -> None:
-        for code in told if event.code == EventCode.OBJECT_ADDED else (event.code,):
+        for code in events if event.code == EventCode.OBJECT_ADDED else (event.code,):
             tell(replace(event, code=code))
 
     responder.listener = tell_full
