@@ -129,7 +129,7 @@ def _compare(picture, rays, shift, planes, lens, fisheye, fold, size, image, fir
             near, spread = mean[row], deviation[row]
             for x in range(width):
                 near[x] = alone[x] * _SHARE
-                spread[x] = np.sqrt(max(square[x] * _SHARE - near[x] * near[x], 0.0))
+                spread[x] = np.sqrt(max(square[x] * _SHARE - near[x] * near[x], 0.0) + SOFT)
     for plane in range(len(planes)):
         _warp(picture, rays, planes[plane] * shift, lens, fisheye, fold, size, warped, shown)
         columns[:] = 0.0
@@ -141,8 +141,9 @@ def _compare(picture, rays, shift, planes, lens, fisheye, fold, size, image, fir
             best, next_best = first[plane, row], second[plane, row]
             for x in range(width):
                 other = alone[x] * _SHARE
-                root = np.sqrt(max(square[x] * _SHARE - other * other, 0.0))
-                score = (both[x] * _SHARE - near[x] * other + SOFT) / (spread[x] * root + SOFT)
+                # Softened one by one: texture before a flat patch is as unlike as before other texture.
+                root = np.sqrt(max(square[x] * _SHARE - other * other, 0.0) + SOFT)
+                score = (both[x] * _SHARE - near[x] * other + SOFT) / (spread[x] * root)
                 score = np.float32(score if there[x] else -1.0)
                 scores[x] = score
             if two:

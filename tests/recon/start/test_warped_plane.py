@@ -63,9 +63,23 @@ def test_scores_are_the_correlation_of_patches_in_float64(terms, two):
             there = warped.astype(np.float64)
             both = mean(light * there) - mean(light) * mean(there)
             varied = [(mean(one * one) - mean(one) ** 2).clip(0) for one in (light, there)]
-            scores.append(np.where(shown, (both + SOFT) / (np.sqrt(varied[0] * varied[1]) + SOFT), -1))
+            alike = (both + SOFT) / np.sqrt((varied[0] + SOFT) * (varied[1] + SOFT))
+            scores.append(np.where(shown, alike, -1))
     low, high = np.sort(np.reshape(scores, (2, 3, 30, 40)), axis=0)
     np.testing.assert_allclose(first, high, atol=1e-4)
     assert first.max() <= 1 + 1e-6
     if two:
         np.testing.assert_allclose(second, low, atol=1e-4)
+
+
+def test_texture_before_a_flat_patch_is_as_unlike_as_other_texture():
+    """A background of one value, as of renders, matches everything if it matches texture."""
+    lens = SplatCamera(np.eye(4), 30.0, 30.0, 20.0, 15.0, 40, 30)
+    image = np.random.default_rng(0).normal(0, 0.3, (30, 40)).astype(np.float32)
+    x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
+    directions = rays(lens, np.stack([x, y], -1))
+    for flat, score in ((image, 0.04), (np.zeros_like(image), 1.0)):
+        scores = np.full((1, 30, 40), -1.0, np.float32)
+        neighbour = np.full((30, 40), 0.0, np.float32)
+        compare_planes(lens, neighbour, directions, np.zeros(3), np.zeros(1), flat, scores, scores)
+        assert np.median(scores) == pytest.approx(score, abs=0.03)
