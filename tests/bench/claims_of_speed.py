@@ -101,14 +101,15 @@ CLAIMS = (
         ],
     ),
     Claimed(
-        r"damaged one, (\d+) were run before the day was stopped, in (\d+) parts, (\d) of them killed",
-        lambda: line("thousand", r"parts: (\d+) sessions .* in (\d+) parts, (\d) of them killed"),
+        r"day of (\d+) small sessions of ten kinds, .* run in (\d+) parts, (\d+) of them killed",
+        lambda: line("thousand", r"write`: (\d+) sessions .* in (\d+) parts, (\d+) of them killed"),
     ),
     Claimed(
-        r"steps took ([\d,]+) s of processor time and `rig batch` itself (\d+) s",
+        r"steps took ([\d,]+) s of processor time, and `rig batch` itself (\d+) s in (\d+) runs",
         lambda: [
             *line("thousand", r"steps of all sessions \| (\d+)"),
-            *line("thousand", r"all parts \| (\d+)"),
+            *line("thousand", r"runs of parts \| (\d+)"),
+            *line("thousand", r"itself, (\d+) runs of parts"),
         ],
     ),
     Claim(
