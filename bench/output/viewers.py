@@ -23,8 +23,8 @@ from imaging.session.paths import find_reconstruction
 from recon.exports.export import export
 from recon.exports.loss import stops_between
 from recon.exports.target_coordinates import pinhole
+from recon.result.display import displayed
 from recon.result.scene import Scene, open_scene
-from recon.result.splats.display import displayed
 from recon.splat import SplatCamera
 from tests.chromium import chromium
 from tests.foreign_viewers.viewers import MODULES, PACKAGES, Viewer, turn_of

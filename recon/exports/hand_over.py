@@ -27,9 +27,9 @@ from recon.exports.splats import sound
 from recon.exports.target_coordinates import pinhole, place_of
 from recon.exports.view_cameras import write_cameras
 from recon.rendering.light_files import header_of, seen_by, write_light
+from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene, open_scene
-from recon.result.splats.display import in_colour
 from recon.splat import SplatCamera
 
 SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"

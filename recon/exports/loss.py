@@ -19,9 +19,9 @@ from recon.exports import decoding
 from recon.exports.canvas import canvas, manners_of
 from recon.exports.splats import Splats, far_light_of
 from recon.exports.target_coordinates import pinhole
+from recon.result.display import in_colour
 from recon.result.model import SceneView
 from recon.result.scene import Scene
-from recon.result.splats.display import in_colour
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Renderer
 from recon.scene.sampling import Sampling

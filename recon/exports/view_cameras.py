@@ -24,9 +24,9 @@ from recon.exports.job import Job, Written
 from recon.exports.splats import display_splats, linear_splats
 from recon.exports.target_coordinates import Place
 from recon.rendering.camera_files import OFFSET
+from recon.result.display import in_colour, picture
 from recon.result.model import MODEL, SceneView
 from recon.result.scene import Scene
-from recon.result.splats.display import in_colour, picture
 
 COLMAP, NERFSTUDIO, IMAGES, POINTS = "colmap", "transforms.json", "images", "sparse_pc.ply"
 MOST_POINTS = 100_000

@@ -26,8 +26,8 @@ from recon.data.light import Images
 from recon.measure.flip import Flips, LightPair, Pair
 from recon.measure.vdp import Vdp, nits
 from recon.rendering.light_files import header_of, stem, write_light
+from recon.result.display import displayed, in_colour
 from recon.result.opened import Opened
-from recon.result.splats.display import displayed, in_colour
 
 RENDERS, REFERENCES = "renders", "references"
 A_PIXEL = 1000

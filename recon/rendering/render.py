@@ -27,10 +27,10 @@ from recon.rendering.request import RenderRequest
 from recon.rendering.simulated_raw import RawCamera
 from recon.rendering.video import HdrVideo, HlgVideo, Video
 from recon.result.data_layers import DataLayers
+from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
 from recon.result.layer_names import LAYERS
 from recon.result.scene import Scene, open_scene
-from recon.result.splats.display import displayed, in_colour, picture
 from recon.splat import SplatCamera
 
 PROBE_WIDTH = 1024

@@ -12,10 +12,10 @@ from imaging.session.lock import held
 from recon.data.dataset import Dataset
 from recon.decide.plan import TrainingPlan
 from recon.decide.settings import Settings
+from recon.result.display import exposure_of
 from recon.result.live_scene import Snapshots
 from recon.result.model import CHECKPOINT, LOG, MODEL, REFINEMENT, ModelRecord
 from recon.result.save import as_corrected, record_of, write_scene
-from recon.result.splats.display import exposure_of
 from recon.scene.checkpoint import write_checkpoint
 from recon.train.training import Training
 from recon.train.training_checkpoint import checkpoint_of

@@ -22,6 +22,7 @@ from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
 from recon.observe.photographs import Display, ToneCurve
 from recon.observe.refinement import Refinement
+from recon.result.display import exposure_of
 from recon.result.environment_files import write_environment
 from recon.result.model import (
     CALIBRATION,
@@ -33,7 +34,6 @@ from recon.result.model import (
     SceneView,
     Use,
 )
-from recon.result.splats.display import exposure_of
 from recon.result.splats.splat_files import offset_of, write_splats
 from recon.train.devices.training_device import device_name
 from recon.train.training import Training

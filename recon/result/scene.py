@@ -20,10 +20,10 @@ from imaging.notebook import gallery
 from imaging.session.paths import find_reconstruction
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
+from recon.result.display import in_colour, picture
 from recon.result.layer_names import LAYERS
 from recon.result.layer_names import Layer as LayerName
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model
-from recon.result.splats.display import in_colour, picture
 from recon.result.splats.foreign import read_splats
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT

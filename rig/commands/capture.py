@@ -20,8 +20,8 @@ from imaging.session.paths import has_shots
 from rig.cameras import foretelling, rehearsal
 from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
+from rig.options.defaults import is_typed, is_users, without_users
 from rig.options.request import Asked, Shown
-from rig.options.value_source import is_typed, is_users, without_users
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted

@@ -14,8 +14,8 @@ from recon.exports import loss as losses
 from recon.exports.request import ExportRequest
 from recon.result import scene as scenes
 from rig.options.common import JsonOption, WrongUsage
+from rig.options.defaults import is_users, without_users
 from rig.options.request import Asked, Shown
-from rig.options.value_source import is_users, without_users
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted, number, size
 

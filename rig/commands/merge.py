@@ -13,8 +13,8 @@ from imaging.choices import SPACE_NAMES
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from rig.options.common import JsonOption, SessionArgument, WrongUsage
+from rig.options.defaults import without_users
 from rig.options.request import Asked, Shown
-from rig.options.value_source import without_users
 from rig.terminal import panorama_result as results
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number

@@ -15,12 +15,12 @@ from imaging.files.exr import reading
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
 from recon.rendering.request import RenderRequest
+from recon.result import display
 from recon.result import scene as opening
 from recon.result.layer_names import LAYERS, Layer
-from recon.result.splats import display
 from rig.options.common import JsonOption, ReconstructionsArgument
+from rig.options.defaults import is_typed, is_users, without_users
 from rig.options.request import Asked, Shown
-from rig.options.value_source import is_typed, is_users, without_users
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
 from rig.view.pictures import look

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.options.value_source import is_users
+from rig.options.defaults import is_users
 
 if TYPE_CHECKING:
     from capture.rigfile.network_address import NetworkAddress

@@ -3,12 +3,16 @@
 import os
 import tomllib
 from collections.abc import Iterable
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import typer
 
 from imaging.errors import InputError
+from imaging.request import Request
+
+R = TypeVar("R", bound=Request)
 
 NAMED_BY = "RIG_CONFIG"
 """Environment variable with the file to read instead; empty: none."""
@@ -91,3 +95,24 @@ def _typed(value: object, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where} is neither text nor a number: write it as on the command line, in quotes.")
     return str(value)
+
+
+def is_typed(context: typer.Context, name: str) -> bool:
+    """Return whether the value of a parameter is from the command line or the environment."""
+    return _source(context, name) in ("COMMANDLINE", "ENVIRONMENT")
+
+
+def is_users(context: typer.Context, name: str) -> bool:
+    """Return whether the value of a parameter is from the user's file of defaults."""
+    return _source(context, name) == "DEFAULT_MAP"
+
+
+def without_users(context: typer.Context, request: R, *names: str) -> R:
+    """Return the request with its class's defaults in place of the user's for options of these names."""
+    defaults = {one.name: one.default for one in fields(request) if one.default is not MISSING}
+    return replace(request, **{name: defaults[name] for name in names if is_users(context, name)})
+
+
+def _source(context: typer.Context, name: str) -> str:
+    source = context.get_parameter_source(name)
+    return "DEFAULT" if source is None else source.name

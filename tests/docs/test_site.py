@@ -95,4 +95,4 @@ def test_every_table_is_there(site: Path) -> None:
 def test_pictures_are_small() -> None:
     pictures = [path for path in (ROOT / "docs").rglob("*") if path.suffix in (".png", ".jpg")]
     assert len(pictures) > 10
-    assert [path.name for path in pictures if path.stat().st_size > 450_000] == []
+    assert [path.name for path in pictures if path.stat().st_size > 300_000] == []

@@ -30,10 +30,10 @@ from recon.exports.job import Job, Written, lens_note
 from recon.exports.loss import floor_of
 from recon.exports.splats import Splats, far_light_of
 from recon.exports.target_coordinates import pinhole
+from recon.result.display import in_colour
 from recon.result.first_look import Beginning, beginning, shot_at
 from recon.result.model import SceneView
 from recon.result.scene import Scene
-from recon.result.splats.display import in_colour
 from recon.result.splats.splat_files import what_is_shown
 from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
 

@@ -22,8 +22,8 @@ from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
 from recon.exports.target_coordinates import pinhole
 from recon.result.data_layers import DataLayers
+from recon.result.display import in_colour
 from recon.result.model import SceneView
-from recon.result.splats.display import in_colour
 from recon.splat import SplatCamera
 
 CELLS = 192

@@ -20,9 +20,9 @@ from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.splats import Splats, exposure_factor, far_light_of
 from recon.exports.target_coordinates import Place
+from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene
-from recon.result.splats.display import in_colour
 from recon.scene.environment import Environment
 from recon.scene.usd_field import PLACED, require_usd
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from imaging.arrays import Array
 from imaging.colour.spaces import srgb_encode
 from imaging.progress import Progress
-from recon.result.splats.display import displayed
+from recon.result.display import displayed
 from recon.result.splats.viewers import viewers_of
 from recon.scene.appearance import Rate
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer

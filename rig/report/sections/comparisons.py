@@ -15,8 +15,8 @@ from imaging.progress import Progress
 from recon.data.dataset import View
 from recon.data.shot import Shot
 from recon.measure.truth import has_truth, true_radiance
+from recon.result.display import in_colour
 from recon.result.opened import Opened
-from recon.result.splats.display import in_colour
 from rig.report.charts.pictures import (
     MAP_STOPS,
     colour_bar,

@@ -13,8 +13,8 @@ from imaging.arrays import Array32
 from imaging.files.exr.reading import read_exr
 from recon.rendering.light_files import stem
 from recon.result.data_layers import DataLayers
+from recon.result.display import in_colour
 from recon.result.scene import Scene
-from recon.result.splats.display import in_colour
 from recon.splat import SplatCamera
 from rig.view.pictures.layers import LAYERS, LayerName
 from rig.view.pictures.residuals import Residuals, residuals_of

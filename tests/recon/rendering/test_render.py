@@ -24,10 +24,10 @@ from recon.rendering.camera_paths import named_path
 from recon.rendering.render import render, render_probe
 from recon.rendering.video import Video
 from recon.result.data_layers import DataLayers
+from recon.result.display import displayed
 from recon.result.layer_names import LAYERS
 from recon.result.opened import open_model
 from recon.result.scene import open_scene
-from recon.result.splats.display import displayed
 from tests.recon.rendering.test_hdr_video import decoded
 
 

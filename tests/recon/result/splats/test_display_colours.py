@@ -12,10 +12,10 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
+from recon.result.display import displayed
 from recon.result.model import read_model
 from recon.result.scene import open_scene
 from recon.result.splats import display_colours as module
-from recon.result.splats.display import displayed
 from recon.result.splats.display_colours import LitScene, display_colours
 from recon.result.splats.viewers import MOST_CODE, playcanvas, viewers_of
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics

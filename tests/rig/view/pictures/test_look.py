@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from imaging.colour.spaces import srgb_decode, srgb_encode
+from recon.result import display
 from recon.result.first_look import shot_at
-from recon.result.splats import display
 from rig.view.pictures import look, tones
 from rig.view.pictures.look import (
     STOPS,
