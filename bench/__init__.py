@@ -1,1 +1,1 @@
-"""Measurements: `python -m bench.ROOM.NAME`; tables are in bench/results."""
+"""Measurements: `python -m bench.FOLDER.NAME`; tables are in bench/results."""

@@ -36,8 +36,10 @@ WORDS: dict[FeatureKind, str] = {
 }
 FEW = 0.8
 """Share of the images that show something; further features are tried where SIFT's place fewer, since they
-double the seconds or more. Below it, more features place more views of 2 of 7 sets and parts of sets (6 for
-0 of 6 of a flight, 7 for 6 of 8 of fruit); above it of none of 4 (`bench/real/poses/more_features.py`)."""
+double the seconds or more. In 2 of 7 sets and subsets below it, more features placed more views (flight: 6
+instead of 0 of 6; fruit: 7 instead of 6 of 8); above it, in none of 4
+(`bench/real/poses/more_features.py`).
+"""
 LEAST_SIDE = 16
 """px; nothing can be found in narrower pictures, and what reduces them is made for no such strips."""
 
@@ -155,7 +157,7 @@ def _by_features(
     except CalibrationError as error:
         refusal = error
     showing = [view for view, summary in summaries.items() if summary.blank is None]
-    # Of pictures that have no more features than they may have, there are no more to be had.
+    # Images below the feature limit have no further features to find.
     richer = [_is_rich(summaries[view]) for view in showing]
     further: list[FeatureKind] = ["more"] if 2 * sum(richer) > len(richer) else []
     further += ["learned"] if learned.available() else []

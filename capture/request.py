@@ -34,7 +34,9 @@ class CaptureRequest(Request):
         "before the first shot. If not given, as in the rig file, or the simulated rig's own.",
     ] = None
     resume: Annotated[
-        bool, "Take exactly the shots that the last such plan of the session lacks; nothing is metered again."
+        bool,
+        "Take the shots missing from the last plan of this kind (scene, darks, flats or board); do not meter "
+        "again.",
     ] = False
     compression: Annotated[Compression, "Compression of the RAW files."] = "none"
 

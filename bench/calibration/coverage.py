@@ -19,8 +19,9 @@ import numpy as np
 from bench.calibration import tracks
 from bench.support.record import arguments, deliver
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers, misses
+from calib.adjustment.jacobian import linearise
 from calib.adjustment.lens_ladder import climb
-from calib.adjustment.uncertainty import drawn_poses, standard_errors
+from calib.adjustment.uncertainty import centre_of, drawn_moves, drawn_poses, standard_errors
 from calib.poses.focal import focal_priors, settle_focal
 from calib.sensor.focal_length import FocalLength
 from calib.survey import similarity
@@ -58,21 +59,22 @@ def inside(kind: str, radial: tuple[float, ...], seed: int) -> dict[str, list[fl
     ratios: dict[str, list[float]] = {name: [] for name in WHAT}
     ratios["focal length"] = [abs(focal) / stated.lenses["made"]["fx"]]
     poses, true = _poses(model), _poses(truth)
-    turns, shifts = drawn_poses(model, free, scale)
+    linear = linearise(model, free)
+    turns, shifts = drawn_poses(model, linear, drawn_moves(linear, model, free, scale))
     for view, pose in _aligned(true, poses).items():
         turn = cv2.Rodrigues(pose[:3, :3] @ poses[view][:3, :3].T)[0].ravel()
         ratios["turn"].append(float(np.degrees(abs(turn @ _worst(turns[view])))) / stated.rotation[view])
-        shift = _centre(pose) - _centre(poses[view])
+        shift = centre_of(pose) - centre_of(poses[view])
         ratios["place"].append(abs(float(shift @ _worst(shifts[view]))) / stated.translation[view])
-    here = np.array([_centre(pose) for pose in poses.values()])
-    there = np.array([_centre(true[view]) for view in poses]) + rng.normal(0, RECEIVER, (len(here), 3))
+    here = np.array([centre_of(pose) for pose in poses.values()])
+    there = np.array([centre_of(true[view]) for view in poses]) + rng.normal(0, RECEIVER, (len(here), 3))
     noise = np.full(len(here), 1e-3)
     fitted, fits, scatter = similarity.consensus(here, there, noise)
     errors = similarity.standard_errors(
         there[fits], fitted(here[fits]) - there[fits], np.hypot(noise[fits], scatter)
     )
     # What the model's unit is in truth: that of its own similarity to the true places.
-    unit = similarity.fit(here, np.array([_centre(true[view]) for view in poses])).scale
+    unit = similarity.fit(here, np.array([centre_of(true[view]) for view in poses])).scale
     ratios["scale"] = [abs(fitted.scale / unit - 1) / errors[0]]
     return ratios
 
@@ -91,17 +93,13 @@ def _poses(model: Any) -> dict[ViewId, Array]:
     }
 
 
-def _centre(pose: Array) -> Array:
-    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
-
-
 def _aligned(poses: Mapping[ViewId, Array], to: Mapping[ViewId, Array]) -> dict[ViewId, Array]:
     """The poses in the world of others: turned by all turns together, scaled and moved by all places."""
     relative = np.sum([to[view][:3, :3].T @ poses[view][:3, :3] for view in poses], axis=0)
     u, _, vt = np.linalg.svd(relative)
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    here = np.array([turn @ _centre(pose) for pose in poses.values()])
-    there = np.array([_centre(to[view]) for view in poses])
+    here = np.array([turn @ centre_of(pose) for pose in poses.values()])
+    there = np.array([centre_of(to[view]) for view in poses])
     spread = here - here.mean(0)
     scale = float((spread * (there - there.mean(0))).sum() / (spread**2).sum())
     aligned = {}

@@ -88,8 +88,8 @@ def standard_errors(
         return None
     progress("measuring how sure it is", 0, 1)
     linear = linearise(reconstruction, free)
-    moves = _moves(linear, reconstruction, free, scale, weak)
-    turns, shifts = _drawn(reconstruction, linear, moves)
+    moves = drawn_moves(linear, reconstruction, free, scale, weak)
+    turns, shifts = drawn_poses(reconstruction, linear, moves)
     for view in _hardly_seen(reconstruction, free):
         del turns[view], shifts[view]
     names = {
@@ -120,33 +120,20 @@ def standard_errors(
 
 
 def drawn_poses(
-    reconstruction: Any, free: Free, scale: float
-) -> tuple[dict[ViewId, list[Array]], dict[ViewId, list[Array]]]:
-    """Return how each view turns [3], rad, and shifts [3] in the models that `standard_errors` draws.
-
-    Args:
-        reconstruction: pycolmap's, adjusted; it is not changed.
-        free: How it was adjusted.
-        scale: Typical miss, px.
-    """
-    linear = linearise(reconstruction, free)
-    return _drawn(reconstruction, linear, _moves(linear, reconstruction, free, scale))
-
-
-def _drawn(
     reconstruction: Any, linear: Linear, moves: Array
 ) -> tuple[dict[ViewId, list[Array]], dict[ViewId, list[Array]]]:
+    """Rotation [3], rad, and translation [3] of each view under each of the drawn changes."""
     whole = _poses(reconstruction)
     turns: dict[ViewId, list[Array]] = {view: [] for view in whole}
     shifts: dict[ViewId, list[Array]] = {view: [] for view in whole}
     for move in moves:
         for view, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
             turns[view].append(_turned((pose @ np.linalg.inv(whole[view]))[:3, :3]))
-            shifts[view].append(_centre(pose) - _centre(whole[view]))
+            shifts[view].append(centre_of(pose) - centre_of(whole[view]))
     return turns, shifts
 
 
-def _moves(
+def drawn_moves(
     linear: Linear, reconstruction: Any, free: Free, scale: float, weak: Collection[str] = ()
 ) -> Array:
     """Drawn changes of all parameters of the cameras, [DRAWS, P]."""
@@ -284,8 +271,8 @@ def _aligned(poses: Mapping[ViewId, Array], to: Mapping[ViewId, Array]) -> dict[
     relative = sum((to[view][:3, :3].T @ poses[view][:3, :3] for view in views), np.zeros((3, 3)))
     u, _, vt = np.linalg.svd(relative)
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt  # new world from old
-    old = np.stack([turn @ _centre(poses[view]) for view in views])
-    new = np.stack([_centre(to[view]) for view in views])
+    old = np.stack([turn @ centre_of(poses[view]) for view in views])
+    new = np.stack([centre_of(to[view]) for view in views])
     spread = old - old.mean(0)
     size = float((spread**2).sum())
     scale = float((spread * (new - new.mean(0))).sum()) / size if size > 0 else 1.0
@@ -298,7 +285,8 @@ def _aligned(poses: Mapping[ViewId, Array], to: Mapping[ViewId, Array]) -> dict[
     return aligned
 
 
-def _centre(pose: Array) -> Array:
+def centre_of(pose: Array) -> Array:
+    """Place [3] of a camera with the motion [4, 4] from the world."""
     return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
 
 

@@ -3,14 +3,16 @@
 Searched only when asked for: a search takes time, and a poster or a keyboard may look like a chart.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from calib.colour.chart_detection import NO_FALLOFF, DetectedChart, Missed, best, locate
 from calib.colour.chart_values import EDITION, chart
-from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
+from calib.colour.fit import ChartPatches, ColourModel, fit, held_out, of_camera
+from calib.colour.white_balance import triple
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
@@ -31,6 +33,8 @@ from imaging.session.session import Session
 SEARCHED = 6
 """Views of each camera, the first and the last among them: searching all would take minutes."""
 UNIT = "delta E 2000 per held-out patch"
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -56,22 +60,17 @@ class _Trial:
     groups: tuple[tuple[str, ...], ...]
     models: tuple[ColourModel, ...]
 
-    def errors(self, patches: Mapping[str, ChartPatches], reference: Array) -> dict[str, Array]:
-        """Held-out delta E of every patch, by camera."""
-        return {
-            name: error
-            for group, model in zip(self.groups, self.models, strict=True)
-            for name, error in zip(
-                group, held_out([patches[n] for n in group], reference, model), strict=True
-            )
-        }
-
-    def fits(self, patches: Mapping[str, ChartPatches], reference: Array) -> dict[str, Fit]:
-        """The fit of every camera, by name."""
+    def by_camera(
+        self,
+        of_group: Callable[[list[ChartPatches], Array, ColourModel], list[T]],
+        patches: Mapping[str, ChartPatches],
+        reference: Array,
+    ) -> dict[str, T]:
+        """Apply `fit` or `held_out` to each group: what it gives for every camera, by name."""
         return {
             name: one
             for group, model in zip(self.groups, self.models, strict=True)
-            for name, one in zip(group, fit([patches[n] for n in group], reference, model), strict=True)
+            for name, one in zip(group, of_group([patches[n] for n in group], reference, model), strict=True)
         }
 
 
@@ -181,7 +180,7 @@ def colours(
     reference = chart()
     patches = {name: view_found[1].patches for name, view_found in detected.items()}
     trial, rungs, errors = _climb(patches, files, models, reference)
-    fits = trial.fits(patches, reference)
+    fits = trial.by_camera(fit, patches, reference)
     matrices = {
         name: as_matrix(with_rgb(files[name] or np.eye(3), one.camera_from_rec709))
         for name, one in fits.items()
@@ -192,7 +191,7 @@ def colours(
             if twin is not None:
                 matrices[name] = _of_twin(matrices[twin], files[twin], files[name])
     balanced = {
-        name: _Trial(((name,),), (of_camera(matrix[:3], balanced=True),)).errors(patches, reference)[name]
+        name: held_out([patches[name]], reference, of_camera(matrix[:3], balanced=True))[0]
         for name, matrix in files.items()
         if matrix is not None and name in patches
     }
@@ -226,12 +225,12 @@ def _climb(
     shared = tuple(tuple(group) for group in alike.values())
     named = [(files[name] or as_matrix(np.eye(3)))[:3] for name in patches]
     trial = _Trial(alone, tuple(of_camera(matrix, balanced=False) for matrix in named))
-    errors = trial.errors(patches, reference)
+    errors = trial.by_camera(held_out, patches, reference)
     rungs: list[Rung] = []
 
     def climb(name: str, taller: _Trial, what: str) -> None:
         nonlocal trial, errors
-        trial_errors = taller.errors(patches, reference)
+        trial_errors = taller.by_camera(held_out, patches, reference)
         # Cameras err alike on a patch, so that a patch is one sample, however many see it.
         gains = _patchwise(errors) - _patchwise(trial_errors)
         gains = gains[np.isfinite(gains)]
@@ -289,8 +288,8 @@ def _evidence(
         patches=tuple(
             ChartPatch(
                 number=int(index) + 1,
-                measured=_triple(measured[index]),
-                published=_triple(reference[index]),
+                measured=triple(measured[index]),
+                published=triple(reference[index]),
                 delta_e=float(errors[index]),
             )
             for index in used
@@ -301,8 +300,3 @@ def _evidence(
         delta_e_files=None if files is None else float(np.nanmean(files)),
         corners=corners,
     )
-
-
-def _triple(values: Array) -> tuple[float, float, float]:
-    red, green, blue = (float(value) for value in values)
-    return red, green, blue

@@ -106,8 +106,8 @@ def estimate(
     count = np.bincount(sights.camera, minlength=len(cameras))
     known = [i for i in range(len(cameras)) if count[i] >= FEWEST_SIGHTS]
     return Balance(
-        {cameras[i]: _triple(np.exp(logs[i])) for i in known},
-        {cameras[i]: _triple(errors[i]) for i in known},
+        {cameras[i]: triple(np.exp(logs[i])) for i in known},
+        {cameras[i]: triple(errors[i]) for i in known},
         (rung,),
     )
 
@@ -120,7 +120,7 @@ def folded(
     The matrix keeps a green row that sums to 1, so that what green has of its own is the gain.
     """
     balance = np.array(channels) / channels[1]
-    return balance[:, None] * camera_from_rec709, _triple(balance), channels[1]
+    return balance[:, None] * camera_from_rec709, triple(balance), channels[1]
 
 
 def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
@@ -198,6 +198,7 @@ def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
     return np.asarray(np.log(np.maximum(here, floor) / np.maximum(there, floor)))
 
 
-def _triple(values: Array) -> tuple[float, float, float]:
+def triple(values: Array) -> tuple[float, float, float]:
+    """Red, green and blue as plain numbers."""
     red, green, blue = (float(value) for value in values)
     return red, green, blue

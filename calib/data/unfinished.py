@@ -54,7 +54,7 @@ class Unfinished:
         return None if self._folder is None else _read(self._file(name))
 
     def keep_large(self, name: str, arrays: Arrays) -> None:
-        """Keep such a thing: in a file of its own, and none of it in memory."""
+        """Store a large result in its own file, without caching it in memory."""
         if self._folder is not None:
             store.write_bytes(self._file(name), _written(arrays))
 

@@ -114,7 +114,7 @@ def estimate(
     }
     trial = _Trial.of(sights, count)
     rungs = [
-        trial.judged(EXPOSURE, f"an exposure {EACH}", _no_exposure, _one_exposure),
+        trial.judged(EXPOSURE, f"an exposure {EACH}", np.zeros_like, _one_exposure),
         trial.judged(WHITE_BALANCE, f"a white balance {EACH}", _one_exposure, _as_is),
     ]
     parts = (common, logs - common)
@@ -164,10 +164,6 @@ def _relative(logs: Array) -> tuple[float, float, float]:
 def _factors(logs: Array) -> tuple[float, float, float]:
     red, green, blue = (float(value) for value in np.exp(logs))
     return red, green, blue
-
-
-def _no_exposure(logs: Array) -> Array:
-    return np.zeros_like(logs)
 
 
 def _one_exposure(logs: Array) -> Array:

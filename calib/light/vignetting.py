@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -39,6 +40,15 @@ TOO_DARK = (
     f"somewhere less than {100 * DARKEST:g} % of the light of the middle arrives, as behind a hood or beyond "
     "the image circle, which no falloff describes: mask what is dark, or shoot flats"
 )
+NEUTRAL: Coefficients = (0.0, 0.0, 0.0)
+NOTHING = Terms((), gains=False)
+PARTS: dict[str, LightPart] = {"vignetting": "falloff", "camera_gain": "gain"}
+"""Parts that are tried, as rungs and options name them."""
+DESCRIPTION = {
+    "vignetting": "one falloff for each camera model",
+    "camera_gain": "a sensitivity for each camera",
+    "vignetting_each_camera": "a falloff for each camera",
+}
 
 
 @dataclass(frozen=True)
@@ -77,19 +87,14 @@ def estimate(
         Falloff and gain of every camera, neutral for what is not taken; and a rung for each trial.
     """
     count = len(cameras)
-    none = Terms((), gains=False)
-    nothing = Falloff(dict.fromkeys(cameras, (0.0, 0.0, 0.0)), dict.fromkeys(cameras, 1.0), ())
-    # Too few tracks cannot be split into regions to fit on and regions to judge by.
-    _, tracks_of = np.unique(tracks.point, return_inverse=True)
-    if len(np.unique(tracks_of)) < FEWEST_TRACKS or len(np.unique(tracks.region)) < FOLDS:
+    if not _divisible(tracks.point, tracks.region):
         reason = f"fewer than {FEWEST_TRACKS} scene points are seen well in several views"
-        return Falloff(
-            nothing.vignetting, nothing.gain, (Rung(name="vignetting", taken=False, reason=reason),)
-        )
+        rung = Rung(name="vignetting", taken=False, reason=reason)
+        return Falloff(dict.fromkeys(cameras, NEUTRAL), dict.fromkeys(cameras, 1.0), (rung,))
     # Lenses of one model are alike, so their cameras begin with one falloff.
     groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
     shared = tuple(groups[models[name]] for name in cameras)
-    terms, rungs, noticed = none, list[Rung](), NOTICED
+    terms, rungs, noticed = NOTHING, list[Rung](), NOTICED
     both = Terms(shared, gains=comparable and count > 1 and "gain" not in without)
     # Sheen brightens views from one side as falloff would: where there is any, more is asked of a change.
     if (shines := _shines(tracks, both, count)) is not None:
@@ -97,59 +102,78 @@ def estimate(
         rungs.append(rung)
         if rung.taken:
             tracks, noticed = sides, NOTICED_IN_SHEEN
-
-    def climb(name: str, wanted: Terms, what: str) -> None:
-        nonlocal terms
-        gain, error = _gain(tracks, terms, wanted, count)
-        more = wanted.parameters(count) - terms.parameters(count)
-        rung = Rung.judged(name, gain, error, UNIT, what, more, SURE)
-        fits = []
-        if rung.taken or gain > SURE_OF_A_LENS * error:
-            fits = [fit_terms(tracks, one, count) for one in (terms, wanted)]
-        if fits and not rung.taken:
-            usual = name == "vignetting" and _as_of_lenses(fits[1], wanted, cameras, uncorrected or {})
-            rung = rung.model_copy(update={"taken": usual})
-            fits = fits if usual else []
-        if fits and darkest(fits[1].polynomials) < AT_BOUND * DARKEST:
-            rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})
-        elif fits:
-            before, after = (log_light(fit, one) for fit, one in zip(fits, (terms, wanted), strict=True))
-            falloff = name == "vignetting"
-            change = float(np.ptp(after - before) if falloff else np.abs(after - before).max())
-            least = max(noticed, LEAST_FALLOFF if falloff else 0.0)
-            if change < least:
-                reason = f"{what} would change no light by more than {100 * change:.2f} %"
-                reason += ", and sheen changes as much" if noticed > NOTICED else ""
-                rung = rung.model_copy(update={"taken": False, "reason": reason})
-            else:
-                reason = f"{what}; {_size(name, fits[1])}"
-                rung = rung.model_copy(update={"reason": reason})
-        rungs.append(rung)
-        if rung.taken:
-            terms = wanted
-
+    judge = partial(_judge, tracks, cameras, uncorrected or {}, noticed)
     # The larger effect first: what it explains is no longer there for the other to be mistaken for.
-    taller = {
-        "vignetting": (replace(none, lenses=shared), "one falloff for each camera model"),
-        "camera_gain": (replace(none, gains=True), "a sensitivity for each camera"),
-    }
-    refused = {"vignetting": "falloff" in without, "camera_gain": "gain" in without}
-    rungs += [Rung(name=name, taken=False, reason=ASKED) for name in taller if refused[name]]
-    taller = {name: trial for name, trial in taller.items() if not refused[name]}
+    rungs += [Rung(name=name, taken=False, reason=ASKED) for name, part in PARTS.items() if part in without]
+    trials = {"vignetting": Terms(shared, gains=False), "camera_gain": Terms((), gains=True)}
+    trials = {name: trial for name, trial in trials.items() if PARTS[name] not in without}
     if count == 1:
-        taller.pop("camera_gain", None)
-    for name in sorted(taller, key=lambda name: -_gain(tracks, none, taller[name][0], count)[0]):
-        trial, what = taller[name]
-        climb(name, Terms(terms.lenses or trial.lenses, terms.gains or trial.gains), what)
+        trials.pop("camera_gain", None)
+    for name in sorted(trials, key=lambda name: -_gain(tracks, NOTHING, trials[name], count)[0]):
+        wanted = Terms(terms.lenses or trials[name].lenses, terms.gains or trials[name].gains)
+        terms, rung = judge(name, terms, wanted)
+        rungs.append(rung)
     # A falloff of its own has to predict the held-out tracks of a camera better than that of its model.
     if terms.lenses and count > len(groups):
-        climb("vignetting_each_camera", Terms(tuple(range(count)), terms.gains), "a falloff for each camera")
+        terms, rung = judge("vignetting_each_camera", terms, Terms(tuple(range(count)), terms.gains))
+        rungs.append(rung)
     fitted = fit_terms(tracks, terms, count)
-    vignetting = nothing.vignetting
-    if terms.lenses:
-        vignetting = {name: _row(fitted.polynomials[terms.lenses[i]]) for i, name in enumerate(cameras)}
+    vignetting = {
+        name: _row(fitted.polynomials[terms.lenses[i]]) if terms.lenses else NEUTRAL
+        for i, name in enumerate(cameras)
+    }
     gain = {name: float(np.exp(fitted.log_gain[i])) for i, name in enumerate(cameras)}
     return Falloff(vignetting, gain, tuple(rungs))
+
+
+def _divisible(points: Integers, regions: Integers) -> bool:
+    """Return whether tracks are enough for regions to fit on and regions to judge by."""
+    return len(np.unique(points)) >= FEWEST_TRACKS and len(np.unique(regions)) >= FOLDS
+
+
+def _judge(
+    tracks: Tracks,
+    cameras: Sequence[str],
+    uncorrected: Mapping[str, float],
+    noticed: float,
+    name: str,
+    terms: Terms,
+    wanted: Terms,
+) -> tuple[Terms, Rung]:
+    """Return the terms wanted if they predict held-out regions better and change enough, else those before,
+    and the reason.
+    """
+    count, reason = len(cameras), DESCRIPTION[name]
+    gain, error = _gain(tracks, terms, wanted, count)
+    taken = gain > SURE * error
+    if taken or gain > SURE_OF_A_LENS * error:
+        before, after = (fit_terms(tracks, one, count) for one in (terms, wanted))
+        if taken or (name == "vignetting" and _as_of_lenses(after, wanted, cameras, uncorrected)):
+            taken, reason = _worth(name, (before, terms), (after, wanted), noticed)
+    rung = Rung(
+        name=name,
+        taken=taken,
+        gain=gain,
+        standard_error=error,
+        unit=UNIT,
+        reason=reason,
+        parameters=wanted.parameters(count) - terms.parameters(count),
+    )
+    return (wanted if taken else terms), rung
+
+
+def _worth(
+    name: str, before: tuple[Fit, Terms], after: tuple[Fit, Terms], noticed: float
+) -> tuple[bool, str]:
+    """Return whether a part describes a lens and changes enough light, and the reason."""
+    if darkest(after[0].polynomials) < AT_BOUND * DARKEST:
+        return False, TOO_DARK
+    falloff, change = name == "vignetting", log_light(*after) - log_light(*before)
+    largest = float(np.ptp(change) if falloff else np.abs(change).max())
+    if largest < max(noticed, LEAST_FALLOFF if falloff else 0.0):
+        reason = f"{DESCRIPTION[name]} would change no light by more than {100 * largest:.2f} %"
+        return False, reason + (", and sheen changes as much" if noticed > NOTICED else "")
+    return True, f"{DESCRIPTION[name]}; {_size(name, after[0])}"
 
 
 def natural(lens: Lens) -> float:
@@ -194,7 +218,7 @@ def _shines(tracks: Tracks, terms: Terms, cameras: int) -> tuple[Rung, Tracks] |
     """
     sides = by_side(tracks.point, tracks.direction)
     twice = np.bincount(sides)[sides] >= 2
-    if len(np.unique(sides[twice])) < FEWEST_TRACKS or len(np.unique(tracks.region[twice])) < FOLDS:
+    if not _divisible(sides[twice], tracks.region[twice]):
         return None
     near = replace(tracks, point=sides)
     fold = np.unique(tracks.region, return_inverse=True)[1] % FOLDS

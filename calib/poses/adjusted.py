@@ -28,7 +28,7 @@ MAX_ERROR = 4.0
 of it.
 """
 ALIGNED = 0.4
-"""Patches err by less than features, of whose error this is a part."""
+"""Error of patch-refined points, as a fraction of the feature error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
 
     Views from one place have their turns instead.
     """
-    known, threads, progress = inputs.known, inputs.threads, inputs.progress
+    known = inputs.known
     # Errors of features are some pixels of a large picture, and no less than half of that in a small one.
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
@@ -100,69 +100,39 @@ def adjusted_model(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> AdjustedM
         fixed=camera_numbers(models, {*known.lenses, *first.held}),
         placed=camera_numbers(models, known.cam_from_rig),
         focal=focal_priors(
-            {models[name].camera_id: why_fixed for name, why_fixed in inputs.focal.items() if name in models}
+            {models[name].camera_id: prior for name, prior in inputs.focal.items() if name in models}
         ),
     )
     # Rigs are tied before lenses climb: what a rig explains needs no further term.
     joined, tied = _tied(inputs, steps, database, first, free, max_error, metric)
-    reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
-    # Where noise allows, points are placed by their patches, which err by less than features do.
-    if inputs.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
-
-        def aligned() -> Done:
-            refine_points(reconstruction, inputs.pictures, progress)
-            typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
-            return Done((reconstruction,), {"typical": typical})
-
-        done = steps.result(aligned)
-        (reconstruction,), typical = done.models, done.rest["typical"]
+    reconstruction, typical = _refined(inputs, steps, tied, max_error)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(NO_START.format(first.main.pairs))
     # A focal length that the scene does not determine is held at the files' before terms are chosen by it.
-    free, focal_rungs = settle_focal(
-        reconstruction,
-        free,
-        typical,
-        threads,
-        {models[name].camera_id: name for name in models},
-        inputs.focal,
-    )
+    names = {models[name].camera_id: name for name in models}
+    free, rungs = settle_focal(reconstruction, tied.free, typical, inputs.threads, names, inputs.focal)
     # Stated places come last: a board or a ruler is more exact, and has made the unit the metre.
     if not metric:
-        places, stated_rung = align_to_places(reconstruction, inputs.stated)
-        if places and tied.uncut is not None:
-            align_to_places(tied.uncut, inputs.stated)
-        free = replace(free, places=places)
-        focal_rungs = (*(() if stated_rung is None else (stated_rung,)), *focal_rungs)
-        if places:
-            adjust(reconstruction, free, typical, threads)
+        free, place_rungs = _at_stated_places(inputs, tied.uncut, reconstruction, free, typical)
+        rungs = (*place_rungs, *rungs)
     typical = misses(reconstruction).typical
     why_fixed = "the files gave the lenses" if first.held else "a board gave the lenses"
-
-    def judged() -> Done:
-        taken, rungs = climb(reconstruction, free, typical, threads, progress, why_fixed, tied.uncut)
-        adjust(reconstruction, taken, typical, threads)
-        terms = {name: getattr(taken, name) for name in ("model", "radial", "principal_point")}
-        return Done(
-            (reconstruction,), {"terms": terms, "rungs": [one.model_dump(mode="json") for one in rungs]}
-        )
-
-    done = steps.result(judged)
-    (reconstruction,), free = done.models, replace(free, **done.rest["terms"])
-    lens_rungs = tuple(map(Rung.model_validate, done.rest["rungs"]))
+    reconstruction, free, lens_rungs = _with_lens_terms(
+        inputs, steps, reconstruction, tied.uncut, free, typical, why_fixed
+    )
     every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]
     return AdjustedModel(
-        reconstruction,
-        free,
-        typical,
-        metric,
-        first.held,
-        frozenset().union(*(one.left_out for one in every)),
-        frozenset().union(*(one.hanging for one in every)),
-        joined.cameras,
-        (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
-        tied.rung,
-        (*focal_rungs, *lens_rungs),
+        reconstruction=reconstruction,
+        free=free,
+        typical=typical,
+        metric=metric,
+        held=first.held,
+        left_out=frozenset().union(*(one.left_out for one in every)),
+        hanging=frozenset().union(*(one.hanging for one in every)),
+        by_motion=joined.cameras,
+        rungs=(*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
+        rig_rung=tied.rung,
+        lens_rungs=(*rungs, *lens_rungs),
     )
 
 
@@ -200,6 +170,60 @@ def _tied(
         Joined(reconstruction, frozenset(rest["cameras"]), tuple(rungs)),
         TiedModel(reconstruction, placed, rest["typical"], rung, uncut),
     )
+
+
+def _refined(inputs: PoseInputs, steps: Steps, tied: TiedModel, max_error: float) -> tuple[Any, float]:
+    """Place points by their patches, which err by less than features do, where noise allows; the model and
+    its typical miss, px.
+    """
+    reconstruction = tied.reconstruction
+    if not inputs.pictures or reconstruction.num_points3D() < FEWEST_MATCHES:
+        return reconstruction, tied.typical
+
+    def step() -> Done:
+        refine_points(reconstruction, inputs.pictures, inputs.progress)
+        typical = polish(reconstruction, tied.free, ALIGNED * max_error, inputs.threads, inputs.progress)
+        return Done((reconstruction,), {"typical": typical})
+
+    done = steps.result(step)
+    return done.models[0], done.rest["typical"]
+
+
+def _at_stated_places(
+    inputs: PoseInputs, uncut: Any | None, reconstruction: Any, free: Free, typical: float
+) -> tuple[Free, tuple[Rung, ...]]:
+    """Align both models to the places that files state, and adjust the one that was cut by them."""
+    places, rung = align_to_places(reconstruction, inputs.stated)
+    free = replace(free, places=places)
+    if places:
+        if uncut is not None:
+            align_to_places(uncut, inputs.stated)
+        adjust(reconstruction, free, typical, inputs.threads)
+    return free, () if rung is None else (rung,)
+
+
+def _with_lens_terms(
+    inputs: PoseInputs,
+    steps: Steps,
+    reconstruction: Any,
+    uncut: Any | None,
+    free: Free,
+    typical: float,
+    why_fixed: str,
+) -> tuple[Any, Free, tuple[Rung, ...]]:
+    """Choose the terms of the lenses and adjust the model with them."""
+
+    def step() -> Done:
+        taken, rungs = climb(reconstruction, free, typical, inputs.threads, inputs.progress, why_fixed, uncut)
+        adjust(reconstruction, taken, typical, inputs.threads)
+        terms = {name: getattr(taken, name) for name in ("model", "radial", "principal_point")}
+        return Done(
+            (reconstruction,), {"terms": terms, "rungs": [one.model_dump(mode="json") for one in rungs]}
+        )
+
+    done = steps.result(step)
+    rungs = tuple(map(Rung.model_validate, done.rest["rungs"]))
+    return done.models[0], replace(free, **done.rest["terms"]), rungs
 
 
 def _camera(lens: Lens, focal_known: bool) -> Any:

@@ -11,6 +11,7 @@ from calib.adjustment.bundle_adjustment import Free, adjust
 from calib.adjustment.focal_evidence import CHANGE, DETERMINED, effect
 from calib.adjustment.focal_priors import FocalPrior
 from calib.sensor.focal_length import FocalLength
+from imaging.and_list import and_more
 from imaging.files.colmap import pycolmap
 from imaging.session.calibration import FOCAL_UNDETERMINED
 from imaging.session.records import Rung
@@ -64,9 +65,7 @@ def _undetermined(held: Sequence[_Held], cameras: int) -> str:
         used = f"those stated are used where there are any, and they may be off by up to {100 * widest:.2g} %"
     of = ""
     if cameras > 1:
-        named = ", ".join(one.name for one in held[:NAMED])
-        more = f" and {len(held) - NAMED} more" if len(held) > NAMED else ""
-        of = f"of {named}{more} "
+        of = f"of {and_more([one.name for one in held], NAMED)} "
     moves = _moves(max(one.shift for one in held))
     return (
         f"these photographs {of}do not determine the focal length ({moves} only, as over flat ground seen "

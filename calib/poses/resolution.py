@@ -22,6 +22,7 @@ from calib.poses.checks.contradictions import (
     strong,
 )
 from calib.poses.checks.loops import open_pairs, turns_of
+from imaging.and_list import and_more
 from imaging.arrays import Array
 from imaging.errors import CalibrationError
 from imaging.session.records import Rung
@@ -265,8 +266,7 @@ class _Choice:
         undecided = None
         if views:
             undecided = (
-                f"{self.reason}, and all are kept by --keep-doubtful: poses of "
-                f"{', '.join(views[:8])}{f' and {len(views) - 8} more' if len(views) > 8 else ''} may be "
+                f"{self.reason}, and all are kept by --keep-doubtful: poses of {and_more(views, 8)} may be "
                 "wrong"
             )
         return _Chosen(self.first, set(), self._rung(taken=True), undecided)

@@ -1,6 +1,6 @@
 """Placement of a scene by surveyed points: the similarity, and the faults of those that do not fit."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -100,7 +100,7 @@ def place_by_survey(
         raise CalibrationError(_too_few(survey, marks, places, sightings))
     if is_line(points.there, float(points.sigma.max())):
         raise CalibrationError(
-            f"the surveyed points {_listed(points.names)} lie on a line, about which the scene could turn: "
+            f"the surveyed points {', '.join(points.names)} lie on a line, about which the scene could turn: "
             "survey one beside it"
         )
     error = max(mark_error(sightings), LEAST_ERROR)
@@ -131,7 +131,7 @@ def place_by_survey(
     reason = f"{count} surveyed points give scale, rotation and place; they miss by {length_text(rms)} (rms)"
     if out:
         reason += (
-            f"; {_listed(out)} {'does' if len(out) == 1 else 'do'} not fit and {_is(out)} left out{hint}"
+            f"; {', '.join(out)} {'does' if len(out) == 1 else 'do'} not fit and {_is(out)} left out{hint}"
         )
     if over:
         reason += f"; {over}"
@@ -241,7 +241,7 @@ def _too_few(
     ]
     return (
         f"{FEWEST} surveyed points have to be marked in two views with a pose, better in three, and "
-        f"{_listed(placed) if placed else 'none'} {_is(placed)}: mark {_listed(lost)} in more views"
+        f"{', '.join(placed) or 'none'} {_is(placed)}: mark {', '.join(lost)} in more views"
     )
 
 
@@ -250,7 +250,7 @@ def _why_unplaced(marks: Mapping[ViewId, object], placed: Mapping[ViewId, Array]
         return "without a mark"
     if len(placed) < 2:
         return f"marked in {len(marks)}, with a pose {len(placed)}"
-    return f"the marks in {_listed([str(view) for view in placed])} are not of one place"
+    return f"the marks in {', '.join(map(str, placed))} are not of one place"
 
 
 def _table(
@@ -282,7 +282,7 @@ def _table(
             reason = "" if fits[place] else "the others place it elsewhere"
             if odd:
                 reason = "; ".join(
-                    filter(None, (reason, f"its marks in {_listed(map(str, odd))} are not used"))
+                    filter(None, (reason, f"its marks in {', '.join(map(str, odd))} are not used"))
                 )
             row = row.model_copy(update={"miss": (x, y, z), "used": bool(fits[place]), "reason": reason})
         else:
@@ -294,7 +294,3 @@ def _table(
 
 def _is(names: list[str]) -> str:
     return "is" if len(names) <= 1 else "are"
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)

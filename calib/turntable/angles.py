@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from calib.poses.sfm import SceneModel, pose_of
+from imaging.and_list import and_more
 from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
@@ -165,9 +166,7 @@ def _with_poses(
     if not placed:
         return model
     errors = model.errors and replace(model.errors, rotation=turns, translation=shifts)
-    names = ", ".join(placed[:MOST_NAMES]) + (
-        f" and {len(placed) - MOST_NAMES} more" * (len(placed) > MOST_NAMES)
-    )
+    names = and_more(placed, MOST_NAMES)
     reason = f"no scene point in {names} was used: the pose follows from the stated angle of the turntable"
     rungs = (*model.rungs, Rung(name=PLACED, taken=True, reason=reason))
     return replace(model, poses=poses, points=points, errors=errors, rungs=rungs)

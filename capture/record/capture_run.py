@@ -124,8 +124,8 @@ class CaptureRun:
         """Shoot what a frame lacks of these steps, one by one; then once more what failed, and once more.
 
         The only camera of a plan shoots them by its body's own bracket, if it has one and nothing is there
-        yet. Several do not: at which moment the shutter opens within a bracket is the body's, and it is the
-        moment of each step that they have in common.
+        yet. With several cameras this is not used: each body times the frames of its bracket itself, so the
+        cameras would not be synchronised step by step.
         """
         pending: dict[int, list[str]] = {}
         for shot_id in self.planned:

@@ -1,14 +1,22 @@
 """A bracket that a body shoots by itself, from its release to the last frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
-from drivers.ptp.autobracket import AutoBracket, Fit
+from drivers.ptp.autobracket import AutoBracket, Fit, best_fit
+from drivers.ptp.exposure import dial_values
 from drivers.ptp.picture import camera_file
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import InputError
+from imaging.optics.exposure import Exposure
+
+
+def fit_of(body: StandardBody, exposures: Sequence[Exposure]) -> Fit | None:
+    """The bracket of a body that holds the most of the exposures; None if none holds enough of them."""
+    offered = body.auto_brackets()
+    return best_fit(exposures, offered, dial_values(body.time)) if offered else None
 
 
 def stand(body: StandardBody, bracket: AutoBracket | None) -> None:

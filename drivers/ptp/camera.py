@@ -1,8 +1,7 @@
-"""A still camera as a `Camera`: the state machine of one shot, over plugs that are pulled."""
+"""A still camera as a `Camera`: the state machine of one shot, which survives disconnection."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import TypeVar
 
 from usb.backend import IBackend
@@ -10,18 +9,16 @@ from usb.backend import IBackend
 from drivers import usb
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
-from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
-from drivers.ptp.autobracket import AutoBracket, Fit, best_fit, shows
-from drivers.ptp.bracket_shot import shoot, stand
+from drivers.errors import CameraBusy, CameraLost, CameraRefused
+from drivers.ptp.autobracket import AutoBracket, shows
+from drivers.ptp.bracket_shot import fit_of, shoot, stand
 from drivers.ptp.dials import Dials
-from drivers.ptp.exposure import Dial
+from drivers.ptp.exposure import dial_values
 from drivers.ptp.ip.connection import IpConnection
-from drivers.ptp.picture import best_of, camera_file, developed_beside, suffix
 from drivers.ptp.protocol.connection import Connection, UsbConnection
-from drivers.ptp.protocol.session import Download
-from drivers.ptp.shot import Shot, StoredShot
+from drivers.ptp.shot import Shot, StoredShot, fetched, handle_of
 from drivers.ptp.vendors.standard import StandardBody
-from imaging.errors import CameraError, InputError
+from imaging.errors import CameraError
 from imaging.optics.exposure import Exposure
 
 _MOST_OBJECTS = 8
@@ -57,8 +54,9 @@ class PtpCamera:
         self._wanted: Exposure | None = None
         self.dials = Dials()
         self._shot: Shot | None = None
-        self._failed = False
-        self._listening: StandardBody | None = None
+        self._unconfirmed = False
+        """True from a release until its files are there, and after a failed fetch: leftovers may remain."""
+        self._ready_body: StandardBody | None = None
         """The body that was ready, and has answered since: it need not be waited for again."""
         self._size, self._bits = (0, 0), 0
 
@@ -71,7 +69,7 @@ class PtpCamera:
         """Query the identity, also of a camera that then refuses remote control."""
         if self._connection.identity is None:
             try:
-                self._again(lambda body: None)
+                self._with_reconnect(lambda body: None)
             except CameraRefused:
                 if self._connection.identity is None:
                     raise
@@ -80,50 +78,51 @@ class PtpCamera:
 
     def verified(self) -> str:
         """Return what the layer for its make has been tried on."""
-        return self._again(lambda body: body.verified)
+        return self._with_reconnect(lambda body: body.verified)
 
     def knows_make(self) -> bool:
         """Return whether its make is one whose ways are known here, beyond the standard's."""
-        return self._again(lambda body: body.knows_make)
+        return self._with_reconnect(lambda body: body.knows_make)
 
     def capabilities(self) -> Capabilities:
         """Current choices of the settings; sizes and bits are 0 if it does not state them before its first
         picture.
         """
-        return self._again(self._capabilities)
+        return self._with_reconnect(self._capabilities)
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
         """Set the nearest exposure the camera lists and return what it reads back.
 
-        A time that ExposureTime's 100 us leave open is the candidate nearest to the request, and not
-        certain. CameraRefused if the camera is not at manual exposure.
+        ExposureTime has a resolution of 100 us. If several times match, the one nearest to the request is
+        assumed. CameraRefused if the camera is not at manual exposure.
         """
-        self._shot = self._listening = None
-        applied = self._again(lambda body: self._set(body, exposure))
+        self._shot = self._ready_body = None
+        applied = self._with_reconnect(lambda body: self._set(body, exposure))
         self._wanted = exposure
         return applied
 
     def arm(self) -> None:
         """Wait until the camera accepts orders, and discard its events of earlier shots."""
-        self._must(self._wanted is not None, "be armed")
+        self._require(self._wanted is not None, "be armed")
         self._shot = None
 
         def ready(body: StandardBody) -> None:
-            if body is not self._listening:
+            if body is not self._ready_body:
                 body.wait_ready()
-            if self._failed:
+            if self._unconfirmed:
                 body.recount()
 
-        self._again(ready)
+        self._with_reconnect(ready)
 
     def trigger(self) -> float:
         """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
-        self._must(self._wanted is not None, "be triggered")
+        self._require(self._wanted is not None, "be triggered")
         body = self._connected()
         times = [choice.value for dial, choice in self.dials.setting.choices if dial is body.time]
-        self._must(bool(times), "be triggered")  # a camera found again amid a shot is not set yet
-        self._shot, self._failed, time = None, True, times[0]
-        before, self._listening = frozenset(body.earlier), None
+        # After a reconnect during a shot, the exposure has not been set again.
+        self._require(bool(times), "be triggered")
+        self._shot, self._unconfirmed, time = None, True, times[0]
+        before, self._ready_body = frozenset(body.earlier), None
         try:
             try:
                 body.release(_PROMPT)
@@ -144,8 +143,8 @@ class PtpCamera:
         A camera that is unplugged meanwhile is found again and asked for the shot. CameraTimeout if no
         picture comes, CameraProtocol if it stays damaged.
         """
-        frame = self.fetch(self._stored())
-        self._shot, self._failed = None, False
+        frame = self.fetch(self._stored_shot())
+        self._shot, self._unconfirmed = None, False
         return frame
 
     def bracket(self, exposures: Sequence[Exposure]) -> Iterator[CameraFile]:
@@ -154,16 +153,16 @@ class PtpCamera:
         CameraRefused, before anything is exposed, if none holds enough of them. After another error the
         camera is let go, and begins anew.
         """
-        fit = self._again(lambda body: self._fit(body, exposures))
+        fit = self._with_reconnect(lambda body: fit_of(body, exposures))
         if fit is None:
             raise CameraRefused(f"{self.where} has no such bracket: set and trigger each exposure.")
-        self._shot = self._listening = None
-        applied = self._again(lambda body: self._set(body, fit.middle, fit.bracket))
+        self._shot = self._ready_body = None
+        applied = self._with_reconnect(lambda body: self._set(body, fit.middle, fit.bracket))
         self._wanted = fit.middle
         if not shows(applied, fit.middle):
             raise CameraRefused(f"{self.where} stands at {applied}, not at {fit.middle}: set its dial to M.")
         self.arm()
-        self._failed = True
+        self._unconfirmed = True
         try:
             body = self._connected()
             for frame in shoot(body, fit):
@@ -174,11 +173,7 @@ class PtpCamera:
         except CameraError:
             self._drop()
             raise
-        self._failed = False
-
-    def _fit(self, body: StandardBody, exposures: Sequence[Exposure]) -> Fit | None:
-        offered = body.auto_brackets()
-        return best_fit(exposures, offered, _values(body.time)) if offered else None
+        self._unconfirmed = False
 
     def keeps(self) -> bool:
         """Return whether its pictures stay on a card, where they can be fetched later."""
@@ -186,35 +181,38 @@ class PtpCamera:
 
     def keep(self) -> StoredShot:
         """Wait until the picture that trigger() took is stored. CameraTimeout if none comes."""
-        stored = self._stored()
-        self._shot, self._failed = None, False
+        stored = self._stored_shot()
+        self._shot, self._unconfirmed = None, False
         return stored
 
     def fetch(self, stored: StoredShot) -> CameraFile:
         """The picture of a shot that is stored, as `collect` gives it; the next may be exposed meanwhile."""
 
-        def fetched(body: StandardBody) -> CameraFile:
+        def fetch_from(body: StandardBody) -> CameraFile:
             if body is not stored.body:
                 if self._shot is not None:
                     self._shot.doubtful = stored.objects is not self._shot.objects
                 for file in stored.objects:
-                    file.handle = self._handle_of(body, file)
+                    file.handle = handle_of(body, file)
                 stored.body = body
-            return self._fetched(body, stored)
+            frame = fetched(body, stored)
+            self._size, self._bits = (frame.width, frame.height), frame.bit_depth
+            self.dials.learn(body, frame.metadata.exposure, stored.setting)
+            return frame
 
         try:
-            return self._again(fetched)
+            return self._with_reconnect(fetch_from)
         except CameraError:
-            self._failed = True
+            self._unconfirmed = True
             raise
 
-    def _stored(self) -> StoredShot:
+    def _stored_shot(self) -> StoredShot:
         """The shot that was triggered, once the camera has all its files."""
         shot = self._shot
-        self._must(shot is not None, "deliver a picture")
+        self._require(shot is not None, "deliver a picture")
         assert shot is not None
 
-        def stored(body: StandardBody) -> StoredShot:
+        def wait_for_files(body: StandardBody) -> StoredShot:
             if body is not shot.body:
                 self._continue_on(body, shot)
             if not shot.objects:
@@ -223,12 +221,12 @@ class PtpCamera:
                 shot.objects = body.wait(max(rest, shot.time - _DARK_FRAME, 0.0))
             return StoredShot(shot.objects, body, self.dials.setting)
 
-        return self._again(stored)
+        return self._with_reconnect(wait_for_files)
 
     def close(self) -> None:
         """Give the camera back to its own buttons and let go; a second time does nothing."""
         body, self._body = self._body, None
-        self._shot = self._listening = None
+        self._shot = self._ready_body = None
         self.dials.forget()  # what is turned on the camera meanwhile counts
         if body is not None:
             with suppress(CameraError):
@@ -237,13 +235,13 @@ class PtpCamera:
                 body.leave()
             body.session.close()
 
-    def _must(self, fit: bool, what: str) -> None:
+    def _require(self, fit: bool, what: str) -> None:
         if not fit:
             raise CameraError(
                 f"{self.where} cannot {what} yet: call set_exposure, arm, trigger and collect in this order."
             )
 
-    def _again(self, act: Callable[[StandardBody], T]) -> T:
+    def _with_reconnect(self, act: Callable[[StandardBody], T]) -> T:
         """Run an action; once more if the camera was unplugged and came back."""
         for last in (False, True):
             try:
@@ -270,7 +268,7 @@ class PtpCamera:
 
     def _capabilities(self, body: StandardBody) -> Capabilities:
         width, height = self._size if self._size[0] else body.stated_size()
-        times, f_numbers, isos = map(_values, (body.time, body.f_number, body.iso))
+        times, f_numbers, isos = map(dial_values, (body.time, body.f_number, body.iso))
         return Capabilities(width, height, self._bits, times, f_numbers, isos, body.obstacle())
 
     def _set(self, body: StandardBody, exposure: Exposure, bracket: AutoBracket | None = None) -> Exposure:
@@ -280,8 +278,8 @@ class PtpCamera:
         body.wait_ready()
         if body.standing != bracket:
             stand(body, None)
-        self._listening = body
-        return self.dials.set(body, exposure, self._clock.sleep, afresh=self._failed)
+        self._ready_body = body
+        return self.dials.set(body, exposure, self._clock.sleep, afresh=self._unconfirmed)
 
     def _continue_on(self, body: StandardBody, shot: Shot) -> None:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
@@ -294,52 +292,5 @@ class PtpCamera:
                 raise CameraRefused(f"{self.where} no longer knows the shot: take it again.")
             body.earlier -= new
         for file in shot.objects:
-            file.handle = self._handle_of(body, file)
+            file.handle = handle_of(body, file)
         shot.body = body
-
-    def _handle_of(self, body: StandardBody, file: Download) -> int:
-        for handle in body.handles_of(file):
-            with suppress(CameraRefused):
-                if body.session.object_info(handle) == file.info:
-                    return handle
-        raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
-
-    def _fetched(self, body: StandardBody, stored: StoredShot) -> CameraFile:
-        """The pictures of the shot, all bytes of the best one; the camera may then forget all of them."""
-        best = best_of(stored.objects)
-        try:
-            frame = camera_file(body.fetch(best), best)
-        except InputError:
-            best.data.clear()
-            try:
-                frame = camera_file(body.fetch(best), best)
-            except InputError as error:
-                raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
-        frame = replace(frame, developed=self._developed(body, best, stored))
-        for file in stored.objects:
-            with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
-                body.discard(file)
-        for file in stored.objects:
-            file.data = bytearray()  # the frame has a copy
-        self._size, self._bits = (frame.width, frame.height), frame.bit_depth
-        self.dials.learn(body, frame.metadata.exposure, stored.setting)
-        return frame
-
-    def _developed(self, body: StandardBody, best: Download, stored: StoredShot) -> tuple[str, bytes] | None:
-        """The photograph beside the RAW file; None if it is missing or incomplete.
-
-        A camera that is lost over it is asked for all of the shot again.
-        """
-        file = developed_beside(best, stored.objects)
-        if file is None:
-            return None
-        try:
-            return suffix(file), body.fetch(file)
-        except CameraLost:
-            raise
-        except CameraError:  # the exposure is here: it is not worth a shot
-            return None
-
-
-def _values(dial: Dial | None) -> tuple[float, ...]:
-    return () if dial is None else tuple(choice.value for choice in dial.choices())

@@ -187,6 +187,11 @@ class Dial:
         return (choice.value,) if choice.certain else self._coding.candidates(choice.code)
 
 
+def dial_values(dial: Dial | None) -> tuple[float, ...]:
+    """Settable values of a dial, ascending; none without the dial."""
+    return () if dial is None else tuple(choice.value for choice in dial.choices())
+
+
 def apart(value: float, other: float) -> float:
     """Stops between two positive values."""
     return abs(math.log2(value / other))

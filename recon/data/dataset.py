@@ -25,7 +25,9 @@ MOST_VALIDATION = 4
 
 
 MOST_TRACKED = 20_000
-"""Scene points that every view's looks at are held of at once: what is judged by them takes far fewer."""
+"""Maximum number of scene points whose observations in all views are kept in memory; the checks that use them
+need far fewer.
+"""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from recon.decide.steps.far_field import environment_for
 from recon.decide.steps.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.steps.stated_settings import in_words, overruled_parts
 from recon.decide.trials import reason_against_trials
+from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import FEWEST_POINTS, Start, points_of_poses, scattered, start_points
 
@@ -38,8 +39,11 @@ def planned(run: Run) -> TrainingPlan:
 
 
 def with_light_of_photographs(run: Run, evidence: Evidence) -> tuple[Run, Evidence, tuple[Rung, ...]]:
-    """The run and its evidence with the exposures and white balances in which scene points overrule the
-    files, where held-out renders get better by it; and why.
+    """Replace exposures and white balances stated in the files by those estimated from scene points, if this
+    improves held-out renders or was asked for.
+
+    Returns:
+        The run and its evidence with what was replaced, and the reasons, a rung for each part considered.
     """
     asked, dataset = run.asked, evidence.dataset
     if not asked_parts(dataset) and asked.overrides.overrule is None:
@@ -64,11 +68,11 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     Raises:
         TooShort: A budget of time has no room for the fewest iterations.
     """
-    asked, progress, countdown = run.asked, run.progress, run.countdown
+    asked, countdown = run.asked, run.countdown
     dataset, images = evidence.dataset, evidence.images
 
     # Iterations at most: with early stop as many as were worth it in other scenes.
-    settings = _with(asked, iterations=iterations_at_most(asked))
+    decided = _with(asked, iterations=iterations_at_most(asked))
 
     # The report, and any training at all: whether a time has room for them, by what the first look took.
     if countdown is not None:
@@ -76,47 +80,43 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         countdown.require(evidence.look, FEWEST)
 
     # The degree of the harmonics, by scene points seen from all sides.
-    first = None if len(dataset.points().xyz) else points_of_poses(dataset, images, progress, evidence.light)
+    first = None
+    if not len(dataset.points().xyz):
+        first = points_of_poses(dataset, images, run.progress, evidence.light)
     degree, colour = degree_for(dataset, asked, images, first)
 
     # The most Gaussians, by preset, budget and samples of the views.
-    settings = _with(settings, degree=degree, max_gaussians=most_for(dataset, asked, degree))
-    _require_room(run, evidence, settings)
+    decided = _with(decided, degree=degree, max_gaussians=most_for(dataset, asked, degree))
+    _require_room(run, evidence, decided)
 
     # The starting points, and whether short trainings from them may decide what follows.
-    points = _start(run, evidence, settings, first)
-    plan = TrainingPlan(settings, evidence.light, points=points)
+    points = _start(run, evidence, decided, first)
+    plan = TrainingPlan(decided, evidence.light, points=points)
     against_trials = _reason_against_trials(run, evidence, plan)
 
-    # Light from far away behind the Gaussians: by views that look through the points, and a trial, which is
-    # short enough for a draft and does not depend on what was set by hand.
-    units = settings.composed(dataset, evidence.light).observation.units
-    far = None
-    against_far = against_trials if run.countdown else None
-    environment = environment_for(dataset, settings, images, points, units, against_far, progress, run.device)
-    if environment.taken:
-        far = far_light(dataset.train, images, units)
-        points = without_far(points, dataset.train, images, far, units)
-        settings = _with(settings, environment=True)
+    # Light from far away behind the Gaussians: by views that look through the points, and a trial.
+    environment, points, far = _far_field(run, evidence, decided, points, against_trials)
+    if far is not None:
+        decided = _with(decided, environment=True)
 
     # Measured depth: its weight, by its fit to the scene points, then by trials.
-    weight, depth = depth_for(dataset, evidence.depths, settings, against_trials, progress, run.device)
-    settings = _with(settings, depth=weight, depth_scale=dataset.depth_scale)
+    weight, depth = depth_for(dataset, evidence.depths, decided, against_trials, run.progress, run.device)
+    decided = _with(decided, depth=weight, depth_scale=dataset.depth_scale)
 
     # Corrections of the calibration, by its errors, else by trials of what was asked for with these two.
-    tried = _with(asked, environment=settings.environment, depth=weight)
-    corrections = corrections_for(dataset, images, tried, against_trials, progress, run.device)
+    of_trials = _with(asked, environment=decided.environment, depth=weight)
+    corrections = corrections_for(dataset, images, of_trials, against_trials, run.progress, run.device)
 
     # The number of Gaussians, by trials that halve it or by the samples of the views.
     count, size = gaussians_for(
-        dataset, tried, against_trials, degree, corrections.names, points, progress, run.device
+        dataset, of_trials, against_trials, degree, corrections.names, points, run.progress, run.device
     )
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
     points = fewer(points, _begun_with(asked, count), asked.seed)
-    settings = _with(settings, max_gaussians=count)
+    decided = _with(decided, max_gaussians=count)
 
     rungs = (size, colour, environment, *depth)
-    plan = TrainingPlan(settings, evidence.light, corrections, rungs, points=points, far=far)
+    plan = TrainingPlan(decided, evidence.light, corrections, rungs, points=points, far=far)
     return plan if asked.budget is None else _within_budget(run, evidence, plan)
 
 
@@ -132,8 +132,10 @@ def _with(settings: Settings, **decided: float | None) -> Settings:
 
 
 def _require_room(run: Run, evidence: Evidence, settings: Settings) -> None:
-    """Raise TooShort where the time has no room for the fewest iterations, by the speed of a few; after a
-    start only, if a smaller size exists that would begin with one.
+    """Raise TooShort if the time has no room for the fewest iterations.
+
+    Measures the speed over a few iterations. If a smaller size is available, time for initialisation is
+    reserved as well.
     """
     if run.countdown is None:
         return
@@ -161,6 +163,23 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
         few = f"{points.left_out} of {len(dataset.train)} views"
         run.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")
     return points
+
+
+def _far_field(
+    run: Run, evidence: Evidence, settings: Settings, points: Start, against_trials: str | None
+) -> tuple[Rung, Start, Environment | None]:
+    """Decide on an environment: its rung, the starting points that stay before it, and its light if it is
+    taken.
+    """
+    dataset, images = evidence.dataset, evidence.images
+    units = settings.composed(dataset, evidence.light).observation.units
+    # The trial is short enough for a draft, and does not depend on what was set by hand.
+    against = against_trials if run.countdown else None
+    rung = environment_for(dataset, settings, images, points, units, against, run.progress, run.device)
+    if not rung.taken:
+        return rung, points, None
+    far = far_light(dataset.train, images, units)
+    return rung, without_far(points, dataset.train, images, far, units), far
 
 
 def _begun_with(settings: Settings, most: int) -> int:

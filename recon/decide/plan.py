@@ -22,8 +22,8 @@ class TrainingPlan:
     """A training as it was decided, without the photographs: several processes are sent the same one.
 
     settings: the requested ones, with decisions in place of defaults. points: to start from, and `far`, the
-    environment behind them; a training that goes on has no more use for these and the corrections. rungs: the
-    evidence for the decisions; that for the corrections is in `corrections`.
+    environment behind them: not needed, nor are the corrections, when training resumes from a checkpoint.
+    rungs: the evidence for the decisions; that for the corrections is in `corrections`.
     """
 
     settings: Settings

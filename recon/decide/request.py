@@ -36,7 +36,7 @@ class TrainingRequest(Request):
     method: Annotated[
         MethodName,
         "auto chooses by the files of the session: nh-3dgs for RAW and EXR, hdr-gs for photographs with "
-        "different exposures, else vanilla, which trains the colours of 3DGS like the other methods.",
+        "different exposures, else vanilla, with the Gaussians and colours of standard 3DGS.",
     ] = "auto"
     quality: Annotated[QualityName, f"Preset of training length and resolution: {_PRESETS}."] = "standard"
     budget: Annotated[

@@ -11,7 +11,7 @@ from imaging.session.calibration import Response
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.observe.photographs import ToneCurve
-from recon.observe.tone_grid import Grid, curve_values, middle_of, needed, remap_rate, sampled
+from recon.observe.tone_grid import curve_values, grid_nodes, middle_of, needed, remap_rate, sampled
 from recon.scene.appearance import Rate
 
 ASSUMED = Rate(2e-1, 5e-4)
@@ -59,7 +59,7 @@ class Curves:
         measured = None not in residuals
         known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
         known = known or not (measured or _separable(dataset, scales))
-        nodes = finest = Grid().nodes()
+        nodes = finest = grid_nodes()
         if measured:
             starts = (sampled(response, finest, rate, middle) for response in distinct)
             curves = [curve_values(theta).double().numpy() for theta in starts]

@@ -5,7 +5,6 @@ channel, sampled on a grid that is finer in the middle.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +19,8 @@ from recon.data.tone import encode
 from recon.observe.kernels.tone_curve_kernel import look_up
 
 LEAK = 0.01
+LOW, CORE_LOW, CORE_HIGH, HIGH = -10.0, -5.0, 2.5, 5.0
+"""Ends of the grid on the x axis, and between them those of its middle, the core."""
 CORE_DENSITY, TAIL_DENSITY = 128, 64
 """Nodes per unit of x."""
 EXACT = 0.1 / 255
@@ -39,27 +40,18 @@ def remap_rate(scales: Sequence[float]) -> float:
     return float(np.clip(2 / (np.diff(stops).min() * np.log(2)), 0.25, 2.0))
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Nodes on [low, high]: three uniform segments, the middle one, the core, twice as dense."""
-
-    low: float = -10.0
-    high: float = 5.0
-    core_low: float = -5.0
-    core_high: float = 2.5
-
-    def nodes(self) -> Array:
-        """x of every node, rising, float64 [M]."""
-        parts = [
-            (self.low, self.core_low, TAIL_DENSITY),
-            (self.core_low, self.core_high, CORE_DENSITY),
-            (self.core_high, self.high, TAIL_DENSITY),
-        ]
-        pieces = [
-            np.linspace(start, end, max(1, round((end - start) * density)), endpoint=False)
-            for start, end, density in parts
-        ]
-        return np.concatenate([*pieces, [self.high]])
+def grid_nodes() -> Array:
+    """x of every node, rising, float64 [M]: three uniform segments, the core twice as dense."""
+    parts = [
+        (LOW, CORE_LOW, TAIL_DENSITY),
+        (CORE_LOW, CORE_HIGH, CORE_DENSITY),
+        (CORE_HIGH, HIGH, TAIL_DENSITY),
+    ]
+    pieces = [
+        np.linspace(start, end, round((end - start) * density), endpoint=False)
+        for start, end, density in parts
+    ]
+    return np.concatenate([*pieces, [HIGH]])
 
 
 def needed(nodes: Array, curves: Array) -> npt.NDArray[np.intp]:

@@ -18,6 +18,14 @@ from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats
 from recon.train.adam import Adam
 
+OPACITY = 0.01
+"""Least opacity of a Gaussian as dim as the reference, or dimmer: below it, it is pruned; a brighter one at
+proportionally less, since a faint veil of a lamp still outshines a shadow (luminance-aware, as the alpha
+floor of the rasteriser).
+"""
+SHRINK = 1.6
+"""Factor by which the two that replace a split Gaussian are smaller."""
+
 
 class DensityControl(Protocol):
     """Growth and pruning of the Gaussians on the way, as gsplat's Strategy: `train` takes any.
@@ -50,19 +58,12 @@ class DensityControl(Protocol):
 
 @dataclass(frozen=True)
 class DensityRules:
-    """Constants of growth and pruning; fractions are of the whole training.
-
-    cap: most Gaussians. opacity: a Gaussian as dim as the reference, or dimmer, is pruned below this
-    opacity; a brighter one at proportionally less, since a faint veil of a lamp still outshines a
-    shadow (luminance-aware, as the alpha floor of the rasteriser).
-    """
+    """Constants of growth; fractions are of the whole training. cap: most Gaussians."""
 
     cap: int
     begin: float = 0.05
     end: float = 0.6
     every: float = 0.025
-    opacity: float = 0.01
-    shrink: float = 1.6
     growth: float = 0.25
     """Largest share of the Gaussians that is split in one adaptation."""
 
@@ -92,7 +93,7 @@ class Density:
         """Split the Gaussians that pixels pull at the hardest, and prune those that do not show.
 
         The split ones are replaced by two, drawn from the Gaussian itself along its axes, smaller by
-        `shrink`, each of the opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
+        `SHRINK`, each of the opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
         """
         count = len(gaussians)
         keep = self._visible(gaussians, luminance)
@@ -129,7 +130,7 @@ class Density:
         finite = torch.ones_like(opacity, dtype=torch.bool)
         for value in gaussians.parameters.values():
             finite &= torch.isfinite(value.detach()).reshape(len(value), -1).all(1)
-        visible = finite & (opacity >= self.rules.opacity * share)
+        visible = finite & (opacity >= OPACITY * share)
         if not visible.any() and finite.any():
             visible[torch.where(finite, opacity, -1.0).argmax()] = True
         return visible
@@ -139,7 +140,7 @@ class Density:
         scales = child["log_scales"].exp()
         offset = torch.randn(len(split), 3, generator=generator).to(scales.device) * scales
         child["means"] = child["means"] + rotate(child["quats"], offset)
-        child["log_scales"] = child["log_scales"] - math.log(self.rules.shrink)
+        child["log_scales"] = child["log_scales"] - math.log(SHRINK)
         through = torch.sigmoid(-child["opacity_logits"]).sqrt()
         child["opacity_logits"] = torch.logit((1 - through).clamp(1e-6, 1 - 1e-6))
         return child

@@ -16,6 +16,16 @@ from recon.train.training import Training
 
 COOL_DOWN = 0.2
 """Share of what is left of a schedule that a cool-down takes: near its end rates are low already."""
+BEGIN = 0.3
+"""Share of the schedule before which early stop judges nothing."""
+AIM, EARLY, LATE = 0.97, 0.955, 0.99
+"""Shares of the time: that a schedule is fitted to, and those outside which its end is early or late."""
+EVERY = 0.02
+"""Share of the time between two looks at the speed."""
+PATIENCE = 0.3
+"""Tolerated error of the end, as a share of the time that is left: the first iterations are slow, and a
+training shortened for them would not be the requested one.
+"""
 
 
 def cooling(training: Training) -> int | None:
@@ -35,12 +45,10 @@ class EarlyStop:
     """
 
     least: float = 0.3
-    """dB that the rest has to promise at the present slope. The cool-down brings most of it anyway, but where
-    no more is planned than is worth it (recon.decide.cost.prediction) stopping at 1 cost a tenth of a dB, and
+    """dB that the rest has to promise at the present slope. The cool-down recovers most of this gain. For
+    schedules already capped by `enough()` (recon.decide.cost.prediction), a threshold of 1 dB cost 0.1 dB or
     more."""
     moments: int = 5
-    begin: float = 0.3
-    """Share of the schedule before which nothing is judged."""
     halved: bool = False
     """Views begin at half size, at which quality stands still before what full size has to show: no moment
     up to their full size is judged by."""
@@ -53,7 +61,7 @@ class EarlyStop:
         since = UNTIL if self.halved else 0.0
         if sum(schedule.progress(moment.iteration) > since for moment in curve) < self.moments:
             return None
-        if curve[-1].iteration != training.iteration or schedule.progress(training.iteration) < self.begin:
+        if curve[-1].iteration != training.iteration or schedule.progress(training.iteration) < BEGIN:
             return None
         promised = self.slope(training) * (1 - schedule.progress(training.iteration))
         rest = cooling(training) if promised < self.least else None
@@ -100,16 +108,8 @@ class Deadline:
     """Iterations of the whole schedule if there is time enough."""
     cap: int
     """Gaussians at the end."""
-    aim: float = 0.97
-    early: float = 0.955
-    late: float = 0.99
-    every: float = 0.02
     slowdown: float = 1.0
     """Times that an iteration takes once views are looked at in full size, of one before."""
-    patience: float = 0.3
-    """Tolerated error of the end, as a share of the time that is left: the first iterations are slow, and a
-    training shortened for them would not be the requested one.
-    """
     _since: tuple[int, float] | None = field(default=None, repr=False)
 
     def __call__(self, training: Training) -> int | None:
@@ -122,15 +122,15 @@ class Deadline:
             return None
         made, taken = training.iteration - self._since[0], spent - self._since[1]
         rest = schedule.total - training.iteration
-        if taken < self.every * self.seconds and spent < self.late * self.seconds:
+        if taken < EVERY * self.seconds and spent < LATE * self.seconds:
             return None
         self._since = (training.iteration, spent)
         pace = max(taken / made, 1e-9) * self._growth(training)
         end = spent + rest * pace
-        latest = self.late * self.seconds + self.patience * max(self.seconds - spent, 0.0)
-        if self.early * self.seconds <= end <= latest:
+        latest = LATE * self.seconds + PATIENCE * max(self.seconds - spent, 0.0)
+        if EARLY * self.seconds <= end <= latest:
             return None
-        fitting = max(1, math.floor((self.aim * self.seconds - spent) / pace))
+        fitting = max(1, math.floor((AIM * self.seconds - spent) / pace))
         if end > latest:
             return min(fitting, rest)
         if training.ending:

@@ -100,7 +100,9 @@ def train(
                 total += loss.detach()
             ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
             optimizer.step()
-            optimizer.zero_grad()  # nothing reads them until the next backward pass, and they are a quarter
+            # Frees the gradients until the next backward pass: a quarter of the training's tensors, of which
+            # the others are the parameters and the two averages of Adam.
+            optimizer.zero_grad()
             if refinement:
                 refinement.settle()
             training.iteration += 1

@@ -8,10 +8,6 @@ from recon.measure.evaluate import evaluate
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained
 
 
-def _is_scene(folder: Path) -> bool:
-    return hdr_nerf.is_one(folder)
-
-
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     imported(scene, session, "hdr-nerf", progress)
     curved(session, progress)
@@ -22,7 +18,7 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 HDR_NERF = Protocol(
     name="HDR-NeRF",
-    is_scene=_is_scene,
+    is_scene=hdr_nerf.is_one,
     run=_run,
     columns={
         "ldr_psnr_oe": Column("OE dB", 2),

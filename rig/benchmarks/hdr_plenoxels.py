@@ -14,10 +14,6 @@ EVERY = 4
 """Stride of the test photographs, by name."""
 
 
-def _is_scene(folder: Path) -> bool:
-    return llff.is_one(folder)
-
-
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     imported(scene, session, "llff", progress)
     _hold_out(session)
@@ -38,7 +34,7 @@ def _hold_out(session: Path) -> None:
 
 HDR_PLENOXELS = Protocol(
     name="HDR-Plenoxels",
-    is_scene=_is_scene,
+    is_scene=llff.is_one,
     run=_run,
     columns={"psnr": Column("dB", 2), "ssim": Column("SSIM", 4)},
     published={

@@ -9,10 +9,6 @@ from recon.measure.protocols import hdr_pretrain
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, curved, imported, trained
 
 
-def _is_scene(folder: Path) -> bool:
-    return layout.is_one(folder)
-
-
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     imported(scene, session, "hdr-pretrain", progress)
     curved(session, progress)
@@ -24,7 +20,7 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 HDR_PRETRAIN = Protocol(
     name="HDR-Pretrain",
-    is_scene=_is_scene,
+    is_scene=layout.is_one,
     run=_run,
     columns={
         "ldr_psnr_oe": Column("LDR dB", 2),

@@ -8,10 +8,6 @@ from recon.measure.protocols import realx3d
 from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 
-def _is_scene(folder: Path) -> bool:
-    return layout.is_one(folder)
-
-
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     imported(scene, session, "realx3d", progress)
     folder = trained(session, "auto", choices, progress)
@@ -22,7 +18,7 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
 REALX3D = Protocol(
     name="RealX3D",
-    is_scene=_is_scene,
+    is_scene=layout.is_one,
     run=_run,
     columns={
         "psnr": Column("dB", 2),

@@ -42,7 +42,7 @@ OPTIONS = Asked(
     onto=Shown(how={"metavar": "SESSION"}),
     without=Shown(
         made=lambda parts: [str(part) for part in parts],
-        more=f"{', '.join(get_args(LightPart))}. May be repeated.",
+        more=f"PART is one of {', '.join(get_args(LightPart))}; may be repeated.",
         how={"metavar": "PART"},
     ),
 )
@@ -68,10 +68,10 @@ def calibrate(
 
 
 EACH, FULL_SIZE = (0.7, 4.0), (5.3, 15.0)
-"""Processor seconds for a view in all, in sets that are soon done and in others: of its own, and of its
-pixels. A simulated rig, 320 px, 1.1 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5
+"""CPU seconds per view, (fast sets, slow sets): fixed part, and part at full resolution. Measured, both parts
+together: a simulated rig, 320 px, 1.1 (bench/results/calibration_size.md); a walk, 12 megapixels, 10.5
 (calibration_full_size.md); brighton 7.4, sceaux 10.3, fox 13.7, banana 18.8 (real_judges.md). Objects of
-metal and glass, 400 px, take 8.0, twice as long as is said.
+metal and glass, 400 px, take 8.0, twice the estimate.
 """
 FULL = 2e6
 """Pixels from which on a photograph takes that long: features are looked for in no more."""

@@ -48,11 +48,11 @@ def export(
     ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Write a scene for other programs, and report the loss of its light.
+    """Export a scene to other formats.
 
-    The loss is measured on the scene and stated in stops, for its Gaussians and for pictures drawn from the
-    file. --out scene.html is a page that shows the scene at any exposure, offline, in any browser of 2023 or
-    later. docs/export.md explains each format.
+    The loss of light is measured on the scene and stated in stops, for its Gaussians and for pictures drawn
+    from the file. --out scene.html is a page that shows the scene at any exposure, offline, in any browser of
+    2023 or later. docs/export.md explains each format.
 
     Example: rig export S --out scene.usdc
     """

@@ -24,7 +24,7 @@ def importing(
         typer.Argument(
             metavar="PHOTOS",
             help="Folder of RAW, JPEG, HEIC, WebP, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, "
-            "COLMAP, LLFF, HDR-NeRF, HDR-Pretrain, RawNeRF or RealX3D; or a video.",
+            "COLMAP, LLFF, HDR-NeRF, HDR-Pretrain, RawNeRF, RealX3D or OpenScan3; or a video.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],

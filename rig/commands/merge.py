@@ -54,7 +54,8 @@ def merge(
     factor; after rig calibrate --luminance, whiteLuminance in the header makes values absolute. Exposures and
     response are those of rig calibrate; without it, those of the files' labels, and sRGB. What a mask of the
     session hides in one exposure is taken from the others; what it hides in all of them is merged all the
-    same, and has 16 added in the mask. RAW of a camera without calibrated colour stays camera RGB.
+    same, and sets the bit of value 16 in the mask. RAW of a camera without calibrated colour stays camera
+    RGB.
 
     Example: rig merge S merged/ --frame 0
     """

@@ -78,10 +78,10 @@ def simulate(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> CommandResult:
-    """Simulate a PTP/IP, a GigE Vision, a USB3 Vision or a USB still camera.
+    """Simulate a camera.
 
     Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, to GigE Vision hosts, such as
-    Aravis, or over USB/IP to any Linux host as a USB device, until Ctrl-C. There is no
+    Aravis, or over USB/IP to any Linux host as a USB3 Vision or a USB still camera, until Ctrl-C. There is no
     password: listen on 127.0.0.1 unless the network is your own.
 
     Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6

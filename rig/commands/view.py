@@ -26,7 +26,8 @@ def view(
         list[Path],
         typer.Argument(
             metavar="RECON...",
-            help="SESSION/reconstructions/NAME, or a session for its newest; two are compared.",
+            help="SESSION/reconstructions/NAME, or a session for its newest scene, or for its photographs if "
+            "it has none; two scenes are compared.",
         ),
     ],
     port: Annotated[

@@ -36,7 +36,8 @@ PLAIN = Shown()
 class Asked:
     """Annotation of a command's parameter: a request, whose options are those of the command.
 
-    Python alone has those that are named in `beside`; shown: the others, where they are not plain.
+    beside: fields available from Python only. shown: presentation of the other fields, where the default does
+    not do.
     """
 
     def __init__(self, beside: Collection[str] = (), **shown: Shown) -> None:

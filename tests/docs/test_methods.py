@@ -22,7 +22,7 @@ from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import TAU
 from recon.splat import Limits
 from recon.train import schedule
-from recon.train.densification import DensityRules
+from recon.train.densification import OPACITY, SHRINK, DensityRules
 from recon.train.schedule import rate_factor
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,13 +42,13 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"clamped to within (\d+) stops", lambda: (COLOURS.stops,)),
     (r"\\mu = (\d+)\$ for signals of a sensor and (\d+) for", lambda: (linear.SIGNAL_MU, linear.LIGHT_MU)),
     (r"\\qquad w = ([\d.]+)", lambda: (Photometric().ssim_weight,)),
-    (r"grid of \$(-\d+) \\dots (\d+)\$", lambda: (tone_grid.Grid().low, tone_grid.Grid().high)),
+    (r"grid of \$(-\d+) \\dots (\d+)\$", lambda: (tone_grid.LOW, tone_grid.HIGH)),
     (
         r"(\d+) nodes a unit between \$(-\d+)\$ and \$([\d.]+)\$ and (\d+) beyond",
         lambda: (
             tone_grid.CORE_DENSITY,
-            tone_grid.Grid().core_low,
-            tone_grid.Grid().core_high,
+            tone_grid.CORE_LOW,
+            tone_grid.CORE_HIGH,
             tone_grid.TAIL_DENSITY,
         ),
     ),
@@ -63,8 +63,8 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"\(r / ([\d.]+) D\)", lambda: (RADIUS,)),
     (r"\\frac\{(\d+)\}\{n\}\\right\)\^\{([\d.]+)\}", lambda: (schedule.USUAL, schedule.POWER)),
     (r"from (\d+) % to (\d+) % of it", lambda: (100 * RULES.begin, 100 * RULES.end)),
-    (r"s' = s / ([\d.]+)", lambda: (RULES.shrink,)),
-    (r"o = ([\d.]+) \\min\(1", lambda: (RULES.opacity,)),
+    (r"s' = s / ([\d.]+)", lambda: (SHRINK,)),
+    (r"o = ([\d.]+) \\min\(1", lambda: (OPACITY,)),
     (r"share missing at white is above ([\d.]+) %", lambda: (100 * linearity.DEVIATES,)),
     (r"exceeds one standard error and ([\d.]+) per observation", lambda: (lens_ladder.MATERIAL,)),
     (r"have to move by \$(\d) \\cdot 10\^\{-5\}", lambda: (focal_evidence.DETERMINED * 1e5,)),

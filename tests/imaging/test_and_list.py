@@ -2,7 +2,7 @@
 
 import pytest
 
-from imaging.and_list import and_list
+from imaging.and_list import and_list, and_more
 
 
 @pytest.mark.parametrize(
@@ -11,3 +11,8 @@ from imaging.and_list import and_list
 )
 def test_the_last_two_have_an_and_between_them(words: str, said: str) -> None:
     assert and_list(iter(words)) == said
+
+
+@pytest.mark.parametrize(("names", "said"), [("", ""), ("ab", "a, b"), ("abcd", "a, b and 2 more")])
+def test_names_beyond_the_most_are_counted(names: str, said: str) -> None:
+    assert and_more(names, 2) == said

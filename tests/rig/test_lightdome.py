@@ -141,7 +141,7 @@ def test_the_normals_of_the_page(template: Path) -> None:
             "states no lamp for frame 2, 3, 4, 5, 6, 7 and more",
         ),
         ({"places": {str(frame): None for frame in range(25)}}, 2, "has 0 lamps"),
-        ({"across": None}, 2, "fits as a matt surface under lamps at these places"),
+        ({"across": None}, 2, "of the lit pixels fit a Lambertian surface: check the order"),
         ({"places": {"3": [0, 0, 0]}}, 2, "a lamp stands at 0, 0, 0"),
     ],
 )

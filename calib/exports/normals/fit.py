@@ -125,80 +125,23 @@ def _fit_series(
 ) -> None:
     """Fill a n [P, 3], its covariance [P, 3, 3] and the number of lamps that count [P] of light [L, P]."""
     count, pixels = light.shape
-    deviation, ratios, distances = np.empty(count), np.empty(count), np.empty(count)
+    deviation, residuals, weights = np.empty(count), np.empty(count), np.empty(count)
     usable, lit, chosen = np.empty(count, np.bool_), np.empty(count, np.bool_), np.empty(count, np.bool_)
-    weights, vector, inverse = np.empty(count), np.empty(3), np.empty((3, 3))
+    vector, inverse = np.empty(3), np.empty((3, 3))
     for pixel in range(pixels):
-        number = 0
-        chosen[:], deviation[:] = False, 1.0
-        for lamp in range(count):
-            value, noise = light[lamp, pixel], sigma[lamp, pixel]
-            usable[lamp] = math.isfinite(value) and math.isfinite(noise) and noise > 0.0
-            if usable[lamp]:
-                deviation[lamp] = math.sqrt(noise * noise + (spread * value) ** 2)
-                strength = 0.0
-                for axis in range(3):
-                    strength += lamps[lamp, pixel, axis] ** 2
-                ratios[number] = value / math.sqrt(strength)
-                distances[lamp] = ratios[number]
-                number += 1
-        if number < FEWEST:
+        values, axes = light[:, pixel], lamps[:, pixel]
+        if not _begin(values, sigma[:, pixel], axes, spread, deviation, usable, lit):
             continue
-        third = _ranked(ratios, number, number - FEWEST)
-        for lamp in range(count):
-            lit[lamp] = (
-                usable[lamp]
-                and distances[lamp] > SHADOW * third
-                and light[lamp, pixel] > DARK * deviation[lamp]
-            )
-            weights[lamp] = 1.0 / deviation[lamp] ** 2 if lit[lamp] else 0.0
-        if not _solve(light[:, pixel], lamps[:, pixel], weights, vector, inverse):
+        if not _reweighted(values, axes, deviation, lit, weights, vector, inverse, residuals):
             continue
-        for _ in range(_ROUNDS):
-            _residuals(light[:, pixel], lamps[:, pixel], deviation, vector, distances)
-            for lamp in range(count):
-                if lit[lamp]:
-                    weights[lamp] = 1.0 / (deviation[lamp] ** 2 * max(abs(distances[lamp]), 1.0))
-            _solve(light[:, pixel], lamps[:, pixel], weights, vector, inverse)
-        _residuals(light[:, pixel], lamps[:, pixel], deviation, vector, distances)
-        number = 0
-        for lamp in range(count):
-            if lit[lamp]:
-                ratios[number] = abs(distances[lamp])
-                number += 1
-        bound = BEYOND * max(1.0, 1.4826 * _ranked(ratios, number, number // 2))
-        solved = True
-        for _ in range(_ROUNDS):
-            changed = False
-            number = 0
-            for lamp in range(count):
-                keep = usable[lamp] and abs(distances[lamp]) <= bound
-                if keep:
-                    along = 0.0
-                    for axis in range(3):
-                        along += vector[axis] * lamps[lamp, pixel, axis]
-                    keep = along > 0.0
-                changed = changed or keep != chosen[lamp]
-                chosen[lamp] = keep
-                weights[lamp] = 1.0 / deviation[lamp] ** 2 if keep else 0.0
-                number += keep
-            solved = number >= FEWEST and _solve(light[:, pixel], lamps[:, pixel], weights, vector, inverse)
-            if not solved or not changed:
-                break
-            _residuals(light[:, pixel], lamps[:, pixel], deviation, vector, distances)
-        if not solved:
+        bound = _bound(residuals[lit])
+        number = _refined(values, axes, deviation, usable, bound, chosen, weights, vector, inverse, residuals)
+        if number == 0:
             continue
-        _residuals(light[:, pixel], lamps[:, pixel], deviation, vector, distances)
-        chi = rough = strength = 0.0
-        for lamp in range(count):
-            if chosen[lamp]:
-                chi += distances[lamp] ** 2
-                rough += deviation[lamp] ** 2 * (distances[lamp] ** 2 - 1.0)
-                strength += (light[lamp, pixel] - deviation[lamp] * distances[lamp]) ** 2
         counted[pixel] = number
-        if rough > MATT**2 * strength:
+        factor = _scatter(values, deviation, residuals, chosen, number)
+        if factor == 0.0:
             continue
-        factor = max(1.0, chi / (number - 3)) if number > 3 else 1.0
         for i in range(3):
             vectors[pixel, i] = vector[i]
             for j in range(3):
@@ -206,9 +149,129 @@ def _fit_series(
 
 
 @compiled
-def _ranked(values: np.ndarray, number: int, rank: int) -> float:
-    """Sort the first values of an array in place, and return the one at a rank."""
-    for end in range(1, number):
+def _begin(
+    light: np.ndarray,
+    sigma: np.ndarray,
+    lamps: np.ndarray,
+    spread: float,
+    deviation: np.ndarray,
+    usable: np.ndarray,
+    lit: np.ndarray,
+) -> bool:
+    """Fill standard deviations, and which lamps are usable, and lit to begin with [L]; False if too few are
+    usable.
+    """
+    ratios = np.empty(len(light))
+    for lamp in range(len(light)):
+        value, noise = light[lamp], sigma[lamp]
+        usable[lamp] = math.isfinite(value) and math.isfinite(noise) and noise > 0.0
+        deviation[lamp] = 1.0
+        if usable[lamp]:
+            deviation[lamp] = math.sqrt(noise * noise + (spread * value) ** 2)
+            strength = lamps[lamp, 0] ** 2 + lamps[lamp, 1] ** 2 + lamps[lamp, 2] ** 2
+            ratios[lamp] = value / math.sqrt(strength)
+    number = usable.sum()
+    if number < FEWEST:
+        return False
+    third = _ranked(ratios[usable], number - FEWEST)
+    for lamp in range(len(light)):
+        bright = usable[lamp] and ratios[lamp] > SHADOW * third
+        lit[lamp] = bright and light[lamp] > DARK * deviation[lamp]
+    return True
+
+
+@compiled
+def _reweighted(
+    light: np.ndarray,
+    lamps: np.ndarray,
+    deviation: np.ndarray,
+    lit: np.ndarray,
+    weights: np.ndarray,
+    vector: np.ndarray,
+    inverse: np.ndarray,
+    residuals: np.ndarray,
+) -> bool:
+    """Fill the solution of the lit lamps, whose weights fall with the residual, and its residuals [L]; False
+    where it is singular.
+    """
+    for lamp in range(len(light)):
+        weights[lamp] = 1.0 / deviation[lamp] ** 2 if lit[lamp] else 0.0
+    if not _solve(light, lamps, weights, vector, inverse):
+        return False
+    for _ in range(_ROUNDS):
+        _residuals(light, lamps, deviation, vector, residuals)
+        for lamp in range(len(light)):
+            if lit[lamp]:
+                weights[lamp] = 1.0 / (deviation[lamp] ** 2 * max(abs(residuals[lamp]), 1.0))
+        _solve(light, lamps, weights, vector, inverse)
+    _residuals(light, lamps, deviation, vector, residuals)
+    return True
+
+
+@compiled
+def _bound(residuals: np.ndarray) -> float:
+    """Residual beyond which light is left out, in standard deviations, by the median of the lit lamps."""
+    return BEYOND * max(1.0, 1.4826 * _ranked(np.abs(residuals), len(residuals) // 2))
+
+
+@compiled
+def _refined(
+    light: np.ndarray,
+    lamps: np.ndarray,
+    deviation: np.ndarray,
+    usable: np.ndarray,
+    bound: float,
+    chosen: np.ndarray,
+    weights: np.ndarray,
+    vector: np.ndarray,
+    inverse: np.ndarray,
+    residuals: np.ndarray,
+) -> int:
+    """Choose the lamps within the bound and solve with them until they stay the same; their number, 0 if
+    they determine no normal.
+    """
+    number = 0
+    chosen[:] = False
+    for _ in range(_ROUNDS):
+        number, changed = 0, False
+        for lamp in range(len(light)):
+            along = vector[0] * lamps[lamp, 0] + vector[1] * lamps[lamp, 1] + vector[2] * lamps[lamp, 2]
+            fits = usable[lamp] and abs(residuals[lamp]) <= bound and along > 0.0
+            changed = changed or fits != chosen[lamp]
+            chosen[lamp] = fits
+            weights[lamp] = 1.0 / deviation[lamp] ** 2 if fits else 0.0
+            number += fits
+        if number < FEWEST or not _solve(light, lamps, weights, vector, inverse):
+            return 0
+        if not changed:
+            break
+        _residuals(light, lamps, deviation, vector, residuals)
+    _residuals(light, lamps, deviation, vector, residuals)
+    return number
+
+
+@compiled
+def _scatter(
+    light: np.ndarray, deviation: np.ndarray, residuals: np.ndarray, chosen: np.ndarray, number: int
+) -> float:
+    """Factor of the covariance: the reduced chi-squared, at least 1; 0 where light is not of one matt
+    surface.
+    """
+    chi = rough = strength = 0.0
+    for lamp in range(len(light)):
+        if chosen[lamp]:
+            chi += residuals[lamp] ** 2
+            rough += deviation[lamp] ** 2 * (residuals[lamp] ** 2 - 1.0)
+            strength += (light[lamp] - deviation[lamp] * residuals[lamp]) ** 2
+    if rough > MATT**2 * strength:
+        return 0.0
+    return max(1.0, chi / (number - 3)) if number > 3 else 1.0
+
+
+@compiled
+def _ranked(values: np.ndarray, rank: int) -> float:
+    """Sort an array in place, and return the value at a rank."""
+    for end in range(1, len(values)):
         value, place = values[end], end
         while place > 0 and values[place - 1] > value:
             values[place] = values[place - 1]

@@ -112,9 +112,9 @@ def differences(
     """
     if matt < LEAST_MATT:
         raise InputError(
-            f"{where}: only {100 * matt:.0f} % of what is lit fits as a matt surface under lamps at these "
-            "places: correct their order, their places (x right, y up, z towards the camera), across and "
-            "brightness, unless most of it shines."
+            f"{where}: only {100 * matt:.0f} % of the lit pixels fit a Lambertian surface: check the order, "
+            "places (x right, y up, z towards the camera) and brightness of the lamps, and the width across, "
+            "unless the object is mostly specular."
         )
     shown = [row[np.isfinite(row)] for row in ratios]
     every = np.concatenate(shown)

@@ -10,6 +10,7 @@ from math import isinf
 from typing import Any
 
 from calib.poses.checks.brightness_steps import Pairs
+from imaging.and_list import and_more
 from imaging.session.calibration import POSE_HANGING, POSE_LOOSE
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
@@ -91,17 +92,16 @@ def loose(turn_errors: Mapping[ViewId, float], names: Mapping[ViewId, str]) -> R
     if not views:
         return None
     worst = max(views, key=lambda view: turn_errors[view])
-    named = ", ".join(names.get(view, str(view)) for view in views[:NAMED])
-    more = f" and {len(views) - NAMED} more" if len(views) > NAMED else ""
+    named = and_more([names.get(view, str(view)) for view in views], NAMED)
     one = len(views) == 1
     if isinf(turn_errors[worst]):
         size = (
-            f"few points determine {named}{more}: too few to determine how certain "
+            f"few points determine {named}: too few to determine how certain "
             f"{'its pose is' if one else 'their poses are'}"
         )
     else:
         size = (
-            f"the photographs determine how {named}{more} {'is' if one else 'are'} turned to "
+            f"the photographs determine how {named} {'is' if one else 'are'} turned to "
             f"{turn_errors[worst]:.2g} degrees only (a standard error: a pose may be wrong by three times it)"
         )
     reason = f"{size}; take more views beside {'it' if one else 'them'}, or put texture into the scene"

@@ -13,6 +13,7 @@ from statistics import median
 import numpy as np
 
 from calib.poses.sfm import SceneModel, centres, pose_of
+from imaging.and_list import and_more
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
@@ -60,9 +61,8 @@ def place_by_rig(
 
 
 def _rung(names: list[str]) -> Rung:
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     reason = (
-        f"no scene point in {', '.join(names[:MOST_NAMES])}{more} was used: the pose follows from the "
+        f"no scene point in {and_more(names, MOST_NAMES)} was used: the pose follows from the "
         "other cameras of the rig at that frame, and the picture is not used for reconstruction"
     )
     return Rung(name="rig_placing", taken=True, reason=reason)

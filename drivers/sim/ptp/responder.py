@@ -33,8 +33,6 @@ _NEVER_BUSY = (*_WITHOUT_SESSION, Operation.CLOSE_SESSION)
 _EVERY_STORAGE = (0, STORAGE, 0xFFFFFFFF)
 _NO_SUCH = Reply(ResponseCode.INVALID_OBJECT_HANDLE)
 
-Act = Callable[[Request], Reply]
-
 
 class Responder:
     """One simulated camera as PTP sees it; `handle` takes the timeline's lock."""

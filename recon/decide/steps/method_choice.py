@@ -29,7 +29,7 @@ def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ..
         raise ReconstructionError(
             f"{dataset.session} holds developed photographs, no linear light: use --method hdr-gs or vanilla."
         )
-    return asked, (_rung("method", True, "asked for"),)
+    return asked, (Rung(name="method", taken=True, reason="asked for"),)
 
 
 def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
@@ -43,9 +43,10 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     if dataset.kind != "ldr":
         if any(view.sensor.kind == "ldr" for view in dataset.views):
             reason = "only some cameras give linear light: the photographs of the others are tied to it"
-            return nh_3dgs.NAME, (_rung("tone curve", True, reason),)
+            return nh_3dgs.NAME, (Rung(name="tone curve", taken=True, reason=reason),)
         kind = {"raw": "RAW mosaics", "hdr": "linear EXR", "mixed": "RAW mosaics and EXR"}[dataset.kind]
-        return nh_3dgs.NAME, (_rung("linear light", True, f"{kind} are linear: no tone curve is needed"),)
+        reason = f"{kind} are linear: no tone curve is needed"
+        return nh_3dgs.NAME, (Rung(name="linear light", taken=True, reason=reason),)
     stops = np.log2([shot.k for view in dataset.train for shot in view.shots])
     apart = float(stops.max() - stops.min())
     several = any(len(view.shots) > 1 for view in dataset.train)
@@ -57,19 +58,19 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
             chose = "photographs differ in exposure, sensitivity or white balance"
         reason = f"{chose}, up to {span:.1f} stops apart"
         curved = span >= BEYOND_ONE
-        return (hdr_gs if curved else vanilla).NAME, (_rung("tone curve", curved, reason),)
+        return (hdr_gs if curved else vanilla).NAME, (Rung(name="tone curve", taken=curved, reason=reason),)
     if (several or measured) and apart >= STOP_APART:
         reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"
         if not several:
             reason += ", and calibration measured the response on points that views share"
-        return hdr_gs.NAME, (_rung("tone curve", True, reason),)
+        return hdr_gs.NAME, (Rung(name="tone curve", taken=True, reason=reason),)
     reason = (
         f"exposures span {apart:.1f} stops, no view has a bracket and the response was not measured: curve "
         "and light cannot be separated"
         if not several
         else f"exposures span only {apart:.1f} stops: curve and light cannot be separated"
     )
-    return vanilla.NAME, (_rung("tone curve", False, reason),)
+    return vanilla.NAME, (Rung(name="tone curve", taken=False, reason=reason),)
 
 
 def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
@@ -90,19 +91,27 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     return (
         *((_grid(Curves.of(dataset)),) if photographed else ()),
         *_colours(dataset),
-        _rung(
-            "one-sided saturation",
-            clipped > 0,
-            f"{100 * clipped:.2f} % of all samples are clipped, {100 * float(np.mean(shares)):.2f} % of the "
-            "shortest exposures",
+        Rung(
+            name="one-sided saturation",
+            taken=clipped > 0,
+            reason=f"{100 * clipped:.2f} % of all samples are clipped, "
+            f"{100 * float(np.mean(shares)):.2f} % of the shortest exposures",
         ),
-        _rung("distortion", bool(distorted), f"{len(distorted)} of {len(cameras)} lenses are distorted"),
-        _rung(
-            "vignetting",
-            linear and bool(shaded),
-            f"{len(shaded)} of {len(cameras)} cameras have a calibrated falloff",
+        Rung(
+            name="distortion",
+            taken=bool(distorted),
+            reason=f"{len(distorted)} of {len(cameras)} lenses are distorted",
         ),
-        _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
+        Rung(
+            name="vignetting",
+            taken=linear and bool(shaded),
+            reason=f"{len(shaded)} of {len(cameras)} cameras have a calibrated falloff",
+        ),
+        Rung(
+            name="camera gains",
+            taken=linear and span > 0,
+            reason=f"cameras differ by up to {span:.3f} stops",
+        ),
     )
 
 
@@ -122,7 +131,7 @@ def _colours(dataset: Dataset) -> tuple[Rung, ...]:
     reason = f"{len(raw) - len(missing)} of {len(raw)} RAW cameras have a matrix to linear Rec.709"
     if missing:
         reason += f"; light of {', '.join(missing)} stays camera RGB"
-    return (_rung("camera colour", len(missing) < len(raw), reason),)
+    return (Rung(name="camera colour", taken=len(missing) < len(raw), reason=reason),)
 
 
 def _grid(curves: Curves) -> Rung:
@@ -133,7 +142,3 @@ def _grid(curves: Curves) -> Rung:
         code = f"{255 * EXACT:g} of a code value"
         reason = f"{used:,} of {curves.finest:,} nodes hold the calibrated curve to {code}"
     return Rung(name="tone grid", taken=used == curves.finest, reason=reason, parameters=used * count)
-
-
-def _rung(name: str, taken: bool, reason: str) -> Rung:
-    return Rung(name=name, taken=taken, reason=reason)

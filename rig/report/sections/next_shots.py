@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from imaging.and_list import and_more
 from imaging.session.calibration import MOTION, CalibrationRecord, CameraCalibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -31,8 +32,7 @@ def _how(session: Session, option: str) -> str:
 
 
 def _named(names: Sequence[str]) -> str:
-    more = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    return and_more(names, MOST_NAMES)
 
 
 def _poses(record: CalibrationRecord, photographs: Mapping[ViewId, str]) -> Iterable[str]:

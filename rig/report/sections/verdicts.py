@@ -4,18 +4,20 @@ Each line names the number and the threshold that it is held against.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
-from imaging.session.calibration import CalibrationRecord, CameraCalibration
+from imaging.session.calibration import CalibrationRecord, CameraCalibration, ViewCalibration
 from rig.report.charts.residuals import Residuals
 from rig.terminal.text import counted, number, sentence
 
 Grade = Literal["pass", "warn", "fail"]
+Part = tuple[Grade, str]
+"""Grade and words of one quantity."""
 Key = TypeVar("Key")
 
 GOOD_PX, POOR_PX = 0.8, 1.5
@@ -72,81 +74,101 @@ def _grade(value: float, good: float, poor: float) -> Grade:
 
 
 def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: Residuals) -> Verdict:
-    grades: list[Grade] = ["pass"]
-    words = []
     views = [view for view in record.views if view.camera == camera.name]
-    missed = sum(view.camera == camera.name for view in record.unregistered)
-    total = len(views) + missed
+    total = len(views) + sum(view.camera == camera.name for view in record.unregistered)
     if record.views and total and not views:
         return Verdict("fail", f"{camera.name}: none of {counted(total, 'image')} has a pose")
-    if views:
-        by_rig = sum(view.by_rig for view in views)
-        weak = sum(view.points < FEW_POINTS for view in views) - by_rig
-        grades += ["warn"] * bool(missed or weak or by_rig)
-        sight = (
-            f"{weak} of them from fewer than {FEW_POINTS} scene points"
-            if weak
-            else f"each from {min((v.points for v in views if not v.by_rig), default=0)} scene points or "
-            f"more (at least {FEW_POINTS})"
-        )
-        if by_rig:
-            sight = (
-                f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(views) else ''}{sight}"
-            )
-        words += [f"{len(views)} of {counted(total, 'image')} with a pose, {sight}"]
+    parts = [
+        *_of_poses(views, total),
+        *_of_residual(camera, residuals),
+        *_of_lens(camera),
+        *_of_gain(camera),
+        *_of_linearity(camera),
+        *_of_response(camera, looked_at=bool(total or not (record.views or record.unregistered))),
+    ]
+    if not parts:
+        return Verdict("warn", f"{camera.name}: nothing was measured of it")
+    worst = max((grade for grade, _ in parts), key=get_args(Grade).index)
+    return Verdict(worst, f"{camera.name}: {'; '.join(words for _, words in parts)}")
+
+
+def _of_poses(views: Sequence[ViewCalibration], total: int) -> Iterator[Part]:
+    """The poses among the images of a camera, `total` in all."""
+    if not views:
+        return
+    by_rig = sum(view.by_rig for view in views)
+    weak = sum(view.points < FEW_POINTS for view in views) - by_rig
+    sight = (
+        f"{weak} of them from fewer than {FEW_POINTS} scene points"
+        if weak
+        else f"each from {min((v.points for v in views if not v.by_rig), default=0)} scene points or "
+        f"more (at least {FEW_POINTS})"
+    )
+    if by_rig:
+        sight = f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(views) else ''}{sight}"
+    doubtful = total > len(views) or weak or by_rig
+    yield "warn" if doubtful else "pass", f"{len(views)} of {counted(total, 'image')} with a pose, {sight}"
+
+
+def _of_residual(camera: CameraCalibration, residuals: Residuals) -> Iterator[Part]:
     if camera.name in residuals.cameras:
         rms = residuals.cameras[camera.name].rms
-        grades.append(_grade(rms, GOOD_PX, POOR_PX))
-        words.append(f"residual {number(rms)} px rms (good below {GOOD_PX})")
+        yield _grade(rms, GOOD_PX, POOR_PX), f"residual {number(rms)} px rms (good below {GOOD_PX})"
+
+
+def _of_lens(camera: CameraCalibration) -> Iterator[Part]:
+    """The projection as a board determines it, else the focal length."""
     if camera.lens_error is not None and camera.lens_error.projection:
         places = camera.lens_error.projection_map()
         determined = np.isfinite(places)
-        doubt = float(np.mean(places[determined])) if determined.any() else math.inf
-        grades += ["warn"] * (doubt >= LENS_PX or not determined.all())
-        where = (
-            "on average"
-            if determined.all()
-            else f"in {100 * determined.mean():.0f} % of its image, not in the rest"
-        )
-        words.append(
-            f"lens known to {number(doubt, 2)} px {where} (good below {LENS_PX})"
-            if determined.any()
-            else "lens not determined by the board"
+        if not determined.any():
+            yield "warn", "lens not determined by the board"
+            return
+        doubt, share = float(np.mean(places[determined])), 100 * determined.mean()
+        where = "on average" if determined.all() else f"in {share:.0f} % of its image, not in the rest"
+        yield (
+            "warn" if doubt >= LENS_PX or not determined.all() else "pass",
+            f"lens known to {number(doubt, 2)} px {where} (good below {LENS_PX})",
         )
     elif camera.lens_error is not None and camera.lens is not None:
         doubt = camera.lens_error.fx / camera.lens.fx
-        grades += ["warn"] * (doubt >= FOCAL)
-        words.append(
-            "the photographs do not determine the focal length, and the one that is used is known to "
-            f"{100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
+        known = f"known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
+        yield (
+            "warn" if doubt >= FOCAL else "pass",
+            f"the photographs do not determine the focal length, and the one that is used is {known}"
             if camera.lens_error.focal_untold
-            else f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)"
+            else f"focal length {known}",
         )
+
+
+def _of_gain(camera: CameraCalibration) -> Iterator[Part]:
     gains = [sensor.gain for sensor in camera.sensors if sensor.gain is not None]
     if gains:
         doubt = max(gain.sigma / gain.value for gain in gains if gain.value > 0)
-        grades += ["warn"] * (doubt >= GAIN)
-        words.append(f"sensor gain known to {100 * doubt:.2g} % (good below {100 * GAIN:g} %)")
-    bent = [sensor for sensor in camera.sensors if sensor.linear is False and sensor.nonlinearity is not None]
-    if bent:
-        share = max(abs(sensor.nonlinearity.value) for sensor in bent if sensor.nonlinearity is not None)
-        grades += ["warn"] * (share >= BEND)
-        words.append(
-            f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
-        )
-    if camera.response.residual is not None:
-        words.append(
-            "response measured, with overlapping exposures agreeing to "
-            f"{100 * math.expm1(camera.response.residual):.2g} %"
-        )
-    looked_at = total or not (record.views or record.unregistered)
-    if camera.response.kind == "srgb" and camera.response.residual is None and looked_at:
-        grades.append("warn")
-        words.append("its response is assumed, not measured")
-    if not words:
-        return Verdict("warn", f"{camera.name}: nothing was measured of it")
-    worst: Grade = "fail" if "fail" in grades else "warn" if "warn" in grades else "pass"
-    return Verdict(worst, f"{camera.name}: {'; '.join(words)}")
+        words = f"sensor gain known to {100 * doubt:.2g} % (good below {100 * GAIN:g} %)"
+        yield "warn" if doubt >= GAIN else "pass", words
+
+
+def _of_linearity(camera: CameraCalibration) -> Iterator[Part]:
+    bends = [
+        abs(sensor.nonlinearity.value)
+        for sensor in camera.sensors
+        if sensor.linear is False and sensor.nonlinearity is not None
+    ]
+    if bends:
+        share = max(bends)
+        words = f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
+        yield "warn" if share >= BEND else "pass", words
+
+
+def _of_response(camera: CameraCalibration, *, looked_at: bool) -> Iterator[Part]:
+    """The response curve; one that is assumed counts only for a camera whose images were `looked_at`."""
+    residual = camera.response.residual
+    if residual is not None:
+        agreement = f"{100 * math.expm1(residual):.2g} %"
+        yield "pass", f"response measured, with overlapping exposures agreeing to {agreement}"
+    elif camera.response.kind == "srgb" and looked_at:
+        yield "warn", "its response is assumed, not measured"
 
 
 def outliers(record: CalibrationRecord, residuals: Residuals) -> Iterable[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from imaging.and_list import and_more
 from imaging.arrays import Array32, Bytes
 from imaging.colour.spaces import balanced, of_channels, rec709_from_camera
 from imaging.errors import InputError
@@ -157,14 +158,4 @@ def in_words(photographs: Iterable[Photograph]) -> list[str]:
     if len(views) == 1 and count > 1:
         said = next(iter(views))
         return [f"all: {said}"] if said else []
-    return [
-        ": ".join(
-            part
-            for part in (
-                ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else ""),
-                said,
-            )
-            if part
-        )
-        for said, names in views.items()
-    ]
+    return [": ".join(filter(None, (and_more(names, 3), said))) for said, names in views.items()]

@@ -133,7 +133,7 @@ def ratios(seed: int) -> np.ndarray:
     drawn = []
     for key, pose in uncertainty._aligned(uncertainty._poses(model), true).items():
         turn = uncertainty._turned((pose @ np.linalg.inv(true[key]))[:3, :3])
-        shift = uncertainty._centre(pose) - uncertainty._centre(true[key])
+        shift = uncertainty.centre_of(pose) - uncertainty.centre_of(true[key])
         drawn.append(
             (
                 np.degrees(np.linalg.norm(turn)) / stated.rotation[key],

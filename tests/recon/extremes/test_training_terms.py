@@ -14,7 +14,7 @@ from recon.observe.losses import Photometric, mu_law
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats, rasterize
-from recon.train.densification import Density, DensityRules
+from recon.train.densification import OPACITY, Density, DensityRules
 
 
 @pytest.mark.parametrize("loss", ["mu-law", "log over a floor"])
@@ -91,7 +91,7 @@ def test_pruning_takes_only_what_is_dim(axial_camera: Any) -> None:
     tensors = [gaussians.parameters["means"], gaussians.parameters["quats"], torch.ones(6, 3)]
     tensors += [gaussians.opacities(), light[:, None].repeat(1, 3)]
     image = rasterize(*[tensor.detach()[gone] for tensor in tensors], axial_camera).image
-    assert float(image.max()) <= int(gone.sum()) * rules.opacity * reference
+    assert float(image.max()) <= int(gone.sum()) * OPACITY * reference
 
 
 @pytest.mark.parametrize("power", [-40, -13, 20, 40])

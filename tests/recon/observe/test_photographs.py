@@ -14,7 +14,7 @@ from recon.data.shot import HeldPlanes, Shot
 from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
 from recon.observe.targets import Targets
-from recon.observe.tone_grid import Grid, curve_parameters, sampled
+from recon.observe.tone_grid import curve_parameters, grid_nodes, sampled
 from recon.splat import SplatCamera
 from recon.train.adam import Adam
 
@@ -25,7 +25,7 @@ RATE, MIDDLE = 0.72, -1.0
 
 def make_curve(balance: float) -> ToneCurve:
     """A sigmoid of the logarithm of light, the three channels a little apart."""
-    nodes = Grid().nodes()
+    nodes = grid_nodes()
     values = np.stack([1 / (1 + np.exp(-nodes / rate)) for rate in (0.9, 1.0, 1.1)])
     values = (values - values[:, :1]) / (values[:, -1:] - values[:, :1])
     return ToneCurve(
@@ -175,7 +175,7 @@ def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() ->
     """Begin at sRGB, which is flat where the true curve, a sigmoid, is not; the light is known here."""
     true, image = make_curve(0.5), ramp()
     view = make_view(true, image, (0.0, 1.0))
-    nodes = Grid().nodes()
+    nodes = grid_nodes()
     srgb = Response(kind="srgb", evidence="assumed")
     curve = replace(
         true, theta=sampled(srgb, nodes, RATE, MIDDLE)[None].requires_grad_(), curve_rate=ASSUMED,

@@ -11,10 +11,10 @@ from recon.observe.photographs import ToneCurve
 from recon.observe.tone_grid import (
     EXACT,
     LEAK,
-    Grid,
     apply_curve,
     curve_parameters,
     curve_values,
+    grid_nodes,
     middle_of,
     needed,
     remap_rate,
@@ -23,7 +23,7 @@ from recon.observe.tone_grid import (
 )
 
 SRGB = Response(kind="srgb", evidence="test")
-NODES = torch.from_numpy(Grid().nodes())
+NODES = torch.from_numpy(grid_nodes())
 
 
 def test_remap_of_the_published_example():
@@ -95,14 +95,14 @@ def test_roughness_of_a_parabola_is_its_bend_squared_on_the_uneven_grid():
 
 
 def test_grid_is_twice_as_dense_in_its_core():
-    steps = np.diff(Grid().nodes())
+    steps = np.diff(grid_nodes())
     assert steps.max() == pytest.approx(1 / 64)
     assert steps.min() == pytest.approx(1 / 128)
 
 
 def test_the_start_is_the_response_of_the_calibration():
     rate, middle = 0.7, middle_of(SRGB)
-    nodes = Grid().nodes()
+    nodes = grid_nodes()
     curve = ToneCurve(
         normaliser=1.0,
         nodes=torch.from_numpy(nodes.astype(np.float32)),
@@ -121,7 +121,7 @@ def test_the_start_is_the_response_of_the_calibration():
 def test_the_kernel_does_what_plain_operations_do(shape):
     """Values and both gradients, against float64 by autograd: inside, outside, and on the nodes."""
     rng = np.random.default_rng(1)
-    nodes = torch.from_numpy(Grid().nodes().astype(np.float32))
+    nodes = torch.from_numpy(grid_nodes().astype(np.float32))
     values = curve_values(torch.from_numpy(rng.normal(size=len(nodes) - 1).astype(np.float32)))
     x = torch.from_numpy(rng.uniform(-14, 9, shape).astype(np.float32))
     some = nodes[::3][: x.numel()]
@@ -156,7 +156,7 @@ def test_the_kernel_finds_the_interval_of_every_node_and_of_its_neighbours():
 
 
 def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
-    nodes = torch.from_numpy(Grid().nodes().astype(np.float32))
+    nodes = torch.from_numpy(grid_nodes().astype(np.float32))
     before, results = threads.thread_count(), []
     try:
         for count in (1, 2, 3):
@@ -172,7 +172,7 @@ def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
 
 
 def test_nodes_that_a_curve_needs_hold_it_everywhere():
-    nodes = Grid().nodes()
+    nodes = grid_nodes()
     curves = np.stack([1 / (1 + np.exp(-nodes / rate)) for rate in (0.5, 1.0, 2.0)])
     curves[1] = np.minimum(curves[1], 0.8)
     chosen = needed(nodes, curves)
@@ -183,7 +183,7 @@ def test_nodes_that_a_curve_needs_hold_it_everywhere():
 
 
 def test_a_straight_line_needs_its_ends_and_noise_everything():
-    nodes = Grid().nodes()
+    nodes = grid_nodes()
     assert needed(nodes, nodes[None] / 15).tolist() == [0, len(nodes) - 1]
     noise = np.cumsum(np.random.default_rng(3).uniform(0, 0.1, (2, len(nodes))), axis=1)
     assert len(needed(nodes, noise)) > 0.9 * len(nodes)

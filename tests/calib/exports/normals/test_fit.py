@@ -135,5 +135,5 @@ def test_a_lamp_that_differs_is_named_and_other_lamps_altogether_are_refused() -
     misfit, (warning,) = differences(ratios, 0.97, record(RING), range(14), Path("lamps.json"))
     assert misfit < 0.03
     assert "The lamp of frame 3 has 40 % less light" in warning
-    with pytest.raises(InputError, match="correct their order"):
+    with pytest.raises(InputError, match="check the order"):
         differences(ratios, 0.5, record(RING), range(14), Path("lamps.json"))

@@ -10,7 +10,7 @@ from recon.data.load import load
 from recon.decide.steps.method_choice import chosen_method, rungs, uncoloured
 from recon.methods import vanilla
 from recon.observe.calibrated_curves import Curves, tone_curve
-from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
+from recon.observe.tone_grid import EXACT, curve_values, grid_nodes, sampled
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_a_measured_curve_gets_the_nodes_that_hold_it(photographs):
     assert len(measured.nodes) < 0.1 * measured.finest
     images = [radiance_image(view) for view in photographs.train]
     curve = tone_curve(photographs, light_of(photographs, images))
-    finest = Grid().nodes()
+    finest = grid_nodes()
     (response,) = measured.responses
     true = curve_values(sampled(response, finest, measured.rate, measured.middle)).numpy()
     for channel, values in enumerate(curve.curves()[0].numpy()):
@@ -52,7 +52,7 @@ def test_a_curve_that_was_not_measured_keeps_every_node(photographs):
     guess = with_residual(photographs, None)
     (rung,) = (one for one in rungs(guess, "hdr-gs") if one.name == "tone grid")
     assert rung.taken
-    assert len(Curves.of(guess).nodes) == len(Grid().nodes())
+    assert len(Curves.of(guess).nodes) == len(grid_nodes())
 
 
 def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
