@@ -107,7 +107,7 @@ def estimate(
     rungs += [Rung(name=name, taken=False, reason=ASKED) for name, part in PARTS.items() if part in without]
     trials = {"vignetting": Terms(shared, gains=False), "camera_gain": Terms((), gains=True)}
     trials = {name: trial for name, trial in trials.items() if PARTS[name] not in without}
-    if count == 1:
+    if count == 1 or not comparable:
         trials.pop("camera_gain", None)
     for name in sorted(trials, key=lambda name: -_gain(tracks, NOTHING, trials[name], count)[0]):
         wanted = Terms(terms.lenses or trials[name].lenses, terms.gains or trials[name].gains)

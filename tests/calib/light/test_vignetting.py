@@ -176,6 +176,7 @@ def test_cameras_behind_different_filters_get_no_gains_and_share_no_points():
     tracks = tracks.apart([0, 0, 0, 1])
     estimated = estimate(tracks, NAMES, MODELS, comparable=False)
     assert estimated.gain == dict.fromkeys(NAMES, 1.0)
+    assert "camera_gain" not in taken(estimated)
     r = 0.8
     a, b, c = estimated.vignetting["d"]
     assert 1 + a * r**2 + b * r**4 + c * r**6 == pytest.approx(1 - 0.3 * r**2 + 0.05 * r**4, abs=0.03)
