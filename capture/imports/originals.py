@@ -1,7 +1,7 @@
 """The photographs of a folder, as somebody left them: found, read to their end, put in order."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -103,10 +103,7 @@ def survey(
         note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
         notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
-    if derived.aside:
-        count = _files(sum(len(group) for group in derived.aside.values()))
-        homes = ", ".join(shown(home.relative_to(folder)) for home in list(derived.aside)[:4])
-        notes.append(f"{count} left aside as made of the photographs by another program: those of {homes}.")
+    notes += aside_notes(folder, derived.aside)
     if developed:
         count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
         notes.append(f"{count} kept beside RAW files of the same name, but not read.")
@@ -118,6 +115,15 @@ def survey(
     notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
     notes += _doubts(originals)
     return Survey(tuple(originals), tuple(notes), derived.masks)
+
+
+def aside_notes(folder: Path, aside: Mapping[Path, Sequence[Path]]) -> list[str]:
+    """A sentence on derived pictures that are left aside, by the folder that they are in, if any are."""
+    if not aside:
+        return []
+    count = _files(sum(len(group) for group in aside.values()))
+    homes = ", ".join(shown(home.relative_to(folder)) for home in list(aside)[:4])
+    return [f"{count} left aside as made of the photographs by another program: those of {homes}."]
 
 
 def pictures_in(folder: Path) -> list[Path]:

@@ -14,7 +14,8 @@ from capture.imports.layouts.given import Given, GivenPhoto, lens_of, pose_of
 from capture.imports.layouts.named_files import file_named
 from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
-from capture.imports.originals import pictures_in, shown
+from capture.imports.originals import aside_notes, pictures_in, shown
+from capture.imports.sorting.derived import Derived, find_derived
 from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.compute.memory import check
@@ -134,9 +135,11 @@ def read(folder: Path) -> Given:
     others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]
     if place.name == "0" and others:
         notes.append(f"Only sparse/0 is read; the photos of sparse/{', sparse/'.join(others)} have no poses.")
-    masks = {}
+    pictures = pictures_in(root)
+    derived = find_derived(root, pictures)
+    masks = dict(derived.masks)
     if root != folder:  # else they would be photographs of the project
-        masks = masks_beside(pictures_in(root), root, folder / "masks")
+        masks |= masks_beside(pictures, root, folder / "masks")
     rigs = _rigs(model, place)
     frames = _frames(model) if rigs else {}
     photos: dict[Path, GivenPhoto] = {}
@@ -151,7 +154,10 @@ def read(folder: Path) -> Given:
         pose = pose_of_image(image, place) if lens is not None and image.has_pose else None
         mask = masks.get(path)
         photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key), mask=mask)
-    rest = [path for path in pictures_in(root) if path not in photos] if root.name == "images" else []
+    rest: list[Path] = []
+    if root.name == "images":
+        rest, aside = _unnamed(folder, pictures, photos, derived)
+        notes += aside
     if rest:
         count = "1 photo" if len(rest) == 1 else f"{len(rest)} photos"
         notes.append(f"{count} that {place} has no pose for: rig calibrate may find it.")
@@ -168,6 +174,36 @@ def read(folder: Path) -> Given:
         missing=tuple(missing),
         notes=tuple(notes),
     )
+
+
+def _unnamed(
+    folder: Path, pictures: Iterable[Path], photos: Iterable[Path], derived: Derived
+) -> tuple[list[Path], list[str]]:
+    """The photographs that a model does not name, and sentences on what is left aside.
+
+    A file beside a photograph of the model with its name, as the RAW file that it was developed from, is
+    the same view.
+    """
+    posed = set(photos)
+    named = {(path.parent, path.stem.casefold()) for path in posed}
+    aside = {path for group in derived.aside.values() for path in group}
+    rest: list[Path] = []
+    left: dict[Path, list[Path]] = {}
+    twins = 0
+    for path in pictures:
+        if path in posed:
+            continue
+        if (path.parent, path.stem.casefold()) in named:
+            twins += 1
+        elif path in aside:
+            left.setdefault(path.parent, []).append(path)
+        else:
+            rest.append(path)
+    notes = aside_notes(folder, left)
+    if twins:
+        count = "1 file is" if twins == 1 else f"{twins} files are"
+        notes.append(f"{count} left aside beside photos of the same name, which have poses.")
+    return rest, notes
 
 
 def read_model(place: Path) -> Any:

@@ -25,6 +25,7 @@ from capture.imports.layouts.llff import lens_of_rows, pose_of_row, read_rows
 from capture.imports.layouts.nerfstudio import entries
 from capture.imports.layouts.posed_frame import PosedFrame
 from capture.imports.originals import pictures_in, shown
+from capture.imports.request import LayoutName
 from capture.pictures.read import kind_of
 from imaging.errors import InputError
 from imaging.files import store
@@ -66,20 +67,37 @@ def _is_rendered(folder: Path) -> bool:
 
 
 def _is_handed_on(folder: Path) -> bool:
-    return colmap.model_folder(folder) is not None and (folder / "exr").is_dir()
+    """Return whether names say that photographs are exposures of views, true light and a model of them.
+
+    Any COLMAP project may have a folder `exr/`, and numbered frames have the names of exposures.
+    """
+    light, root = folder / "exr", _images(folder)
+    place = colmap.model_folder(folder) if light.is_dir() else None
+    if root is None or place is None:
+        return False
+    names = [_NAME.fullmatch(path.stem) if path.parent == root else None for path in pictures_in(root)]
+    views = {name[1] for name in names if name is not None}
+    if None in names or not any((light / f"{view}.exr").is_file() for view in views):
+        return False
+    named = [_NAME.fullmatch(Path(image.name).stem) for image in colmap.read_model(place).images.values()]
+    posed = [name[1] for name in named if name is not None]
+    return len(posed) == len(set(posed))
 
 
 def _images(folder: Path) -> Path | None:
     return next((folder / name for name in _FOLDERS if (folder / name).is_dir()), None)
 
 
-def _views(root: Path) -> dict[str, list[Path]]:
-    """Exposures of every view in order of their index; InputError for a name without them."""
+def _views(root: Path, other: LayoutName) -> dict[str, list[Path]]:
+    """Exposures of every view in order of their index.
+
+    InputError for a name without them, which advises the other layout that the folder may have.
+    """
     views: dict[str, list[Path]] = {}
     for path in pictures_in(root):
         match = _NAME.fullmatch(path.stem)
         if path.parent != root or match is None:
-            raise InputError(f"{shown(path)} is not named VIEW_INDEX: move it away or use --layout photos.")
+            raise InputError(f"{shown(path)} is not named VIEW_INDEX: move it away or use --layout {other}.")
         views.setdefault(match[1], []).append(path)
     return views
 
@@ -178,7 +196,7 @@ def _photographed(folder: Path) -> Given:
     root = _images(folder)
     if root is None:
         raise InputError(f"{folder} has no input_images/ beside {ARRAY}: copy it there.")
-    views = _views(root)
+    views = _views(root, "photos")
     ordered = sorted((path for group in views.values() for path in group), key=lambda path: path.name)
     table = read_rows(source, COLUMNS)
     if len(table) != len(ordered):
@@ -205,13 +223,14 @@ def _handed_on(folder: Path) -> Given:
     assert root is not None
     assert place is not None
     model = colmap.read_model(place)
-    views = _views(root)
+    views = _views(root, "colmap")
     posed: dict[str, tuple[str, Lens | None, Pose | None]] = {}
     for image in model.images.values():
         match = _NAME.fullmatch(Path(image.name).stem)
         if match is None or match[1] not in views:
             raise InputError(
-                f"{place} names {shown(image.name)}, which is not a photo in {root}: copy it there."
+                f"{place} names {shown(image.name)}, which is not a photo in {root}: copy it there or use "
+                "--layout colmap."
             )
         lens = colmap.lens_of_camera(model.cameras[image.camera_id], place)
         pose = colmap.pose_of_image(image, place) if lens is not None and image.has_pose else None
@@ -241,7 +260,7 @@ def _times_of(folder: Path, root: Path, views: dict[str, list[Path]]) -> tuple[d
         if len(table) != len(ordered):
             raise InputError(
                 f"{source} has {len(table)} rows for {len(ordered)} photos in {root}: "
-                "there has to be one for each."
+                "there has to be one for each; correct it or use --layout colmap."
             )
         times = {path: _seconds(table[n, -1], f"row {n} of {source}") for n, path in enumerate(ordered)}
         return times, f"The exposures are those of {ARRAY}."

@@ -25,11 +25,11 @@ _View = tuple[str, int]
 
 
 def is_one(folder: Path) -> bool:
-    """Return whether a folder has the times, photographs and a model."""
+    """Return whether a folder has the times, a model, and photographs with names of exposures."""
     return (
         (folder / EXPOSURES).is_file()
-        and (folder / "images").is_dir()
         and colmap.usual_model_folder(folder) is not None
+        and any(_NAME.fullmatch(path.stem) for path in pictures_in(folder / "images"))
     )
 
 
@@ -50,7 +50,9 @@ def read(folder: Path) -> Given:
     for frame, (view, group) in enumerate(sorted(_groups(folder).items())):
         image = images.get(view)
         if image is None:
-            raise InputError(f"{place} has no pose for {shown(group[0])}: copy both again.")
+            raise InputError(
+                f"{place} has no pose for {shown(group[0])}: copy both again or use --layout colmap."
+            )
         lens = lenses[image.camera_id]
         pose = colmap.pose_of_image(image, place) if lens is not None and image.has_pose else None
         use: Literal["train", "test"] = "train" if view[0] == "train" else "test"
@@ -92,7 +94,10 @@ def _view_of(path: Path, where: Path) -> tuple[_View, int]:
     """Part and number of the view of an image, and the index of its exposure."""
     match = _NAME.fullmatch(path.stem)
     if match is None:
-        raise InputError(f"{where} has {shown(path)}, not named train_ldr_000_0 or so: move it away.")
+        raise InputError(
+            f"{where} has {shown(path)}, not named train_ldr_000_0 or so: move it away or use "
+            "--layout colmap."
+        )
     return (match[1], int(match[2])), int(match[3])
 
 

@@ -51,6 +51,8 @@ def _text(path: Path) -> str:
 def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict[Path, str]:
     """The band of each photograph: the one whose name is a folder on its way, or a word of its own name.
 
+    Of names that overlap the longest counts: `red-edge` is not of the band `red` too.
+
     InputError for a photograph of none or of several.
     """
     words = {
@@ -60,7 +62,7 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
     band_of = {}
     for path in paths:
         relative = shown(path.relative_to(folder))
-        named = [name for name, word in words.items() if word.search(relative)]
+        named = _named(relative, words)
         if len(named) != 1:
             of = f"of {and_list(named)}" if named else "of no band"
             raise InputError(
@@ -69,6 +71,17 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
             )
         band_of[path] = named[0]
     return band_of
+
+
+def _named(text: str, words: Mapping[str, re.Pattern[str]]) -> list[str]:
+    """The bands that a text names, without those whose name is there only as part of a longer one."""
+    found = [(name, *match.span()) for name, word in words.items() for match in word.finditer(text)]
+    whole = {
+        name
+        for name, start, end in found
+        if not any(begin < end and start < stop and stop - begin > end - start for _, begin, stop in found)
+    }
+    return [name for name in words if name in whole]
 
 
 def split_by_band(

@@ -3,6 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 from capture.pictures.read import kind_of
 from imaging.arrays import Array32
 from imaging.errors import InputError
-from imaging.files.photo import read_photo
+from imaging.files.photo import read_photo, read_photo_header
 
 MASKS = re.compile(r"masks?", re.IGNORECASE)
 """Folders whose pictures are masks of the photographs of the same name."""
@@ -64,9 +65,10 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
             for other in same:
                 if one.parent != other.parent and not _made(folder, other):
                     pairs[one.parent, other.parent].append((one, other))
+    pictures = _Pictures()
     for (home, _), both in sorted(pairs.items()):
         tried = both[:: max(1, len(both) // _TRIED)][:_TRIED]
-        if _made(folder, both[0][0]) or all(_is_copy(*pair) for pair in tried):
+        if _made(folder, both[0][0]) or all(pictures.is_copy(*pair) for pair in tried):
             aside[home] += [one for one, _ in both]
     gone = {path for group in aside.values() for path in group}
     photographs_of: dict[Path, list[Path]] = defaultdict(list)
@@ -127,21 +129,42 @@ def _made(folder: Path, path: Path) -> bool:
     return any(MADE.fullmatch(part) for part in path.relative_to(folder).parts[:-1])
 
 
-def _is_copy(small: Path, large: Path) -> bool:
-    """Return whether a picture shows what a larger one does."""
-    if kind_of(small) != "ldr" or kind_of(large) != "ldr":
-        return False
-    try:
-        one, other = (read_photo(path).pixels.mean(-1) for path in (small, large))
-    except InputError:
-        return False
-    if one.shape[1] > SMALLER * other.shape[1]:
-        return False
-    if abs(np.log(one.shape[0] / one.shape[1] * other.shape[1] / other.shape[0])) > SAME_SHAPE:
-        return False
-    width = min(_WIDEST, one.shape[1])
-    size = (width, max(1, round(width * one.shape[0] / one.shape[1])))
-    return _correlation(*(cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in (one, other))) > ALIKE
+class _Pictures:
+    """Sizes and reductions of pictures, each read once: a folder is compared with many others."""
+
+    def __init__(self) -> None:
+        self._sizes: dict[Path, tuple[int, int] | None] = {}
+        self._reduced: dict[tuple[Path, tuple[int, int]], Array32 | None] = {}
+
+    def is_copy(self, small: Path, large: Path) -> bool:
+        """Return whether a picture shows what a larger one does."""
+        one, other = self._size(small), self._size(large)
+        if one is None or other is None or one[0] > SMALLER * other[0]:
+            return False
+        if abs(np.log(one[1] / one[0] * other[0] / other[1])) > SAME_SHAPE:
+            return False
+        width = min(_WIDEST, one[0])
+        size = (width, max(1, round(width * one[1] / one[0])))
+        a, b = self._shrunk(small, size), self._shrunk(large, size)
+        return a is not None and b is not None and _correlation(a, b) > ALIKE
+
+    def _size(self, path: Path) -> tuple[int, int] | None:
+        """Width and height by the header of a photograph; None of other files and unreadable ones."""
+        if path not in self._sizes:
+            self._sizes[path] = None
+            if kind_of(path) == "ldr":
+                with suppress(InputError, OSError):
+                    self._sizes[path] = read_photo_header(path.read_bytes(), str(path))[:2]
+        return self._sizes[path]
+
+    def _shrunk(self, path: Path, size: tuple[int, int]) -> Array32 | None:
+        """A photograph in grey at that width and height; None if it cannot be read."""
+        if (path, size) not in self._reduced:
+            self._reduced[path, size] = None
+            with suppress(InputError):
+                grey = read_photo(path).pixels.mean(-1)
+                self._reduced[path, size] = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        return self._reduced[path, size]
 
 
 def _correlation(one: Array32, other: Array32) -> float:

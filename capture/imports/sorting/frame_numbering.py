@@ -116,10 +116,11 @@ def frames_of_layout(
         return frames_in_time(series, count, together)
     photo_of = {photo.path: photo for photo in given.photos}
     numbered: list[Numbered] = []
+    # Frames that the layout does not number come after all others: nothing says that two cameras were there
+    # at one moment.
+    known = () if count is not None else tuple(p.frame for p in given.photos if p.frame is not None)
+    start = 1 + max(known, default=-1)
     for sequence in series:
-        # Frames that the layout does not number come after all others: nothing says that two cameras
-        # were there at one moment.
-        first = 1 + max((frame for earlier in numbered for frame in earlier.brackets), default=-1)
         brackets: dict[int, Bracket] = {}
         if count is not None:
             others, why = split_into_brackets(sequence, count)
@@ -127,8 +128,8 @@ def frames_of_layout(
             brackets = _numbered_by_layout(sequence, photo_of)
             rest = [photo for photo in sequence.originals if photo_of[photo.path].frame is None]
             others, why = _by_pose(rest, photo_of), ""
-        start = max([first, *(frame + 1 for frame in brackets)])
         brackets |= dict(enumerate(others, start=start))
+        start += len(others)
         rig = given.rigs.get(photo_of[sequence.originals[0].path].camera)
         camera = sequence.camera if rig is None else sequence.camera.model_copy(update={"rig": rig[0]})
         numbered.append(Numbered(camera, brackets, why or _reason(camera.name, brackets, given.teller)))

@@ -1,6 +1,5 @@
 """The sharpest frames of a video, as photographs: what a telephone filmed can be imported."""
 
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,10 @@ MOST = 200
 """Frames that are taken of one video."""
 APART = 0.5
 """Seconds between two of them at least, on average."""
+_ROUNDING = 1e-3
+"""Seconds to which containers round the times of frames."""
+_MOST_STATED = 1e8
+"""Frames from which on, as below 1, a stated number is no count: files written live have no length."""
 
 
 def is_video(path: Path) -> bool:
@@ -48,41 +51,75 @@ def take_frames(video: Path, into: Path, progress: Progress) -> str:
             check_picture(str(video), width, height)
         rate = capture.get(cv2.CAP_PROP_FPS)
         rate = rate if 1 <= rate <= 1000 else 30.0
-        whole = max(1, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
-        part = max(1, round(rate * APART), math.ceil(whole / MOST))
-        for taken, frame in enumerate(_sharpest(_frames(capture), part), start=1):
-            progress("reading the video", min(taken * part, whole), whole)
+        whole, seconds = _length(video, capture, rate, progress)
+        period = max(APART, 1 / rate, seconds / MOST)
+        for taken, (done, frame) in enumerate(_sharpest(_frames(capture, rate), period), start=1):
+            progress("reading the video", min(done, whole), whole)
             store.write_bytes(into / f"{video.stem}_{taken:04d}.png", encode_png(frame[..., ::-1]))
     finally:
         capture.release()
     if not taken:
         raise InputError(f"{video} cannot be read as a video: copy it again, or convert it.")
     progress("read the video", whole, whole)
-    every = f"the sharpest of every {part} ({part / rate:.2g} s)"
     return (
-        f"{taken} frames of {shown(video.name)} are taken, {every}. Video is compressed, its exposure "
-        "changes all the time, and its shutter rolls: photographs taken at rest are better."
+        f"{taken} frames of {shown(video.name)} are taken, the sharpest of every {period:.2g} s. Video is "
+        "compressed, its exposure changes all the time, and its shutter rolls: photographs taken at rest are "
+        "better."
     )
 
 
-def _frames(capture: Any) -> Iterator[Bytes]:
-    while True:
-        there, frame = capture.read()
+def _length(video: Path, capture: Any, rate: float, progress: Progress) -> tuple[int, float]:
+    """Frames of a video, and its seconds; by going through it where it does not state how many they are."""
+    stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if 1 <= stated < _MOST_STATED:
+        return int(stated), stated / rate
+    progress("measuring the video", 0, 1)
+    with quiet():
+        other = cv2.VideoCapture(str(video))
+    try:
+        times = list(_times(other, rate))
+    finally:
+        other.release()
+    progress("measuring the video", 1, 1)
+    return max(1, len(times)), max(times, default=0.0) + 1 / rate
+
+
+def _times(capture: Any, rate: float) -> Iterator[float]:
+    """Seconds from the first frame to each, which is then grabbed.
+
+    Where the times in the file do not rise they are counted on by the rate.
+    """
+    start, time = None, -1 / rate
+    while capture.grab():
+        stated = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        start = stated if start is None else start
+        time = stated - start if stated - start > time else time + 1 / rate
+        yield time
+
+
+def _frames(capture: Any, rate: float) -> Iterator[tuple[float, Bytes]]:
+    for time in _times(capture, rate):
+        there, frame = capture.retrieve()
         if not there:
             return
-        yield frame
+        yield time, frame
 
 
-def _sharpest(frames: Iterable[Bytes], part: int) -> Iterator[Bytes]:
-    """Sharpest of every `part` frames, uint8 [H, W, 3]: the most contrast between neighbouring pixels."""
-    best, most, number = None, -1.0, 0
-    for number, frame in enumerate(frames, start=1):
+def _sharpest(frames: Iterable[tuple[float, Bytes]], period: float) -> Iterator[tuple[int, Bytes]]:
+    """Sharpest frame of every `period` seconds, uint8 [H, W, 3], and how many are read by then.
+
+    Sharp is what has the most contrast between neighbouring pixels.
+    """
+    best, most, part, last, step, number = None, -1.0, 0, 0.0, 0.0, 0
+    for number, (time, frame) in enumerate(frames, start=1):
+        now = int((time + _ROUNDING) / period)
+        if now != part and best is not None:
+            yield number, best
+            best, most = None, -1.0
+        part, last, step = now, time, time - last
         sharp = float(cv2.Laplacian(frame[..., 1], cv2.CV_32F).var())
         if sharp > most:
             best, most = frame, sharp
-        if number % part == 0 and best is not None:
-            yield best
-            best, most = None, -1.0
-    # What is over at the end is a part of its own only where there is no other.
-    if best is not None and number < part:
-        yield best
+    # What is over at the end is a part of its own where it is as long as one, or there is no other.
+    if best is not None and (part == 0 or last + step + _ROUNDING >= (part + 1) * period):
+        yield number, best

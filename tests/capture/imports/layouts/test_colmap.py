@@ -8,6 +8,7 @@ import pytest
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap, read_points
+from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 
@@ -100,6 +101,25 @@ def test_a_rig_comes_with_its_frames_and_its_mounting(project, seen_at):
         np.testing.assert_allclose(view.cam_from_world.matrix(), expected, atol=1e-9)
 
 
+def test_a_photo_that_the_model_of_a_rig_lacks_shares_a_frame_with_no_other(project, picture, put):
+    folder, truth = project("PINHOLE", rigs=1, cameras=2, frames=3)
+    last = max(image.frame_id for image in truth.images.values())
+    for image in truth.images.values():
+        home = folder / "images" / f"cam{image.camera_id}"
+        put(home / image.name, (folder / "images" / image.name).read_bytes())
+        (folder / "images" / image.name).unlink()
+        if (image.frame_id, image.camera_id) == (last, 1):
+            (home / image.name).unlink()
+        image.name = f"{home.name}/{image.name}"
+    truth.write(str(folder / "sparse" / "0"))
+    for extra in range(2):
+        put(folder / "images" / "cam1" / f"x{extra}.png", picture(90 + extra))
+    _, _, names = imported(folder)
+    others = {frame for (_, frame), name in names.items() if not name.startswith("x")}
+    assert sorted(others) == [0, 1, 2]
+    assert sorted(frame for (_, frame), name in names.items() if name.startswith("x")) == [3, 4]
+
+
 def test_the_model_in_the_session_has_its_images_named_as_views(project):
     folder, truth = project()
     _, session, names = imported(folder)
@@ -146,6 +166,24 @@ def test_photos_beside_the_model_come_without_a_pose_and_absent_ones_are_missing
     (alone,) = record.unregistered
     assert names[alone.camera, alone.frame] == "later.png"
     assert len(read_points(session.folder / "calibration" / "colmap").xyz) == 40
+
+
+def test_what_other_programs_keep_among_the_photos_is_no_view(project, picture, put):
+    folder, truth = project()
+    images, names = folder / "images", sorted(image.name for image in truth.images.values())
+    mask = encode_png(np.full((48, 64), 255, np.uint8))
+    for seed, name in enumerate(names):
+        put(images / "@eaDir" / name / "SYNOPHOTO_THUMB_M.png", picture(seed, (24, 32)))
+        put(images / "masks" / f"{name}.png", mask)
+        put(images / f"{Path(name).stem}.tif", picture(seed))
+    result, session, _ = imported(folder)
+    assert (result.shots, result.views) == (4, 4)
+    assert all(session.mask(shot).read_bytes() == mask for shot in session.shots())
+    said = "\n".join(result.guesses)
+    assert "8 files are left aside as made of the photographs" in said
+    assert "those of images/@eaDir" in said
+    assert "4 files are left aside beside photos of the same name, which have poses." in said
+    assert "4 of 4 photos have a mask" in said
 
 
 def test_pictures_of_half_the_size_get_half_the_focal_length(project, picture, put):

@@ -104,6 +104,40 @@ def test_views_take_turns_in_the_order_of_names_as_text(tmp_path):
     assert {photo.path.stem.split("_")[0] for photo in given.photos if photo.use == "test"} == {"1", "3"}
 
 
+@pytest.mark.parametrize(
+    ("name", "light"),
+    [
+        ("frame_{:03d}.png", ""),
+        ("frame_{:03d}.png", "other"),
+        ("frame_{:03d}.png", "frame"),
+        ("IMG_{:04d}.png", "IMG"),
+    ],
+)
+def test_a_colmap_project_with_a_folder_exr_of_its_own_keeps_its_poses(tmp_path, name, light):
+    folder = handed_on(tmp_path / "h", lit=())
+    place = folder / "sparse" / "0"
+    model = pycolmap.Reconstruction(str(place))
+    shutil.rmtree(folder / "images")
+    (folder / "images").mkdir()
+    (folder / "exr").mkdir()
+    if light:
+        (folder / "exr" / f"{light}.exr").write_bytes(b"")
+    for number, image in enumerate(model.images.values(), start=1):
+        image.name = name.format(number)
+        (folder / "images" / image.name).write_bytes(png(number))
+    model.write(str(place))
+    result, _, _ = imported(folder)
+    assert (result.layout, result.frames, result.views) == ("colmap", 4, 4)
+
+
+def test_a_picture_of_another_name_is_refused_with_the_layout_that_reads_it(tmp_path):
+    folder = handed_on(tmp_path / "h")
+    (folder / "images" / "cover.png").write_bytes(png(1))
+    assert not hdr_nerf.is_one(folder)
+    with pytest.raises(InputError, match=r"cover\.png is not named VIEW_INDEX: .* use --layout colmap\.$"):
+        hdr_nerf.read(folder)
+
+
 def test_a_layout_without_test_views_has_no_split(tmp_path):
     folder = rendered(tmp_path / "h")
     (folder / "transforms_test.json").unlink()

@@ -38,6 +38,13 @@ def test_views_are_brackets_with_times_poses_split_and_light(tmp_path):
         np.testing.assert_allclose(true_radiance(session.folder, view), light((x, y)), rtol=1e-5)
 
 
+def test_a_colmap_project_with_times_of_its_own_stays_one(tmp_path):
+    scene = hdr_pretrain_scene(tmp_path / "h")
+    for path in (scene / "images").iterdir():
+        path.rename(path.with_name(f"IMG_{path.name}"))
+    assert layouts.detect(scene) == "colmap"
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -61,7 +68,7 @@ def test_other_damage_is_named(tmp_path):
     photo.unlink()
     assert "train_ldr_000_3.png is named in" in hdr_pretrain.read(scene).missing[0]
     (scene / "images" / "notes.png").write_bytes(data)
-    with pytest.raises(InputError, match="not named train_ldr_000_0"):
+    with pytest.raises(InputError, match=r"not named train_ldr_000_0 .* use --layout colmap\.$"):
         hdr_pretrain.read(scene)
     (scene / "images" / "notes.png").rename(scene / "images" / "train_ldr_077_0.png")
     with pytest.raises(InputError, match="has no pose for"):

@@ -52,6 +52,14 @@ def test_the_band_is_a_folder_or_a_word_of_the_name() -> None:
             bands_of(home, [home / name], WHEEL)
 
 
+def test_a_band_whose_name_is_part_of_another_s_is_another_band() -> None:
+    home, bands = Path("photos"), (Band(name="red"), Band(name="red-edge"))
+    paths = [home / "red" / "a.tif", home / "Red-Edge" / "a.tif", home / "b_red.tif", home / "b_red-edge.tif"]
+    assert list(bands_of(home, paths, bands).values()) == ["red", "red-edge", "red", "red-edge"]
+    with pytest.raises(InputError, match="of red and red-edge"):
+        bands_of(home, [home / "red" / "b_red-edge.tif"], bands)
+
+
 def wheel_photos(folder: Path, frames: int = 2) -> Path:
     """Photographs of one camera without a serial number: two exposures of each band at each frame."""
     return put(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from capture.imports.photos import import_photos
-from imaging.files.photo import encode_jpeg, encode_png
+from capture.imports.sorting import derived
+from imaging.files.photo import Photo, encode_jpeg, encode_png, read_photo
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
@@ -40,6 +41,27 @@ def test_a_second_camera_of_fewer_pixels_and_the_same_names_is_no_copy(tmp_path)
     wide = {f"wide/{n}.jpg": scene(n) for n in range(4)}
     narrow = {f"narrow/{n}.jpg": scene(n + 50, (48, 32)) for n in range(4)}
     assert import_photos(put(tmp_path / "in", wide | narrow), tmp_path / "s").shots == 8
+
+
+@pytest.mark.parametrize(("sizes", "most"), [([(96, 64)], 0), ([(96, 64), (48, 32)], 2 * 6 * 2)])
+def test_of_a_folder_for_each_view_a_photo_is_decoded_once_at_most(tmp_path, monkeypatch, sizes, most):
+    decoded = []
+
+    def counted(path: Path) -> Photo:
+        decoded.append(path)
+        return read_photo(path)
+
+    monkeypatch.setattr(derived, "read_photo", counted)
+    files = {
+        f"{size[0]}/view{view}/{step}.jpg": scene(view, size)
+        for size in sizes
+        for view in range(6)
+        for step in range(2)
+    }
+    paths = sorted(put(tmp_path / "in", files).rglob("*.jpg"))
+    left = derived.find_derived(tmp_path / "in", paths).aside
+    assert sum(len(group) for group in left.values()) == 12 * (len(sizes) - 1)
+    assert len(decoded) == len(set(decoded)) <= most
 
 
 def test_copies_alone_are_the_photographs(tmp_path):

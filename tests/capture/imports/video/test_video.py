@@ -4,10 +4,12 @@ import struct
 from pathlib import Path
 
 import cv2
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
 from capture.imports.photos import import_photos
+from capture.imports.video import video
 from imaging.errors import InputError
 from imaging.files.photo import read_photo
 from imaging.session.session import Session
@@ -28,7 +30,7 @@ def test_of_every_half_second_the_sharpest_frame_is_taken(tmp_path):
         clip, tmp_path / "s", on_progress=lambda message, done, total: said.append(message)
     )
     assert (result.cameras, result.frames, result.missing) == (1, 3, ())
-    assert "3 frames of clip.mp4 are taken, the sharpest of every 5 (0.5 s)" in result.guesses[0]
+    assert "3 frames of clip.mp4 are taken, the sharpest of every 0.5 s." in result.guesses[0]
     assert "reading the video" in said
     session = Session.open(tmp_path / "s")
     assert session.shots()[1].source == f"{clip}: clip_0002.png"
@@ -36,6 +38,59 @@ def test_of_every_half_second_the_sharpest_frame_is_taken(tmp_path):
         there = read_photo(session.file(shot)).pixels
         blurred = cv2.GaussianBlur(expected, (0, 0), 4)
         assert np.abs(there - expected / 255).mean() < 0.5 * np.abs(there - blurred / 255).mean()
+
+
+def coded(clip: Path, frames: int, *options: str) -> None:
+    """Write a Matroska video of 20 frames a second, each brighter than the last."""
+    write = imageio_ffmpeg.write_frames(
+        str(clip), (64, 48), fps=20, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=1,
+        output_params=["-qp", "10", *options],
+    )  # fmt: skip
+    write.send(None)
+    for level in range(frames):
+        write.send(np.full((48, 64, 3), 20 + 5 * level, np.uint8))
+    write.close()
+
+
+def levels(folder: Path) -> list[int]:
+    """Numbers of the frames that were taken."""
+    return [round((255 * read_photo(path).pixels.mean() - 20) / 5) for path in sorted(folder.iterdir())]
+
+
+def test_a_video_written_live_which_states_no_length_is_divided_all_the_same(tmp_path, monkeypatch):
+    clip = tmp_path / "clip.mkv"
+    coded(clip, 40, "-live", "1")
+    assert cv2.VideoCapture(str(clip)).get(cv2.CAP_PROP_FRAME_COUNT) < 1
+    monkeypatch.setattr(video, "MOST", 2)
+    steps = []
+    said = video.take_frames(clip, tmp_path / "f", lambda message, done, total: steps.append((done, total)))
+    assert "2 frames of clip.mkv are taken, the sharpest of every 1 s." in said
+    assert len(levels(tmp_path / "f")) == 2
+    assert steps[2:] == [(21, 40), (40, 40), (40, 40)]
+
+
+def test_the_parts_of_a_video_of_variable_rate_are_equally_long(tmp_path):
+    """A second of 20 frames, then four of one each."""
+    clip = tmp_path / "clip.mkv"
+    coded(clip, 24, "-vf", "setpts='if(lt(N,20),N/20,N-19)/TB'", "-fps_mode", "vfr")
+    video.take_frames(clip, tmp_path / "f", lambda message, done, total: None)
+    first, second, *others = levels(tmp_path / "f")
+    assert first < 10 <= second < 20
+    assert others == [20, 21, 22, 23]
+
+
+def test_frames_whose_times_do_not_rise_are_counted_by_the_rate():
+    class Still:
+        number = 0
+
+        def grab(self):
+            self.number += 1
+            return self.number <= 4
+
+        def get(self, key):
+            return (7.0, 7.0, 257.0, float("nan"))[self.number - 1]
+
+    assert list(video._times(Still(), 10.0)) == pytest.approx([0, 0.1, 0.25, 0.35])
 
 
 def test_a_killed_import_of_a_video_is_completed(tmp_path):
@@ -135,8 +190,6 @@ def test_a_video_in_colours_of_other_displays_is_refused(tmp_path, form, primari
 
 @pytest.mark.parametrize(("primaries", "transfer", "says"), REFUSED)
 def test_so_is_one_of_matroska(tmp_path, primaries, transfer, says):
-    import imageio_ffmpeg
-
     clip = tmp_path / "clip.mkv"
     write = imageio_ffmpeg.write_frames(
         str(clip), (64, 48), fps=10, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=1,
