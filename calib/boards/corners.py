@@ -24,6 +24,8 @@ FEWEST = 6
 """Corners of a view that are worth having: a pose needs four."""
 _TRIALS = 12
 """Number of pictures examined to identify the board."""
+_NEAR_PX = 3.0
+"""Largest distance of corners from a plane view that is sought among the few of two rows or columns."""
 _OFF = 0.08
 """Largest distance of a corner from a plane view of the board, as a share of the square's side in the
 picture: the lens bends straight lines, but a board of other rows and columns misses by whole squares.
@@ -68,7 +70,7 @@ def find_all(
         Corners by view, of the views with `FEWEST` or more; and the printing that shows most of them.
 
     Raises:
-        CalibrationError: No picture shows the board that was described.
+        CalibrationError: No picture shows the board that was described, or none enough of it.
     """
     some = views[:: -(-len(views) // _TRIALS)]
     counts = dict.fromkeys(PRINTS, 0)
@@ -87,6 +89,10 @@ def find_all(
         if len(corners.ids) >= FEWEST:
             enough[view] = corners
     progress("finding the board", len(views), len(views))
+    if not enough:
+        raise CalibrationError(
+            f"No picture shows {FEWEST} corners of the board or more: show it larger and whole."
+        )
     return enough, best
 
 
@@ -128,6 +134,8 @@ def find(board: Board, picture: Bytes, printed: Print) -> Corners:
 def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, Mask]:
     """Side of a square in the picture, px, and which corners lie where a plane board has them."""
     homography, _ = cv2.findHomography(flat, points, cv2.LMEDS)
+    if homography is None:  # also where about half of the corners are in one line, as of two full rows
+        homography, _ = cv2.findHomography(flat, points, cv2.RANSAC, _NEAR_PX)
     if homography is None or not np.isfinite(homography).all():
         return 0.0, np.zeros(len(points), bool)
     ahead, beside, below = (

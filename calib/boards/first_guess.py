@@ -103,7 +103,10 @@ def _joined(lenses: dict[str, Lens], poses: dict[ViewId, Array], count: dict[Vie
     shared = {
         frozenset(pair): sorted(frames[pair[0]] & frames[pair[1]]) for pair in combinations(sorted(lenses), 2)
     }
-    group = max(_groups(sorted(lenses), shared), key=lambda names: (len(names), sum(map(len, names))))
+    group = max(
+        _groups(sorted(lenses), shared),
+        key=lambda names: (len(names), sum(len(frames[name]) for name in names)),
+    )
     reference = max(sorted(group), key=lambda name: len(frames[name]))
     placed = {reference: np.eye(4)}
     while len(placed) < len(group):

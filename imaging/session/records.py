@@ -127,6 +127,8 @@ class Board(Record):
             raise ValueError(f"OpenCV has no dictionary {self.dictionary!r}; DICT_4X4_50 is one")
         if self.marker >= self.square:
             raise ValueError("a marker has to be smaller than a square")
+        if (self.columns - 1) * (self.rows - 1) < 6:  # what `calib.boards` asks of a view
+            raise ValueError("a board needs 6 inner corners or more, as one of 4 x 3 squares has")
         needed = self.columns * self.rows // 2
         has = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary)).bytesList)
         if needed > has:

@@ -37,7 +37,7 @@ from bench.support.hdr_nerf_scene import curve as curve_of_hdr_nerf
 from bench.support.record import arguments, deliver, machine, words
 from calib.light.curves.codes import Samples, patches, sample
 from calib.light.curves.response import Estimate, estimate
-from calib.light.curves.response_curve import channel_of, neighbours
+from calib.light.curves.response_curve import channels_of, neighbours
 from imaging.arrays import Array
 from imaging.files.photo import read_photo
 from imaging.merge.bracket import merge_bracket
@@ -188,8 +188,7 @@ def room(folder: Path) -> dict[str, Any]:
         steps = np.sort(labels)
         moved = dict(zip(steps.round(6), shifts[np.argsort(labels)], strict=True))
         parts = []
-        for index in range(3):
-            channel = channel_of(samples, index)
+        for index, channel in enumerate(channels_of(samples)):
             shift_of_step = np.array([moved[step] for step in channel.steps.round(6)])[channel.step]
             light = np.interp(channel.code, LEVELS, logs[:, index]) - channel.log_k - shift_of_step
             first, second = neighbours(channel)

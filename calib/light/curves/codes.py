@@ -18,6 +18,10 @@ FLATTEST = 0.1
 BINS = 64
 WIDEST = 400
 """Patches in a row, at most."""
+FEWEST = 300
+"""Photosites below which nothing is measured."""
+FOLDS = 3
+"""Parts that the groups are divided into, each of which is held out in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +40,17 @@ class Samples:
 
     @classmethod
     def joined(cls, parts: Sequence["Samples"]) -> "Samples":
-        """All photosites of several views; groups are numbered anew, steps padded with NaN."""
+        """All photosites of several views; groups are numbered anew, steps padded with NaN.
+
+        Padding has the lowest label of its view: it adds none, and comes between no two exposures.
+        """
         steps = max(part.codes.shape[1] for part in parts)
         codes, scales, groups, first = [], [], [], 0
         for part in parts:
             missing = steps - part.codes.shape[1]
             codes.append(np.pad(part.codes, ((0, 0), (0, missing), (0, 0)), constant_values=np.nan))
-            scales.append(np.pad(part.log_k, ((0, 0), (0, missing))))
+            lowest = part.log_k.min(initial=np.inf)
+            scales.append(np.pad(part.log_k, ((0, 0), (0, missing)), constant_values=lowest))
             groups.append(part.group + first)
             first += int(part.group.max(initial=-1)) + 1
         return cls(np.concatenate(codes), np.concatenate(scales), np.concatenate(groups))
@@ -129,6 +137,28 @@ def pedestal(codes: Array, log_k: Array) -> float:
         if len(here) >= 20:
             base = low + 2.0
     return base
+
+
+def counting(samples: Samples) -> Mask:
+    """Which codes count, bool [N, S, 3]: between dark and clipped, of photosites with two exposures or more.
+
+    None of a label with few such codes, as of exposures that are nearly black: the fit would have another
+    free exposure that hardly a code holds, and with it scale and exponent of the curve. Rough samples keep
+    theirs: their exposures are never free.
+    """
+    codes, log_k = samples.codes, samples.log_k[..., None]
+    lowest = [max(LOWEST, pedestal(codes[..., index], samples.log_k)) for index in range(3)]
+    used = np.isfinite(codes) & (codes >= lowest) & (codes <= HIGHEST)
+    label = np.unique(samples.log_k.round(6), return_inverse=True)[1].reshape(samples.log_k.shape)
+    while True:
+        span = np.where(used, log_k, -np.inf).max(1) - np.where(used, log_k, np.inf).min(1)
+        used &= (span > 0.05)[:, None]
+        by_channel = [np.bincount(label[used[..., index]], minlength=label.max() + 1) for index in range(3)]
+        count = np.max(by_channel, axis=0)
+        few = (count > 0) & (count < min(FEWEST, count.max() / 10))
+        if samples.rough or not few.any():
+            return used
+        used &= ~few[label][..., None]
 
 
 def _evenly(level: Array, sites: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:

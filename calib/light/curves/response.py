@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.light.curves.codes import HIGHEST, LOWEST, Samples
+from calib.light.curves.codes import FEWEST, FOLDS, HIGHEST, LOWEST, Samples
 from calib.light.curves.response_band import standard_errors
 from calib.light.curves.response_curve import (
     HUBER,
     Channel,
     CodeNoise,
     CurveModel,
-    channel_of,
+    channels_of,
     fit,
     label_trust,
     neighbours,
@@ -42,9 +42,6 @@ something moved there, or alignment left a border.
 """
 DISTRUSTED = 0.1
 """Trust below which a label counts as wrong: it is off by 15 % or more."""
-FOLDS = 3
-FEWEST = 300
-"""Photosites below which nothing is measured."""
 NODES = np.arange(1.0, 256.0)
 """Codes that a curve is written at: all of 8 bits, since a shoulder is too steep for straight lines."""
 RUNGS = frozenset(
@@ -108,7 +105,7 @@ def estimate(samples: Samples | None) -> Estimate:
             "sRGB assumed: no view and no point that views share has two exposures, so nothing can "
             "be measured; take two exposures or more of a view, 1 to 3 stops apart"
         )
-    channels = [channel_of(samples, index) for index in range(3)]
+    channels = channels_of(samples)
     if min(len(channel.group) for channel in channels) < FEWEST:
         return assumed(
             "sRGB assumed: too few pixels are well exposed in two different exposures; "
@@ -270,7 +267,7 @@ def held_out(
     for fold in range(FOLDS):
         training = [channel.only(folds[channel.group] != fold) for channel in channels]
         testing = [channel.only(folds[channel.group] == fold) for channel in channels]
-        if not all(len(part.code) for part in (*training, *testing)):
+        if not (all(len(part.code) for part in training) and any(len(part.code) for part in testing)):
             continue
         models = fit(training, shape, noise, labels_hold=labels_hold)
         rises &= all(model.rises() for model in models)
@@ -280,7 +277,8 @@ def held_out(
             loss = huber_loss(model.residuals(channel, sigma) / sigma, HUBER)
             losses += np.bincount(owner, weights=loss, minlength=groups)
             counts += np.bincount(owner, minlength=groups)
-            medians.append(_disagreement(channel, model))
+            if len(channel.code):
+                medians.append(_disagreement(channel, model))
     with np.errstate(invalid="ignore"):
         return Judged(shape, losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)), rises)
 
@@ -293,10 +291,12 @@ def _disagreement(channel: Channel, model: CurveModel) -> float:
 
 
 def _covered(channels: Sequence[Channel]) -> tuple[float, float]:
-    """Codes between which every channel has samples."""
-    low, high = LOWEST, HIGHEST
-    for channel in channels:
-        counts, edges = np.histogram(channel.code, bins=np.linspace(0.0, 256.0, 65))
-        filled = np.flatnonzero(counts >= 10)
-        low, high = max(low, edges[filled[0]]), min(high, edges[filled[-1] + 1] - 1.0)
-    return float(low), float(high)
+    """Codes between which some channel has samples.
+
+    Not every one: under coloured light their codes hardly overlap, but what clips them is the same. Where one
+    has none the standard errors of its curve say how far it is to be trusted.
+    """
+    bins = np.linspace(0.0, 256.0, 65)
+    counts = np.stack([np.histogram(channel.code, bins)[0] for channel in channels])
+    filled = np.flatnonzero((counts >= 10).any(0))
+    return max(LOWEST, 4.0 * float(filled[0])), min(HIGHEST, 4.0 * float(filled[-1]) + 3.0)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.optimize import nnls
 
-from calib.light.curves.codes import HIGHEST, LOWEST, Samples, pedestal
+from calib.light.curves.codes import FOLDS, HIGHEST, LOWEST, Samples, counting
 from calib.light.curves.response_models import GRID, PER_CODE, SRGB, Index, Shape, Spline, at
 from imaging.arrays import Array, Mask
 from imaging.merge.ratios import LABEL_SIGMA
@@ -192,18 +192,25 @@ def neighbours(channel: Channel) -> tuple[Index, Index]:
     return order[:-1][same], order[1:][same]
 
 
-def channel_of(samples: Samples, index: int) -> Channel:
-    """One channel of the samples; exposures of one label count as one step."""
-    code = samples.codes[..., index]
-    used = np.isfinite(code) & (code >= max(LOWEST, pedestal(code, samples.log_k))) & (code <= HIGHEST)
-    brightest = np.where(used, samples.log_k, -np.inf).max(1)
-    darkest = np.where(used, samples.log_k, np.inf).min(1)
-    used &= (brightest - darkest > 0.05)[:, None]
-    rows, column = np.nonzero(used)
-    chosen, site = np.unique(rows, return_inverse=True)
-    steps = np.unique(samples.log_k.round(6))
-    step = np.searchsorted(steps, samples.log_k[rows, column].round(6))
-    return Channel(code[rows, column], step, site, samples.group[chosen], steps)
+def channels_of(samples: Samples) -> list[Channel]:
+    """The channels of the samples; exposures of one label count as one step.
+
+    Groups are numbered anew, without those that masks leave empty; few ones are split, so that all of
+    `FOLDS` hold some.
+    """
+    used, log_k = counting(samples), samples.log_k.round(6)
+    steps = np.unique(log_k[used.any(-1)])
+    group = samples.group
+    if any(len(np.unique(group[used[..., index].any(1)])) < FOLDS for index in range(3)):
+        group = group * FOLDS + np.arange(len(group)) % FOLDS
+    groups = np.unique(group[used.any((1, 2))])
+    channels = []
+    for index in range(3):
+        rows, column = np.nonzero(used[..., index])
+        chosen, site = np.unique(rows, return_inverse=True)
+        step, number = np.searchsorted(steps, log_k[rows, column]), np.searchsorted(groups, group[chosen])
+        channels.append(Channel(samples.codes[rows, column, index], step, site, number, steps))
+    return channels
 
 
 def fit(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.boards.corners import PRINTS, Print, find, find_all
+from calib.boards.corners import FEWEST, PRINTS, Print, find, find_all
 from imaging.arrays import Bytes
 from imaging.errors import CalibrationError
 from imaging.progress import unreported
@@ -85,6 +85,43 @@ def test_swapped_columns_and_rows_are_named() -> None:
     padded = np.pad(np.asarray(image, np.uint8), 40, constant_values=255)
     with pytest.raises(CalibrationError, match="swap columns and rows"):
         find_all(wrong, [("a", 0)], lambda key: padded, unreported)
+
+
+def flat_board(columns: int, rows: int) -> Bytes:
+    """A board of squares of 100 px on white, with a rim of 40 px."""
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    layout = cv2.aruco.CharucoBoard((columns, rows), 0.03, 0.022, dictionary)
+    image = layout.generateImage((100 * columns, 100 * rows))
+    return np.pad(np.asarray(image, np.uint8), 40, constant_values=255)
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_two_columns_of_corners_are_enough_and_one_is_not(columns: int) -> None:
+    """Half of the corners lie in one line, in a board that the edge of the picture cuts."""
+    import cv2
+
+    board = Board(columns=7, rows=5, square=0.03, marker=0.022)
+    turn = np.array([[0.8, 0.1, 40.0], [-0.03, 0.75, 60.0], [1e-4, -5e-5, 1.0]])
+    seen = flat_board(7, 5)
+    seen[:, 40 + 100 * (columns + 1) :] = 150
+    drawn = cv2.warpPerspective(seen, turn, (780, 580), borderValue=150)
+    noise = np.random.default_rng(0).normal(0.0, 2.0, drawn.shape)
+    corners = find(board, np.clip(drawn + noise, 0, 255).astype(np.uint8), Print())
+    assert len(corners.ids) == (4 * columns if columns > 1 else 0)
+    flat = board.corners()[corners.ids, :2] / 0.03 * 100 + 39.5  # OpenCV counts from centres
+    at = np.column_stack([flat, np.ones(len(flat))]) @ turn.T
+    np.testing.assert_allclose(corners.points, at[:, :2] / at[:, 2:] + 0.5, atol=0.15)
+
+
+def test_pictures_that_show_too_little_of_the_board_are_refused() -> None:
+    board = Board(columns=7, rows=5, square=0.03, marker=0.022)
+    seen = np.full((580, 780), 150, np.uint8)
+    seen[:340, :340] = flat_board(7, 5)[:340, :340]  # four inner corners
+    assert 0 < len(find(board, seen, Print()).ids) < FEWEST
+    with pytest.raises(CalibrationError, match=r"6 corners of the board or more: show it larger and whole"):
+        find_all(board, [("a", 0)], lambda key: seen, unreported)
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])

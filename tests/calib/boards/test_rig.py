@@ -106,6 +106,18 @@ def test_cameras_that_share_no_view_are_named(stage: Stage, monkeypatch: pytest.
     assert max(shifts) < 1.0
 
 
+def test_of_cameras_that_share_no_view_the_one_of_most_frames_is_calibrated(stage: Stage) -> None:
+    """A name says nothing of its camera, however long it is."""
+    renamed = {"cam0": "a", "cam1": "longer"}
+    detected = {
+        ViewId(view.frame, renamed[view.camera]): corners
+        for view, corners in stage.detected(12).items()
+        if view.camera == ("cam0" if view.frame >= 4 else "cam1")
+    }
+    begun = first_guess(stage.board, detected, dict.fromkeys(renamed.values(), (WIDTH, HEIGHT)))
+    assert begun.isolated == ("longer",)
+
+
 def test_too_few_views_say_what_to_shoot(stage: Stage) -> None:
     few = stage.detected(2)
     with pytest.raises(CalibrationError, match=r"in 3 frames or more.*about 25 frames"):

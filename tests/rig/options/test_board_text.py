@@ -35,6 +35,7 @@ def test_order_units_and_case_do_not_matter() -> None:
         ("7x5,square=110mm,marker=82.5mm,DICT_9X9", "has no dictionary"),
         ("70x50,square=11mm,marker=8mm", "1750 markers"),
         ("2x5,square=11mm,marker=8mm", "greater than or equal to 3"),
+        ("3x3,square=11mm,marker=8mm", "6 inner corners or more"),
         ("7x5,square=0mm,marker=0mm", "greater than 0"),
         ("a board", "'a board' does not describe a board"),
     ],

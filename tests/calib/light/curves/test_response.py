@@ -10,6 +10,7 @@ from calib.data.views import scene_views
 from calib.light import radiometry
 from calib.light.curves.codes import Patches, Samples, patches, pedestal, sample
 from calib.light.curves.response import estimate
+from calib.light.curves.response_curve import channels_of
 from capture.imports.photos import import_photos
 from imaging.colour.spaces import srgb_encode
 from imaging.merge.linear_frame import decode
@@ -111,6 +112,43 @@ def test_two_exposures_are_enough_for_a_usable_curve() -> None:
     estimated = estimate(shoot(FAMILIES["s-curve"], STEPS[1:4:2], views=6))
     assert estimated.response.kind == "curve"
     assert rmse(estimated.response, FAMILIES["s-curve"]) < 0.1
+
+
+def test_a_third_exposure_that_is_black_changes_nothing() -> None:
+    """Hardly a code of it counts: it is no third exposure that would let the other two depart."""
+    estimated = estimate(shoot(FAMILIES["gamma"], np.log([2.0**-13, 2.0**-4, 2.0**-2]), views=2))
+    assert rmse(estimated.response, FAMILIES["gamma"]) < 0.05
+    assert list(estimated.shift) == np.log([2.0**-4, 2.0**-2]).round(6).tolist()
+    assert any("two exposures do not determine a ratio" in rung.reason for rung in estimated.rungs)
+
+
+def test_views_of_fewer_exposures_bring_no_label_of_their_own() -> None:
+    two, three = shoot(srgb_encode, STEPS[1:3], views=1), shoot(srgb_encode, STEPS[[1, 2, 2]], views=1)
+    joined = Samples.joined([two, three])
+    assert set(np.unique(joined.log_k)) == set(STEPS[1:3])
+    assert [channel.steps.tolist() for channel in channels_of(joined)] == [STEPS[1:3].round(6).tolist()] * 3
+
+
+def test_under_coloured_light_codes_of_any_channel_are_valid() -> None:
+    """Blue has no bright code and red no dark one: of both together there would be next to none."""
+    samples = shoot(FAMILIES["gamma"], np.log(2.0 ** np.arange(-5.0, 2.0)), views=2)
+    darkest, brightest = np.array([128.0, 5.0, 5.0]), np.array([248.0, 248.0, 100.0])
+    inside = (samples.codes >= darkest) & (samples.codes <= brightest)
+    tinted = Samples(np.where(inside, samples.codes, np.nan), samples.log_k, samples.group)
+    response = estimate(tinted).response
+    low, high = response.valid
+    assert response.kind == "curve"
+    assert low < 0.05
+    assert high > 0.9
+
+
+@pytest.mark.parametrize("cells", [[10], [5, 11, 17]], ids=["one cell", "cells of one fold"])
+def test_masks_may_leave_any_cells(cells: list[int]) -> None:
+    samples = shoot(FAMILIES["gamma"], STEPS[1:4], views=1)
+    group = np.array(cells)[np.arange(len(samples.group)) % len(cells)]
+    estimated = estimate(Samples(samples.codes, samples.log_k, group))
+    assert estimated.response.residual is not None
+    assert rmse(estimated.response, FAMILIES["gamma"]) < 0.02
 
 
 def flat(code: float) -> Samples:
