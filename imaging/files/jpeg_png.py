@@ -38,34 +38,35 @@ def jpeg_shell(file: BinaryIO) -> Shell:
     """Return what the segments before the first scan of an open JPEG file say; empty where it is damaged."""
     width = height = 0
     exif = xmp = b""
-    file.seek(2)
-    while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] not in (_SCAN, _END):
-        length = struct.unpack(">H", head[2:])[0] - 2
-        if length < 0:
-            break
-        if head[1] == APP1:
+    for kind, length in _before_scan(file):
+        if kind == APP1:
             block = file.read(length)
             exif = exif or (block if block.startswith(b"Exif\0\0") else b"")
             xmp = xmp or (block if block.startswith(MARK) else b"")
-        elif head[1] in _FRAMES and length >= 5:
-            block = file.read(length)
-            height, width = struct.unpack(">HH", block[1:5].ljust(4, b"\0"))
-        else:
-            file.seek(length, 1)
+        elif kind in _FRAMES and length >= 5:
+            height, width = struct.unpack(">HH", file.read(5)[1:].ljust(4, b"\0"))
     return Shell(width, height, exif, xmp)
 
 
 def jpeg_segments(file: BinaryIO, marker: int) -> Iterator[bytes]:
     """The bodies of the segments of one kind before the first scan of an open JPEG file."""
-    file.seek(2)
-    while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] not in (_SCAN, _END):
-        length = struct.unpack(">H", head[2:])[0] - 2
-        if length < 0:
-            return
-        if head[1] == marker:
+    for kind, length in _before_scan(file):
+        if kind == marker:
             yield file.read(length)
-        else:
-            file.seek(length, 1)
+
+
+def _before_scan(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Marker and length of every segment before the first scan; the file stands at its body."""
+    position = 2
+    while file.seek(position) == position and len(head := file.read(4)) == 4 and head[0] == 0xFF:
+        if head[1] == 0xFF:  # a fill byte, of which any number may stand before a marker
+            position += 1
+            continue
+        length = struct.unpack(">H", head[2:])[0] - 2
+        if head[1] in (_SCAN, _END) or length < 0:
+            return
+        yield head[1], length
+        position += 4 + length
 
 
 def jpeg_is_whole(data: bytes) -> bool:

@@ -113,6 +113,9 @@ def read_raw_header(data: bytes, suffix: str) -> RawHeader:
     try:
         if tags is not None:
             top, left, bottom, right = dng_tags.active_area(tags)
+            cfa = dng_tags.cfa(tags) if dng_tags.is_mosaic(tags) else None
+            if cfa is not None and cfa.bayer and not is_foreign(tags):  # see `_with_tags`
+                top, left = top + top % 2, left + left % 2
             height, width, white = bottom - top, right - left, dng_tags.white(tags) or dng_tags.largest(tags)
         else:
             with quiet(), rawpy.imread(BytesIO(data)) as raw:

@@ -21,6 +21,23 @@ SHUTTER_TIMES = {
     float(Fraction(label)): 2.0 ** ((15 - index) / 3) for index, label in enumerate(SHUTTER_LABELS)
 }
 """Seconds that the shutter stays open, by its mark: 1/60 is 1/64 s, 30 is 32 s."""
+_OTHER_MARKS = {
+    float(Fraction(label)): 2.0 ** (thirds / 3)
+    for thirds, marks in {
+        5: "3",
+        -1: "10/13",
+        -2: "10/16",
+        -5: "1/3",
+        -40: "1/10000",
+        -41: "1/12500 1/12800 1/13000",
+        -42: "1/16000",
+        -43: "1/20000",
+        -44: "1/25000 1/25600",
+        -45: "1/32000",
+    }.items()
+    for label in labels(marks)
+}
+"""The same for marks of some dials only: other names of times of the series, and electronic shutters."""
 
 _WIDE = (1.0, 1.1, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.8, 3.2, 3.5, 4.0, 4.5, 5.0, 5.6, 6.3, 7.1)
 _NARROW = (8.0, 9.0, 10.0, 11.0, 13.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 29.0, 32.0)
@@ -32,12 +49,12 @@ def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
     """Return the exact setting behind each rounded one: nominal times and f-numbers become their powers of
     two.
 
-    Times are taken so only if all of them are names of the standard series, and so are f-numbers: a
+    Times are taken so only if all of them are marks of shutter dials, and f-numbers if all are of irises: a
     camera that states others, as a phone or an industrial camera does, means them as they are. ISO stays
     as it is.
     """
     given = set(exposures)
-    times = _exact((one.time for one in given), SHUTTER_TIMES)
+    times = _exact((one.time for one in given), SHUTTER_TIMES | _OTHER_MARKS)
     apertures = _exact((one.f_number for one in given if one.f_number is not None), F_NUMBERS)
     return {
         one: Exposure(

@@ -17,14 +17,19 @@ _VISIBLE = 450.0, 630.0
 def channels(bands: Sequence[Band]) -> tuple[str, ...]:
     """Names of the EXR channels of these bands; R, G and B without bands.
 
-    A band of a known wavelength is the emissive layer of a spectral EXR, `S0.650,000000nm`; else its name.
+    A band of a wavelength of its own is the emissive layer of a spectral EXR, `S0.650,000000nm`; any other
+    goes by its name, but one called A, which is the channel of alpha, by `band:A`.
     """
+    waves = [_layer(band) for band in bands]
     return tuple(
-        band.name
-        if band.wavelength_nm is None
-        else f"S0.{band.wavelength_nm:.6f}".replace(".", ",").replace(",", ".", 1) + "nm"
-        for band in bands
+        wave if wave and waves.count(wave) == 1 else "band:A" if band.name == "A" else band.name
+        for band, wave in zip(bands, waves, strict=True)
     ) or ("R", "G", "B")
+
+
+def _layer(band: Band) -> str:
+    """The layer of a spectral EXR that a band is; '' where its wavelength is unknown."""
+    return "" if band.wavelength_nm is None else "S0." + f"{band.wavelength_nm:.6f}nm".replace(".", ",")
 
 
 def in_order(bands: Sequence[Band]) -> tuple[Band, ...]:

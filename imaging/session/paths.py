@@ -1,8 +1,24 @@
 """Finding one's way in a session folder without loading a stage."""
 
+import os
 from pathlib import Path
+from shlex import quote
 
 from imaging.errors import InputError
+
+
+def not_a_session(folder: Path) -> InputError:
+    """Return what to say of a folder without session.json where a session was to be named."""
+    from imaging.files.photo import is_photo  # which takes numpy, and the codecs of pictures
+    from imaging.files.raw import is_raw
+
+    files = (path for depth in ("*", "*/*") for path in folder.glob(depth))
+    if any(is_photo(path) or is_raw(path) for path in files):
+        return InputError(
+            f"{folder} holds photographs and is no session yet: run `rig import {quote(str(folder))} S`, "
+            "then `rig calibrate S`."
+        )
+    return InputError(f"{folder} has no session.json: name a session made by `rig capture` or `rig import`.")
 
 
 def has_shots(session: Path) -> bool:
@@ -12,9 +28,15 @@ def has_shots(session: Path) -> bool:
 
 
 def session_of(reconstruction: Path) -> Path | None:
-    """The session that a reconstruction folder is in; None for one that was moved out of it."""
-    folder = reconstruction.resolve().parent.parent
-    return folder if (folder / "session.json").is_file() else None
+    """The session that a reconstruction folder is in; None for one that was moved out of it.
+
+    The path as it is named goes first: `reconstructions` may be a link to a larger disk.
+    """
+    for place in (Path(os.path.abspath(reconstruction)), reconstruction.resolve()):
+        folder = place.parent.parent
+        if (folder / "session.json").is_file():
+            return folder.resolve()
+    return None
 
 
 SPLAT_FILES = (".ply", ".spz", ".usd", ".usda", ".usdc")
@@ -35,6 +57,8 @@ def find_reconstruction(path: Path) -> Path:
         return path
     finished = [model.parent for model in path.glob("reconstructions/[!.]*/model.json")]
     if not finished:
+        if not (path / "session.json").is_file() and session_of(path) is None:
+            raise not_a_session(path)
         raise InputError(f"{path} has no finished reconstruction: run `rig reconstruct` first.")
     return max(finished, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
 

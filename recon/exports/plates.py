@@ -22,8 +22,9 @@ from imaging.plates.lens_maps import redistorting, undistorting, warped, write_s
 from imaging.plates.merged_view import PlateFormat, merge_view
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord
+from imaging.session.paths import session_of
 from imaging.session.records import ShotRecord
-from imaging.session.session import SESSION, Session, brackets
+from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
 from recon.result.model import CALIBRATION, SceneView, read_own_calibration
 from recon.result.scene import Scene
@@ -59,8 +60,8 @@ def write_plates(folder: Path, scene: Scene, factor: float, progress: Progress) 
 
     InputError for a photograph that is damaged.
     """
-    place = scene.folder.resolve().parent.parent
-    if not (place / SESSION).is_file() or not (scene.folder / CALIBRATION).is_file():
+    place = session_of(scene.folder)
+    if place is None or not (scene.folder / CALIBRATION).is_file():
         return Plates([], ("plates: the photographs are not in a session beside the scene",))
     if scene.record.bands:
         return Plates([], ("plates: its photographs are of bands, which have no colour",))

@@ -9,8 +9,9 @@ import torch
 from imaging.arrays import Array32
 from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
+from imaging.session.paths import session_of
 from imaging.session.records import ShotRecord
-from imaging.session.session import SESSION, Session
+from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
 from recon.data.load import photographs_sha256, read_views
 from recon.observe.refinement import Refinement
@@ -75,8 +76,8 @@ def open_model(folder: Path, progress: Progress = unreported, width: int | None 
 
 def _dataset(folder: Path, record: ModelRecord, progress: Progress, width: int) -> Dataset:
     """The photographs of the scene's views, in the scene's parts."""
-    place = folder.resolve().parent.parent
-    if not (place / SESSION).is_file():
+    place = session_of(folder)
+    if place is None:
         raise ReconstructionError(
             f"{folder} is not in its session, whose photographs it is measured by: put it back as "
             f"SESSION/reconstructions/{folder.resolve().name}; `rig render` works without."

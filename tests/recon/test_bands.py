@@ -24,6 +24,7 @@ from recon.measure.evaluate import evaluate
 from recon.measure.evaluation import Evaluation
 from recon.measure.truth import calibration_errors, true_radiance
 from recon.reconstruct import reconstruct
+from recon.rendering.light_files import write_light
 from recon.rendering.render import render
 from recon.result.scene import Scene, open_scene
 
@@ -116,6 +117,14 @@ def test_renders_are_spectral_files_and_pictures_in_colour(outcome: Outcome, tmp
     assert png.suffix == ".png"
     with pytest.raises(InputError, match="has the light of bands, which has no primaries"):
         render(outcome.scene.folder, tmp_path, views=[name], space="acescg")
+
+
+def test_a_file_keeps_bands_of_one_wavelength_and_the_one_called_as_alpha_is(tmp_path: Path) -> None:
+    bands = (Band(name="par", wavelength_nm=650), Band(name="perp", wavelength_nm=650), Band(name="A"))
+    light = np.full((4, 5, 3), (1, 2, 3), np.float32)
+    write_light(tmp_path / "a.exr", light, {}, bands, alpha=np.full((4, 5), 0.5, np.float32))
+    values = {name: plane[0, 0] for name, plane in read_exr(tmp_path / "a.exr").channels.items()}
+    assert values == {"par": 1, "perp": 2, "band:A": 3, "A": 0.5}
 
 
 def test_viewers_are_told_that_colours_are_false(outcome: Outcome) -> None:

@@ -27,6 +27,12 @@ _MOST_READ = 4
 
 SUB_IFDS, EXIF_IFD = 330, 34665
 
+_VITAL = frozenset(
+    (*range(254, 269), *range(273, 280), 284, 290, 291, 301, *range(317, 348), *range(529, 533))
+)
+_VITAL |= {33421, 33422, 34675, *range(50706, 53000)}
+"""Tags whose loss would show other light, or hide lost pixels: of images, of their colours, and DNG's."""
+
 _LARGEST_VALUE = 1 << 24
 """Bytes of one tag's value beyond which it is damage, or a preview that is not needed here."""
 
@@ -133,7 +139,11 @@ class TiffReader:
             waiting += [*integers(directory, SUB_IFDS), following]
 
     def directory(self, offset: int) -> tuple[Directory, int]:
-        """The directory at `offset`, and the offset of the next (0: none)."""
+        """The directory at `offset`, and the offset of the next (0: none).
+
+        A tag whose value lies beyond the file is left out, since editors drop the bytes of a note and leave
+        its entry; TiffError for one that the pixels need (`_VITAL`).
+        """
         counted, entry, place = ("Q", "HHQ8s", "Q") if self._big else ("H", "HHI4s", "I")
         lead, step, room = (struct.calcsize(f"={form}") for form in (counted, entry, place))
         (count,) = self._unpack(counted, self.read(offset, lead))
@@ -143,14 +153,16 @@ class TiffReader:
             tag, kind, number, inline = self._unpack(entry, table[step * index : step * (index + 1)])
             if kind not in _SIZES:
                 continue
-            length = _SIZES[kind] * number
+            length, at = _SIZES[kind] * number, self._unpack(place, inline)[0]
             if length > _LARGEST_VALUE:
+                continue
+            if room < length and at + length > self.size and (kind == ASCII or tag not in _VITAL):
                 continue
             # values that many tags share would fill the memory
             self._taken += length
             if self._taken > _MOST_READ * max(self.size, 1 << 16):
                 raise TiffError("more values than bytes")
-            data = inline[:length] if length <= room else self.read(self._unpack(place, inline)[0], length)
+            data = inline[:length] if length <= room else self.read(at, length)
             directory[tag] = self._decoded(kind, data)
         return directory, self._unpack(place, table[-room:])[0]
 

@@ -4,12 +4,22 @@ import json
 import shutil
 import subprocess
 from datetime import datetime, timedelta, timezone
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
-from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
+from imaging.files.jpeg_png import APP1, jpeg_segments
+from imaging.files.photo import (
+    decode_photo,
+    encode_jpeg,
+    encode_png,
+    read_metadata,
+    read_photo,
+    read_photo_header,
+)
 from imaging.files.tiff.exif import encode_exif
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
@@ -24,6 +34,19 @@ def test_metadata_survives_in_jpeg(tmp_path: Path, metadata: FrameMetadata) -> N
     photo = read_photo(path)
     assert photo.metadata == metadata
     assert photo.pixels.shape == RGB8.shape  # orientation 6 is told and not applied
+
+
+def test_fill_bytes_before_a_marker_are_stepped_over(tmp_path: Path, metadata: FrameMetadata) -> None:
+    """JPEG allows any number of them (T.81, B.1.1.2)."""
+    plain = filled = encode_jpeg(RGB8, metadata=metadata)
+    for marker, count in ((b"\xff\xe1", 1), (b"\xff\xdb", 2), (b"\xff\xc0", 1), (b"\xff\xda", 3)):
+        filled = filled.replace(marker, b"\xff" * count + marker, 1)
+    assert len(filled) == len(plain) + 7
+    path = tmp_path / "a.jpg"
+    path.write_bytes(filled)
+    assert np.array_equal(read_photo(path).pixels, decode_photo(plain, "b.jpg").pixels)
+    assert read_photo_header(filled, "a.jpg") == (30, 21, metadata)
+    assert [*jpeg_segments(BytesIO(filled), APP1)] == [*jpeg_segments(BytesIO(plain), APP1)] != []
 
 
 @pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")

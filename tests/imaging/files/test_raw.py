@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
-from imaging.files.raw import is_raw, read_raw, read_raw_metadata
+from imaging.files.raw import is_raw, read_raw, read_raw_header, read_raw_metadata
 from imaging.files.tiff.directory import BYTE, DOUBLE, LONG, RATIONAL, SHORT, SRATIONAL, Entry
 from imaging.files.tiff.dng import encode_dng, write_dng
 from imaging.sensor.cfa import Cfa
@@ -39,6 +39,8 @@ def test_the_active_area_shifts_phase_and_black(
     path = write(raw, compression, ACTIVE_AREA=Entry(LONG, area))
     top, left, bottom, right = area
     mosaic = read_raw(path)
+    header = read_raw_header(path.read_bytes(), ".dng")
+    assert (header.height, header.width) == mosaic.pixels.shape
     # LibRaw begins an active area with an odd corner one row or column later
     skipped = (top % 2, left % 2)
     rows, columns = slice(top + skipped[0], bottom), slice(left + skipped[1], right)

@@ -20,6 +20,19 @@ def test_round_times_stand_for_powers_of_two() -> None:
     assert times(*SHUTTER_TIMES) == pytest.approx(nearest)
 
 
+@pytest.mark.parametrize(
+    ("mark", "thirds"),
+    [
+        *((1 / 3, -5), (10 / 16, -2), (10 / 13, -1), (0.7692, -1), (3.0, 5), (1 / 10000, -40)),
+        *((1 / 12500, -41), (1 / 12800, -41), (1 / 13000, -41), (1 / 16000, -42), (1 / 20000, -43)),
+        *((1 / 25000, -44), (1 / 25600, -44), (1 / 32000, -45)),
+    ],
+)
+def test_marks_that_some_dials_have_leave_no_shot_of_the_bracket_rounded(mark: float, thirds: int) -> None:
+    """Nikon's 30 s and 1/3 s are 20/3 stops apart, which their marks miss by 11 %."""
+    assert times(30.0, 1 / 60, mark) == pytest.approx([32.0, 1 / 64, 2 ** (thirds / 3)])
+
+
 def test_times_of_another_series_are_meant_as_they_are() -> None:
     assert times(1 / 60, 0.0123) == [1 / 60, 0.0123]
     assert meant([]) == {}

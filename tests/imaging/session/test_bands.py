@@ -23,6 +23,12 @@ def test_channels_are_those_of_a_spectral_exr() -> None:
     assert channels(()) == ("R", "G", "B")
 
 
+def test_no_two_channels_have_one_name() -> None:
+    """Polarisers divide the light of one wavelength, and A is the channel of alpha."""
+    alike = (*bands(550), Band(name="par", wavelength_nm=650), Band(name="perp", wavelength_nm=650))
+    assert channels((*alike, Band(name="A"))) == ("S0.550,000000nm", "par", "perp", "band:A")
+
+
 def test_matching_functions_are_those_of_the_cie() -> None:
     colour = pytest.importorskip("colour")
     waves = np.arange(400.0, 701.0, 10.0)

@@ -100,6 +100,32 @@ def test_what_is_no_rational_is_refused(value: float) -> None:
         rational(value)
 
 
+@pytest.mark.parametrize("tag", [271, 305, 282, 33434, 37500, 700])
+def test_a_value_beyond_the_block_costs_its_tag_alone(tag: int) -> None:
+    """Editors drop the bytes of a maker's note and leave its entry."""
+    kept = {256: Entry(LONG, [640]), 272: Entry(ASCII, "four and more")}
+    data = bytearray(HEAD + encode_directory(kept | {tag: Entry(UNDEFINED, b"12345678")}, 8))
+    place = data.index(struct.pack("<HHI", tag, UNDEFINED, 8)) + 8
+    data[place : place + 4] = struct.pack("<I", len(data) - 7)
+    (directory,) = TiffReader(BytesIO(bytes(data))).directories()
+    assert directory == {256: (640,), 272: "four and more"}
+
+
+@pytest.mark.parametrize("tag", [273, 279, 324, 325, 330, 33422, 34675, 50714, 50717, 50721, 50829, 51009])
+def test_a_value_that_pixels_need_is_not_left_out(tag: int) -> None:
+    data = bytearray(HEAD + encode_directory({tag: Entry(LONG, [1, 2])}, 8))
+    data[18:22] = struct.pack("<I", len(data) - 7)
+    with pytest.raises(TiffError, match="past the end"):
+        TiffReader(BytesIO(bytes(data))).directories()
+
+
+def test_a_photograph_without_the_bytes_of_its_note_keeps_its_exposure() -> None:
+    entries = {33434: Entry(RATIONAL, [Fraction(1, 60)]), 37500: Entry(UNDEFINED, b"x" * 400)}
+    main = {EXIF_IFD: Entry(LONG, [26])}
+    block = b"Exif\0\0" + HEAD + encode_directory(main, 8) + encode_directory(entries, 26)
+    assert decode_exif(block[:-400]).exposure == Exposure(time=1 / 60)
+
+
 def test_directories_are_found_once_each() -> None:
     # the second points back to the first, and the first at the second as chain and as child
     first = struct.pack("<HHHIII", 1, SUB_IFDS, 4, 1, 26, 26)
