@@ -57,7 +57,7 @@ def page(scene: Scene, job: Job, loss: Loss, notes: Sequence[str], files: Sequen
         else "in a unit of the scene's own; metersPerUnit 1 is a guess",
         "Up": "z" if job.place.z_up else "y, as the photographers held their cameras",
         "Coordinates": escape(job.place.note)
-        + ("; less an offset of ({!r}, {!r}, {!r})".format(*record.offset) if any(record.offset) else ""),
+        + ("; less an offset of ({!r}, {!r}, {!r})".format(*scene.left_out) if any(scene.left_out) else ""),
         "Gaussians": f"{len(scene.gaussians):,}, harmonics of degree {record.degree}",
         "Cameras": f"{escape(', '.join(cameras))}; frames {frames[0]} to {frames[-1]}" if frames else "none",
         "Lost in the USD": escape(str(loss)),

@@ -12,6 +12,7 @@ from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform
 from recon.exports import decoding
+from recon.exports.stored import drawable, is_stored
 from recon.result.environment_files import dome_of
 from recon.result.model import SPLATS, DisplayValues
 from recon.result.scene import Scene
@@ -114,14 +115,7 @@ def sound(scene: Scene) -> tuple[Scene, int]:
     They are those with a value that is not finite, without a turn, or with an opacity of 0.
     ReconstructionError if none is left.
     """
-    parameters = scene.gaussians.parameters
-    finite = torch.ones(len(scene.gaussians), dtype=torch.bool)
-    for name, value in parameters.items():
-        if name != "opacity_logits":
-            finite &= torch.isfinite(value.detach()).flatten(1).all(1) if value.ndim > 1 else value.isfinite()
-    finite &= torch.isfinite(scene.gaussians.scales()).all(1) & (scene.gaussians.scales() > 0).all(1)
-    finite &= scene.gaussians.opacities() > 0  # of NaN neither
-    finite &= parameters["quats"].abs().amax(1) > 0
+    finite = drawable(scene.gaussians)
     if not finite.any():
         raise ReconstructionError(
             f"{scene.folder} holds no Gaussian that can be drawn, so there is nothing to export: reconstruct "
@@ -205,7 +199,7 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress, end: f
 
     Args:
         scene: Scene of light, or of display values, which stay as they are.
-        stops: log2 of the factor; None: as splats.ply has it.
+        stops: log2 of the factor; None: that of splats.ply, which is taken if it shows this scene.
         progress: Callback for the current step, the steps done, and all of them.
         end: Largest code, as `Splats` has it; of a scene of display values it is 1.
 
@@ -228,7 +222,7 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress, end: f
         harmonics = plain_harmonics(gaussians, scene.renderer.appearance, record.degree)
         return _splats(scene, gaussians, harmonics, False, 1.0, dome)
     path = scene.folder / SPLATS
-    if stops is None and end == 1 and path.is_file():
+    if stops is None and end == 1 and path.is_file() and is_stored(scene):
         file = read_ply(path)
         splats = as_splats(file, record.world, record.offset, linear=False, factor=factor)
         return replace(splats, dome=max(0, len(file) - record.gaussians))

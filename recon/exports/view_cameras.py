@@ -18,6 +18,7 @@ from imaging.files.nerfstudio import Picture, transforms
 from imaging.files.photo import encode_png, read_photo_header
 from imaging.optics.lens import Lens
 from imaging.progress import unreported
+from imaging.session.paths import session_of
 from recon.exports.formats.ply import SOLID, offset_line
 from recon.exports.formats.vertices import packed_vertices, shown
 from recon.exports.job import Job, Written
@@ -69,7 +70,7 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
     coordinates = {
         "unit": "m" if place.metres else "relative",
         "system": place.note,
-        OFFSET: list(scene.record.offset),
+        OFFSET: list(scene.left_out),
     }
     pictures = [
         Picture(f"{IMAGES}/{view.id.image_name}", lens, motion)
@@ -79,6 +80,8 @@ def write_cameras(folder: Path, scene: Scene, place: Place) -> tuple[list[Path],
     if len(places):
         content = {"ply_file_path": POINTS, **content}
         lines = ["red, green, blue: display values, sRGB", f"coordinates: {place.note}"]
+        if any(scene.left_out):
+            lines.insert(1, offset_line(scene.left_out))
         store.write_bytes(folder / POINTS, packed_vertices(places, codes, lines))
         images.append(folder / POINTS)
     texts[NERFSTUDIO] = json.dumps(content, indent=1, allow_nan=False)
@@ -91,9 +94,9 @@ def _photograph(scene: Scene, view: SceneView) -> Path | None:
     """The picture that the calibration left of a view in the session of the scene, or None."""
     if not (scene.folder / MODEL).is_file():
         return None  # a file of splats: its lenses are not those of any photograph
-    previews = scene.folder.resolve().parent.parent / "calibration" / "previews"
-    path = previews / view.id.image_name
-    return path if path.is_file() else None
+    session = session_of(scene.folder)
+    path = None if session is None else session / "calibration" / "previews" / view.id.image_name
+    return path if path is not None and path.is_file() else None
 
 
 def _drawn(scene: Scene, view: SceneView) -> Bytes:
@@ -138,8 +141,8 @@ def _colmap(
     frames = [view.frame for view in scene.views]
     mounted = _mounted(taken_by, frames, motions, scene.record.world.unit)
     images, texts = [], {}
-    if any(scene.record.offset):
-        images.append(f"# {offset_line(scene.record.offset)}")
+    if any(scene.left_out):
+        images.append(f"# {offset_line(scene.left_out)}")
     for number, (view, motion) in enumerate(zip(scene.views, motions, strict=True), 1):
         images += [f"{number} {_pose(motion)} {taken_by[number - 1]} {view.id.image_name}", ""]
     rigs, framed = _rigs(taken_by, frames, motions, mounted)

@@ -6,7 +6,6 @@ less an offset. Programs turn and scale them once more: Blender has z up, other 
 """
 
 import json
-import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from imaging.arrays import Array
 from imaging.errors import InputError
 from recon.data.world import Vector
 from recon.rendering.camera_paths import CameraPath, placed
+from recon.scene.ply_file import stated_offset
 from recon.scene.usd_field import PLACED, column_matrix, unscaled
 from recon.splat import SplatCamera
 
@@ -192,9 +192,6 @@ def _in_ply(path: Path) -> Placement | None:
 
 
 def offset_of(text: str) -> Placement | None:
-    """Read a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`, or return None."""
-    match = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
-    try:
-        return None if match is None else less([float(number) for number in match.groups()])
-    except ValueError:
-        return None
+    """Read the placement in the comments of a file of `rig export` (`stated_offset`), or return None."""
+    offset = stated_offset(text)
+    return None if offset is None else less(offset)

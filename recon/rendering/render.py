@@ -21,6 +21,7 @@ from imaging.files.ultra_hdr import encode_ultra_hdr
 from imaging.progress import Progress, unreported
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
+from recon.rendering.earlier_frames import earlier_frames
 from recon.rendering.light_files import header_of, seen_by, stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.request import RenderRequest
@@ -76,7 +77,8 @@ def render(
         out: Folder of the pictures.
         request: Options.
         on_progress: Callback for the current step, the steps done, and all of them.
-        on_message: Callback for lines on the cameras of a file, and on frames that see nothing of the scene.
+        on_message: Callback for lines on the cameras of a file, on frames that see nothing of the scene, and
+            on files of another render of the path.
         options: Options by name, in place of those of `request`.
 
     Returns:
@@ -152,7 +154,13 @@ def render(
     on_progress("rendering", len(frames), len(frames))
     _tell_empty(scene, empty, len(frames), path is not None, on_message)
     films = [one.path for one in (*hdr_films, film) if one is not None]
-    return files + pictures + mosaics + films
+    written = files + pictures + mosaics + films
+    if path is not None and (others := earlier_frames(out, path.name, written)):
+        on_message(
+            f"{out} also holds {others[0]}{f' and {len(others) - 1} more files' if others[1:] else ''} "
+            f"of another render of {path.name}: programs read them as one shot, move away what is not of it"
+        )
+    return written
 
 
 def _write_hdr(stem: Path, light: Array32, base: Bytes) -> list[Path]:

@@ -1,5 +1,6 @@
 """A camera of a USD stage, animated or not, read by usd-core."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,13 @@ from imaging.errors import InputError
 from recon.rendering.camera_paths import MOST_FRAMES, CameraPath
 from recon.rendering.given_camera import camera_of
 from recon.rendering.placement import GivenPath, axes_of, open_stage, placement_in
-from recon.scene.usd_field import SIZE, column_matrix, pinhole_numbers
+from recon.scene.usd_field import SIZE, column_matrix, pinhole_numbers, times_of
 from recon.splat import SplatCamera
 
 
 def read_usd(path: Path, usual: SplatCamera, name: str | None) -> GivenPath:
-    """Read a camera of a stage at each frame from the stage's first to its last; those of `rig export` at
-    theirs.
+    """Read a camera of a stage at each frame from the stage's first to its last, or without these from the
+    first at which the camera moves to the last; those of `rig export` at theirs.
 
     name: of the camera or of its object, or its path; None: the first that `rig export` did not write, or
     else the first. The picture is as wide as that of the first view, and as high as the camera's aperture
@@ -27,18 +28,32 @@ def read_usd(path: Path, usual: SplatCamera, name: str | None) -> GivenPath:
     stage = open_stage(path)
     prim, note = _chosen(stage, path, name)
     camera = UsdGeom.Camera(prim)
-    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    numbers = []
-    if prim.HasAttribute(SIZE):
-        numbers = [round(time) for time in UsdGeom.Xformable(camera).GetTimeSamples()]
-    elif stage.HasAuthoredTimeCodeRange() and last > first:
-        numbers = list(range(int(np.ceil(first)), int(np.floor(last)) + 1))
+    numbers = _frames(stage, camera)
     if len(numbers) > MOST_FRAMES:
         raise InputError(f"{path} has {len(numbers)} frames, more than {MOST_FRAMES}: export fewer.")
     times = [Usd.TimeCode(number) for number in numbers] or [Usd.TimeCode.Default()]
     cameras = [_camera(camera, time, usual, f"{prim.GetPath()} of {path}") for time in times]
     path_read = CameraPath(path.stem, tuple(cameras), tuple(numbers), note)
     return GivenPath(path_read, axes_of(stage), placement_in(stage, path))
+
+
+def _frames(stage: Any, camera: Any) -> Sequence[int]:
+    """The frames at which to draw a camera; none if it stands still and the stage names none.
+
+    The range of a stage is that of its root layer: a layer below it may have moves without any.
+    """
+    from pxr import UsdGeom
+
+    if camera.GetPrim().HasAttribute(SIZE):
+        return [round(time) for time in UsdGeom.Xformable(camera).GetTimeSamples()]
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not stage.HasAuthoredTimeCodeRange() or last < first:
+        times = times_of(camera)
+        if not times:
+            return []
+        first, last = times[0], times[-1]
+    start = int(np.ceil(first))
+    return range(start, max(start, int(np.floor(last))) + 1)  # one frame at least of times between two
 
 
 def _chosen(stage: Any, path: Path, name: str | None) -> tuple[Any, str]:

@@ -18,6 +18,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files.photo import encode_png
 from imaging.notebook import gallery
 from imaging.session.paths import find_reconstruction
+from recon.data.world import Vector
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
 from recon.result.display import in_colour, picture
@@ -51,13 +52,20 @@ class Scene:
     A camera is a view of the scene, by its record or its name, or a `SplatCamera`: that of a view
     (`scene.view("0000/cam0").splat_camera`), the same with other numbers (`dataclasses.replace`), or a new
     one. Poses are in the world of the calibration. Gaussians are in coordinates of the scene's own, which
-    `record.world` turns into those. A scene can be given where a path to its folder can.
+    `record.world` turns into those. A scene can be given where a path to its folder can. stated: of a file of
+    splats, whose coordinates are the world, what it says to add to them for those of a calibration.
     """
 
     folder: Path
     record: ModelRecord
     gaussians: Gaussians
     renderer: Renderer
+    stated: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def left_out(self) -> Vector:
+        """What to add to coordinates in exported files for those of the calibration."""
+        return self.record.offset if any(self.record.offset) else self.stated
 
     @property
     def views(self) -> tuple[SceneView, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from imaging.arrays import Array
 from imaging.compute import memory
 from imaging.errors import InputError
+from recon.data.world import Vector
 from recon.scene.ply import properties
 
 _TYPES = {
@@ -54,6 +55,18 @@ class PlySplats:
 
     def __len__(self) -> int:
         return len(self.means)
+
+
+def stated_offset(text: str) -> Vector | None:
+    """Read a line as `rig export` has it in comments, `offset X Y Z: add it to x y z`, or return None."""
+    match = re.search(r"^offset (\S+) (\S+) (\S+): add it", text, re.MULTILINE)
+    if match is None:
+        return None
+    try:
+        x, y, z = map(float, match.groups())
+    except ValueError:
+        return None
+    return (x, y, z) if all(map(math.isfinite, (x, y, z))) else None
 
 
 def read_ply(path: Path) -> PlySplats:

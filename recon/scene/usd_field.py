@@ -1,6 +1,6 @@
 """Gaussians and cameras of OpenUSD files of any program: `ParticleField3DGaussianSplat`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +8,11 @@ import numpy as np
 
 from imaging.arrays import Array
 from imaging.errors import InputError
+from imaging.files.tags.exr_colour import INTEROP_ID, colour_of
 from imaging.optics.lens import Lens
 from imaging.optics.pose import OPENGL_FROM_OPENCV
+from recon.data.world import Vector
+from recon.scene.harmonics import C0
 from recon.scene.ply_file import PlySplats
 
 _WIDTH = 640
@@ -38,12 +41,15 @@ class UsdCamera:
 
 @dataclass(frozen=True, eq=False)
 class UsdField:
-    """The Gaussians of a file. linear: whether colours are linear light; up: the way up, a unit vector."""
+    """The Gaussians of a file. linear: whether colours are linear light, of Rec.709; up: the way up, a unit
+    vector. offset: what `rig export` states to add to their coordinates for those of a calibration.
+    """
 
     splats: PlySplats
     linear: bool
     up: Array
     cameras: tuple[UsdCamera, ...]
+    offset: Vector
 
 
 def require_usd() -> None:
@@ -59,8 +65,9 @@ def require_usd() -> None:
 def read_usd(path: Path) -> UsdField:
     """The one field of Gaussians of a file and its cameras.
 
-    Colours whose space the file does not call linear are display values. InputError for a file that OpenUSD
-    cannot open, that has no such field, or several.
+    Of Gaussians that change it is the first moment. Colours whose space the file does not call linear are
+    display values. InputError for a file that OpenUSD cannot open, that has no such field, or several, and
+    for light of an unknown space.
     """
     require_usd()
     from pxr import Tf, Usd, UsdGeom, UsdVol
@@ -89,18 +96,21 @@ def read_usd(path: Path) -> UsdField:
         if prim.IsA(UsdGeom.Camera):
             cameras += _cameras(UsdGeom.Camera(prim), placed[:3, 3], turn, unit)
     space = _space(field)
-    return UsdField(
-        _splats(path, field), space.startswith("lin_"), turn.T @ axis, tuple(cameras[:_MOST_VIEWS])
-    )
+    splats, linear = _splats(path, field), space.startswith("lin_")
+    if linear:
+        splats = replace(splats, harmonics=_in_rec709(path, splats.harmonics, space))
+    return UsdField(splats, linear, turn.T @ axis, tuple(cameras[:_MOST_VIEWS]), _offset(prims[0], placed))
 
 
 def _splats(path: Path, field: Any) -> PlySplats:
     means = _values(field.GetPositionsAttr(), field.GetPositionshAttr(), 3)
     count = len(means)
-    quats = field.GetOrientationsAttr().Get() or field.GetOrientationshAttr().Get() or []
+    if not count:
+        raise InputError(f"{path} holds no Gaussian: export it again.")
+    quats = _first(field.GetOrientationsAttr()) or _first(field.GetOrientationshAttr()) or []
     scales = _values(field.GetScalesAttr(), field.GetScaleshAttr(), 3)
     opacities = _values(field.GetOpacitiesAttr(), field.GetOpacitieshAttr(), 1)[:, 0]
-    degree = int(field.GetRadianceSphericalHarmonicsDegreeAttr().Get())
+    degree = int(_first(field.GetRadianceSphericalHarmonicsDegreeAttr()))
     harmonics = _values(
         field.GetRadianceSphericalHarmonicsCoefficientsAttr(),
         field.GetRadianceSphericalHarmonicsCoefficientshAttr(),
@@ -122,10 +132,48 @@ def _splats(path: Path, field: Any) -> PlySplats:
     )
 
 
+def _in_rec709(path: Path, harmonics: Array, space: str) -> Array:
+    """Harmonics [N, K, 3] of linear light in a space as those of Rec.709, one half being added to both."""
+    colour = colour_of({INTEROP_ID: space})
+    if colour.doubt:
+        raise InputError(
+            f"{path} has light in {space:.60}, which rig does not know: export it in lin_rec709_scene."
+        )
+    if colour.matrix is None:
+        return harmonics
+    half = np.zeros((1, harmonics.shape[1], 1))
+    half[:, 0] = 0.5 / C0
+    return np.asarray((harmonics + half) @ colour.matrix.T - half)
+
+
 def _values(single: Any, half: Any, width: int) -> Array:
-    """Values of an attribute in either precision, [N, width]."""
-    values = single.Get()
-    return np.array(half.Get() if values is None else values, np.float64).reshape(-1, width)
+    """Values of an attribute in either precision, [N, width]; none where the file has neither."""
+    values = _first(single)
+    if values is None:
+        values = _first(half)
+    return np.array([] if values is None else values, np.float64).reshape(-1, width)
+
+
+def _first(attribute: Any) -> Any:
+    """The value of an attribute, of one that is animated the first; None: it has none."""
+    from pxr import Usd
+
+    return attribute.Get(Usd.TimeCode.EarliestTime())
+
+
+def _offset(prim: Any, placed: Array) -> Vector:
+    """The offset of the prim above a field that represents its world; 0 where the field moved against it."""
+    from pxr import Usd, UsdGeom
+
+    while prim and not prim.IsPseudoRoot():
+        value = _first(prim.GetAttribute(PLACED)) if prim.HasAttribute(PLACED) else None
+        if value is not None:
+            at = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())
+            x, y, z = map(float, value)
+            stands = np.allclose(column_matrix(at), placed, rtol=1e-6, atol=1e-6)
+            return (x, y, z) if stands and np.isfinite([x, y, z]).all() else (0.0, 0.0, 0.0)
+        prim = prim.GetParent()
+    return (0.0, 0.0, 0.0)
 
 
 def _space(field: Any) -> str:
@@ -147,7 +195,7 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     """A camera at each of its times, its axes as OpenCV has them; those of no perspective are left out."""
     from pxr import Usd
 
-    times = _times(camera.GetPrim())
+    times = times_of(camera)
     rounded = [max(0, round(time)) for time in times]
     frames = rounded if len(set(rounded)) == len(times) else list(range(len(times)))
     size_attribute = camera.GetPrim().GetAttribute(SIZE)
@@ -169,11 +217,23 @@ def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCam
     return cameras
 
 
-def _times(prim: Any) -> list[float]:
-    """Times at which a prim or one above it moves: Blender moves the parent of a camera."""
+def times_of(camera: Any) -> list[float]:
+    """Times at which a camera moves, or a prim above it, as Blender does it, or its lens changes."""
     from pxr import UsdGeom
 
-    times: set[float] = set()
+    times = {
+        time
+        for attribute in (
+            camera.GetProjectionAttr(),
+            camera.GetFocalLengthAttr(),
+            camera.GetHorizontalApertureAttr(),
+            camera.GetVerticalApertureAttr(),
+            camera.GetHorizontalApertureOffsetAttr(),
+            camera.GetVerticalApertureOffsetAttr(),
+        )
+        for time in attribute.GetTimeSamples()
+    }
+    prim = camera.GetPrim()
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable):
             times.update(UsdGeom.Xformable(prim).GetTimeSamples())

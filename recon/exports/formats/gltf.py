@@ -16,6 +16,7 @@ import numpy as np
 from imaging.arrays import AnyArray
 from imaging.files import store
 from imaging.files.exr.writing import EXPOSURE_FACTOR
+from recon.data.world import Vector
 from recon.exports.job import Job, Written
 from recon.exports.splats import Splats
 from recon.exports.target_coordinates import Place
@@ -30,7 +31,7 @@ _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 def write(job: Job) -> Written:
     """Write the file, as a writer of `rig export`."""
     splats = job.splats()
-    store.write_bytes(job.out, packed_splats(splats, job.place, job.exposure_factor))
+    store.write_bytes(job.out, packed_splats(splats, job.place, job.exposure_factor, job.scene.left_out))
     notes = (
         ()
         if job.place.metres
@@ -62,8 +63,8 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def packed_splats(splats: Splats, place: Place, exposure_factor: float) -> bytes:
-    """The file of some Gaussians."""
+def packed_splats(splats: Splats, place: Place, exposure_factor: float, offset: Vector) -> bytes:
+    """The file of some Gaussians; offset: what it says to add to their coordinates."""
     buffer = _Buffer()
     means = splats.means.astype(np.float32)
     # Vertex colours of glTF are linear, whatever those of the splats are.
@@ -98,7 +99,7 @@ def packed_splats(splats: Splats, place: Place, exposure_factor: float) -> bytes
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "splats", "mesh": 0, "matrix": matrix.T.ravel().tolist()}],
-        "meshes": [{"primitives": [primitive], "extras": _facts(splats, place, exposure_factor)}],
+        "meshes": [{"primitives": [primitive], "extras": _facts(splats, place, exposure_factor, offset)}],
         "buffers": [{"byteLength": len(buffer.data)}],
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
@@ -110,11 +111,11 @@ def packed_splats(splats: Splats, place: Place, exposure_factor: float) -> bytes
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _facts(splats: Splats, place: Place, exposure_factor: float) -> dict[str, Any]:
+def _facts(splats: Splats, place: Place, exposure_factor: float, offset: Vector) -> dict[str, Any]:
     """Return what the numbers are."""
     return {
         EXPOSURE_FACTOR: exposure_factor,
         "rig:coordinates": place.note,
         "rig:lengthUnit": "m" if place.metres else "unknown",
-        "rig:offset": list(splats.offset),
+        "rig:offset": list(offset),
     }

@@ -96,8 +96,8 @@ def comments(job: Job, *, linear: bool, factor: float, dome: int = 0) -> list[st
         lines = [f"display values: sRGB of {what} x {factor:.6g} ({record.radiance}); {BLENDED}"]
     else:
         lines = ["display values, the codes of the photographs"]
-    if any(record.offset):
-        lines.append(offset_line(record.offset))
+    if any(job.scene.left_out):
+        lines.append(offset_line(job.scene.left_out))
     lines.append(f"coordinates: {job.place.note}")
     if dome:
         lines.append(f"light from far away: the last {dome} Gaussians, a sphere around the scene")

@@ -62,7 +62,7 @@ def write_usd(
     colour.CreateColorSpaceNameAttr(COLOUR_SPACE)
     world.AddTransformOp().Set(_matrix(place.turn))
     marker = world.GetPrim().CreateAttribute(PLACED, Sdf.ValueTypeNames.Double3, custom=True)
-    marker.Set(Gf.Vec3d(*splats.offset))
+    marker.Set(Gf.Vec3d(*scene.left_out))
     field = _define_splats(stage, splats)
     if albedo is not None:
         _define_albedo(field, albedo, splats.factor)
@@ -146,7 +146,7 @@ def _facts(scene: Scene, splats: Splats, place: Place) -> dict[str, Any]:
         "radiance": record.radiance,
         "coordinates": place.note,
         "lengthUnit": "m" if place.metres else "unknown",
-        "offset": ",".join(repr(part) for part in splats.offset),
+        "offset": ",".join(repr(part) for part in scene.left_out),
         "kernelVariancePx": scene.renderer.limits.blur,
     }
     if record.luminance is not None:
@@ -166,8 +166,8 @@ def _documentation(scene: Scene, splats: Splats, place: Place) -> str:
         lines.append(f"A colour of (1, 1, 1) is {scene.record.luminance[0] / splats.factor:.6g} cd/m2.")
     if not place.metres:
         lines.append("The unit of length is not known; metersPerUnit 1 is a guess.")
-    if any(splats.offset):
-        lines.append("World coordinates are these plus ({!r}, {!r}, {!r}).".format(*splats.offset))
+    if any(scene.left_out):
+        lines.append("World coordinates are these plus ({!r}, {!r}, {!r}).".format(*scene.left_out))
     return " ".join(lines)
 
 

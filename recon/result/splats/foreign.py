@@ -22,13 +22,13 @@ from imaging.errors import InputError
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
 from imaging.session.calibration import Response
-from recon.data.world import WorldTransform
+from recon.data.world import Vector, WorldTransform
 from recon.decide.settings import Settings
 from recon.result.model import DisplayValues, ModelRecord, SceneView
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.scene.harmonics import COEFFICIENTS, DEGREE
-from recon.scene.ply_file import PlySplats, read_ply
+from recon.scene.ply_file import PlySplats, read_ply, stated_offset
 from recon.scene.sampling import Sampling
 from recon.scene.spz import read_spz
 from recon.scene.usd_field import UsdCamera, read_usd
@@ -44,19 +44,22 @@ _AWAY = 3.0
 """Distance of an orbit, in radii around the middle that hold half of the Gaussians: skies are far away."""
 
 
-def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
-    """Read a scene from a file of splats: its record, its Gaussians and their renderer.
+def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer, Vector]:
+    """Read a scene from a file of splats: its record, its Gaussians and their renderer, and the offset that
+    the file states (`Scene.stated`).
 
     Gaussians with values that are not finite are left out. InputError for another kind of file, a damaged
     one, or holds no Gaussian that can be drawn.
     """
     cameras: tuple[UsdCamera, ...] = ()
+    offset: Vector = (0.0, 0.0, 0.0)
     up = np.array([0.0, -1.0, 0.0])  # y points down, as in most files of 3DGS
     suffix = path.suffix.lower()
     if suffix == ".ply":
         file = read_ply(path)
         stated = any(re.match(r"linear Rec\.709 radiance|false colours", line) for line in file.comments)
         linear = file.linear or stated
+        offset = stated_offset("\n".join(file.comments)) or offset
         if "Vertical Axis: z" in file.comments:  # nerfstudio's
             up = np.array([0.0, 0.0, 1.0])
     elif suffix == ".spz":
@@ -64,6 +67,7 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     else:
         field = read_usd(path)
         file, linear, up, cameras = field.splats, field.linear, field.up, field.cameras
+        offset = field.offset
     values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
     valid = np.isfinite(values).all(1) & ~np.isnan(file.logits) & (np.abs(file.quats).max(1, initial=0) > 0)
     if not valid.any():
@@ -80,10 +84,11 @@ def read_splats(path: Path) -> tuple[ModelRecord, Gaussians, Renderer]:
     record = _record(path, world, views, len(gaussians), degree, linear, reference)
     limits = limits_for(reference) if linear else Limits.gsplat()
     if file.made_up is None:
-        return record, gaussians, Renderer(PlainHarmonics(), limits)
+        return record, gaussians, Renderer(PlainHarmonics(), limits), offset
     # All of the blur is made up for, as if they had been trained on an infinitely fine picture.
     finest = Sampling(torch.zeros(len(gaussians)), torch.zeros(len(gaussians)))
-    return record, gaussians, Renderer(PlainHarmonics(), replace(limits, blur=file.made_up), sampling=finest)
+    renderer = Renderer(PlainHarmonics(), replace(limits, blur=file.made_up), sampling=finest)
+    return record, gaussians, renderer, offset
 
 
 def _gaussians(file: PlySplats, valid: Mask, world: WorldTransform) -> Gaussians:

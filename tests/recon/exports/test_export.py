@@ -1,5 +1,7 @@
 """Every format at its limits: what is lost is told, and what cannot be is refused in a sentence."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,12 +21,16 @@ from recon.exports.loss import drawn, loss_of, stops_between
 from recon.exports.programs import PROGRAMS
 from recon.exports.request import ProgramName
 from recon.exports.splats import display_splats, exposure_factor, far_light_of, linear_splats, sound
-from recon.result.model import DisplayValues
+from recon.exports.stored import is_stored
+from recon.rendering.placement import placement_of
+from recon.result.model import CHECKPOINT, DisplayValues
 from recon.result.scene import Scene, open_scene
 from recon.scene.appearance import PlainHarmonics
+from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.environment import Environment
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer
 from recon.scene.harmonics import C0
+from recon.scene.ply import write_ply
 from recon.scene.ply_file import read_ply
 from recon.splat import Limits
 from tests.recon.exports.made_scene import write_made
@@ -269,3 +275,57 @@ def test_an_offset_is_left_out_of_every_file(made: Path, tmp_path: Path) -> None
     scene_means = scene.gaussians.parameters["means"].double().numpy()
     assert np.abs(means - (scene_means * world.unit + [3.0, -2.0, 1.5])).max() < 1e-5
     assert torch.is_tensor(scene.gaussians.parameters["means"])
+
+
+@pytest.mark.parametrize("first", ["a.ply", "a.usda"])
+def test_an_offset_goes_on_with_a_file_that_is_exported_again(first: str, made: Path, tmp_path: Path) -> None:
+    """The world of an opened file is its own; what it says to add for the calibration is said again."""
+    scene = open_scene(made)
+    offset = (450000.0, 5410000.0, 0.25)
+    origin = tuple(np.add(scene.record.world.origin, offset).tolist())
+    world = scene.record.world.model_copy(update={"origin": origin})
+    far = replace(scene, record=scene.record.model_copy(update={"offset": offset, "world": world}))
+    export(far, tmp_path / first, linear=True)
+    opened = open_scene(tmp_path / first)
+    assert opened.record.offset == (0.0, 0.0, 0.0)
+    for name in ("b.ply", "b.usda", "b.glb"):
+        export(opened, tmp_path / name, linear=True)
+        assert placement_of(tmp_path / name).offset == offset
+    export(scene, tmp_path / "near.ply", linear=True)
+    near, again = (read_ply(tmp_path / name).means for name in ("near.ply", "b.ply"))
+    np.testing.assert_allclose(again, near, atol=1e-4)
+    export(opened, tmp_path / "cameras", "cameras")
+    assert placement_of(tmp_path / "cameras" / "sparse_pc.ply").offset == offset
+    transforms = json.loads((tmp_path / "cameras" / "transforms.json").read_text())
+    assert tuple(transforms["coordinates"]["world_offset"]) == offset
+
+
+def test_splats_of_the_folder_are_those_of_the_scene_that_it_holds(made: Path, tmp_path: Path) -> None:
+    """What is cut, moved or brighter is fitted anew; what no renderer draws may be left out."""
+    folder = shutil.copytree(made, tmp_path / "made")
+    scene = open_scene(folder)
+    linear = linear_splats(scene, 1.0, with_dome=False)
+    marked = linear.harmonics * 0 + 0.25
+    write_ply(folder / "splats.ply", linear.gaussians(), marked, ["display values"], scene.record.world)
+
+    def taken(shown: Scene) -> bool:
+        splats = display_splats(shown, None, unreported)
+        assert len(splats) == len(shown.gaussians)
+        return bool((splats.harmonics == 0.25).all())
+
+    assert taken(scene)
+    chosen = torch.arange(len(scene.gaussians)) < 100
+    sampling = scene.renderer.sampling
+    assert sampling is not None
+    fewer = replace(sampling, least=sampling.least[chosen], most=sampling.most[chosen])
+    renderer = replace(scene.renderer, sampling=fewer)
+    assert not taken(replace(scene, gaussians=Gaussians(scene.gaussians.rows(chosen)), renderer=renderer))
+    assert not taken(changed(scene, ln_luminance=(3, 0.5)))
+    brighter = scene.record.model_copy(update={"exposure": 2 * scene.record.exposure})
+    assert not taken(replace(scene, record=brighter))
+    checkpoint = read_checkpoint(folder / CHECKPOINT)
+    checkpoint.tensors["gaussians.opacity_logits"][6] = -np.inf
+    write_checkpoint(folder / CHECKPOINT, checkpoint)
+    sounder, dropped = sound(open_scene(folder))
+    assert dropped == 1
+    assert is_stored(sounder)

@@ -15,6 +15,7 @@ from imaging.errors import InputError
 from imaging.files.colmap import pycolmap
 from imaging.optics.lens import project
 from recon.exports.export import export
+from recon.rendering.placement import placement_of
 from recon.result.scene import Scene, open_scene
 
 
@@ -90,10 +91,21 @@ def test_pictures_and_points_that_are_named_are_there(scene: Scene, tmp_path: Pa
     assert np.ptp(cloud.colors[:, :3].astype(int)) > 200
 
 
+def test_the_points_state_the_offset_that_they_lack(scene: Scene, tmp_path: Path) -> None:
+    record = scene.record.model_copy(update={"offset": (1000.0, -2000.0, 0.5)})
+    export(replace(scene, record=record), tmp_path, "cameras")
+    assert placement_of(tmp_path / "sparse_pc.ply").offset == record.offset
+    export(scene, tmp_path / "near", "cameras")
+    assert b"offset" not in (tmp_path / "near" / "sparse_pc.ply").read_bytes().partition(b"end_header")[0]
+
+
 def test_photographs_of_the_session_are_taken_where_they_are(made: Path, tmp_path: Path) -> None:
-    """At their own size, with the lens of that."""
+    """At their own size, with the lens of that; the scene may lie on another disk, linked to from there."""
     folder = tmp_path / "S" / "reconstructions" / "one"
-    shutil.copytree(made, folder)
+    shutil.copytree(made, tmp_path / "disk" / "one")
+    (tmp_path / "S").mkdir()
+    (tmp_path / "S" / "session.json").touch()
+    folder.parent.symlink_to(tmp_path / "disk")
     scene = open_scene(folder)
     for view in scene.views:
         path = tmp_path / "S" / "calibration" / "previews" / view.id.image_name

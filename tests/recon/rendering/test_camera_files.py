@@ -132,6 +132,65 @@ def test_a_usd_camera_that_moves(tmp_path: Path) -> None:
         check(one, number, 60.0, (48, 32))
 
 
+@pytest.mark.parametrize(
+    ("stated", "times", "numbers"),
+    [
+        (None, (10, 11, 12), (10, 11, 12)),
+        (None, (10, 12), (10, 11, 12)),
+        (None, (9.5, 12.5), (10, 11, 12)),
+        (None, (10.5,), (11,)),
+        (None, (), ()),
+        ((11, 11), (10, 12), (11,)),
+        ((12, 11), (10, 12), (10, 11, 12)),
+    ],
+)
+@pytest.mark.parametrize("below", [False, True])
+def test_a_usd_camera_moves_where_its_stage_states_no_range(
+    below: bool,
+    stated: tuple[float, float] | None,
+    times: tuple[float, ...],
+    numbers: tuple[int, ...],
+    tmp_path: Path,
+) -> None:
+    """One that its parent moves and whose lens zooms; below: in a sublayer, whose range does not count."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    moved = UsdGeom.Xform.Define(stage, "/rails").AddTranslateOp()
+    camera = UsdGeom.Camera.Define(stage, "/rails/camera")
+    for time in times:
+        moved.Set(Gf.Vec3d(time, 6, 7), time)
+        camera.GetFocalLengthAttr().Set(40.0 + time, time)
+    path = tmp_path / "shot.usda"
+    if below:
+        stage.SetStartTimeCode(1)
+        stage.SetEndTimeCode(2)
+        stage.Save()
+        path = tmp_path / "root.usda"
+        stage = Usd.Stage.CreateNew(str(path))
+        stage.GetRootLayer().subLayerPaths.append("./shot.usda")
+    if stated is not None:
+        stage.SetStartTimeCode(stated[0])
+        stage.SetEndTimeCode(stated[1])
+    stage.Save()
+    path_of_file = read_camera_path(path, SCENE)
+    assert path_of_file.numbers == numbers
+    along = [float(one.world_from_cam[0, 3]) for one in path_of_file.cameras]
+    held = [float(np.clip(number, times[0], times[-1])) for number in numbers]
+    assert along == pytest.approx(held or [0.0])
+    focals = np.array([one.fx for one in path_of_file.cameras])
+    assert focals / focals[0] == pytest.approx([(40 + time) / (40 + held[0]) for time in held] or [1.0])
+
+
+def test_a_usd_camera_that_zooms_has_the_frames_of_its_lens(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    camera = UsdGeom.Camera.Define(stage, "/camera")
+    for time in (3, 5):
+        camera.GetFocalLengthAttr().Set(10.0 * time, time)
+    stage.Save()
+    path_of_file = read_camera_path(tmp_path / "shot.usda", SCENE)
+    assert path_of_file.numbers == (3, 4, 5)
+    assert path_of_file.cameras[2].fx == pytest.approx(path_of_file.cameras[0].fx * 5 / 3)
+
+
 def refuse(path: Path, match: str) -> None:
     with pytest.raises(InputError, match=match) as caught:
         read_camera_path(path, SCENE)

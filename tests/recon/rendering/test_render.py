@@ -210,6 +210,21 @@ def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp
     assert not film.read()[0]
 
 
+def test_frames_of_a_longer_render_are_named_and_stay(cut_out: Path, tmp_path: Path) -> None:
+    """Compositors read a sequence to its last number; pieces of one shot are rendered one after the other."""
+    earlier = ["orbit.1002.exr", "orbit.1002.png", "orbit.1003_+0.5ev.png", "orbit.1003_0.dng"]
+    others = ["orbit.mp4", "orbit.1002.tif", "orbit.1002_a.png", "orbits.1002.exr", "my.orbit.1002.exr"]
+    for name in (*earlier, *others):
+        (tmp_path / name).write_bytes(b"")
+    messages: list[str] = []
+    files = render(cut_out, tmp_path, path="orbit:2", first_frame=999, width=16, on_message=messages.append)
+    written = [f"orbit.{number}.{kind}" for kind in ("exr", "png") for number in ("0999", "1000")]
+    assert [file.name for file in files] == written
+    assert {path.name for path in tmp_path.iterdir()} == {*written, *earlier, *others}
+    (message,) = messages
+    assert "orbit.1002.exr and 3 more files of another render of orbit" in message
+
+
 def test_a_film_of_odd_sizes_is_even_and_of_two_sizes_refused(tmp_path: Path) -> None:
     grey = np.full((31, 33, 3), 90, np.uint8)
     with Video(tmp_path / "a.mp4", 24) as film:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Gf, Usd, UsdVol
 
+from imaging.colour.spaces import PRIMARIES, rec709_from_rgb
 from imaging.errors import InputError
 from imaging.optics.lens import Lens
 from imaging.optics.pose import Pose
@@ -15,6 +17,7 @@ from recon.exports.target_coordinates import pinhole
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 from recon.scene import spz
+from recon.scene.harmonics import C0
 from recon.scene.ply import properties
 
 DEVIATION, OPACITY, RADIUS = 0.004, 0.7, 3.0
@@ -159,3 +162,80 @@ def test_properties_that_change_nothing(tmp_path: Path) -> None:
     others = dict.fromkeys(("nx", "ny", "nz", "red", "semantic_0", "roughness"), 0.3)
     plain = middle(open_scene(ply(tmp_path / "a.ply", row())))
     assert middle(open_scene(ply(tmp_path / "b.ply", row(**others)))) == plain
+
+
+FIELD = {"Scales": Gf.Vec3f(0.1), "Orientations": Gf.Quatf(1), "Opacities": 0.99}
+LIGHT = np.array([[0.8, 0.2, 0.1], [0.05, -0.1, 0.2], [0.0, 0.1, 0.0], [-0.2, 0.0, 0.1]])
+"""A colour, and harmonics of degree 1 beside it."""
+
+
+def field(
+    path: Path, without: str = "", count: int = 2, time: float | None = None, space: str | None = None
+) -> Path:
+    """A field of the same Gaussians in a row: without an attribute, or with all of them at a time."""
+    stage = Usd.Stage.CreateNew(str(path))
+    splats = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/splats")
+    at = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    dc = (LIGHT[0] - 0.5) / C0
+    coefficients = [Gf.Vec3f(*one) for one in (dc.tolist(), *LIGHT[1:].tolist())]
+    values = {name: [value] * count for name, value in FIELD.items()}
+    values |= {
+        "Positions": [Gf.Vec3f(number, 0, 0) for number in range(count)],
+        "RadianceSphericalHarmonicsCoefficients": coefficients * count,
+    }
+    for name, rows in values.items():
+        if name != without:
+            getattr(splats, f"Create{name}Attr")().Set(rows, at)
+    splats.CreateRadianceSphericalHarmonicsDegreeAttr(1)
+    if space is not None:
+        splats.GetRadianceSphericalHarmonicsCoefficientsAttr().SetColorSpace(space)
+    stage.Save()
+    return path
+
+
+def test_a_usd_that_is_animated_is_read_at_its_first_moment(tmp_path: Path) -> None:
+    still, moving = (
+        open_scene(field(tmp_path / f"{name}.usda", time=time))
+        for name, time in (("still", None), ("moving", 7.0))
+    )
+    for name, value in still.gaussians.parameters.items():
+        np.testing.assert_array_equal(moving.gaussians.parameters[name].numpy(), value.numpy())
+
+
+@pytest.mark.parametrize(
+    "without", ["Scales", "Orientations", "Opacities", "RadianceSphericalHarmonicsCoefficients"]
+)
+def test_a_usd_that_lacks_an_attribute_is_refused(without: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="different lengths"):
+        open_scene(field(tmp_path / "a.usda", without))
+
+
+def test_a_usd_without_gaussians_is_refused(tmp_path: Path) -> None:
+    for path in (field(tmp_path / "none.usda", count=0), field(tmp_path / "lacks.usda", "Positions")):
+        with pytest.raises(InputError, match="holds no Gaussian"):
+            open_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("space", "name"),
+    [
+        ("lin_rec709_scene", "rec709"),
+        ("lin_rec2020_scene", "rec2020"),
+        ("lin_ap1_scene", "ap1"),
+        ("lin_ap0_scene", "ap0"),
+    ],
+)
+def test_light_of_a_usd_in_other_primaries_becomes_that_of_rec709(
+    space: str, name: str, tmp_path: Path
+) -> None:
+    scene = open_scene(field(tmp_path / "a.usda", space=space))
+    assert scene.record.display is None
+    expected = LIGHT @ rec709_from_rgb(PRIMARIES[name]).T
+    parameters = scene.gaussians.parameters
+    np.testing.assert_allclose(0.5 + C0 * parameters["sh_dc"][0, 0].numpy(), expected[0], atol=1e-6)
+    np.testing.assert_allclose(parameters["sh_rest"][1, :3].numpy(), expected[1:], atol=1e-6)
+
+
+def test_light_of_a_usd_in_an_unknown_space_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="lin_mine, which rig does not know"):
+        open_scene(field(tmp_path / "a.usda", space="lin_mine"))
