@@ -26,6 +26,7 @@ from imaging.files import store
 from imaging.plates.middle_grey import lasting_factor
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord
+from imaging.session.lock import sole_maker
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
@@ -56,13 +57,18 @@ def calibrate(
         CalibrationError: No view can be placed and nothing else was measured, or an earlier calibration has
             poses, which then stays.
         PartialError: The board, the poses or the readings had to be left out of the record.
-        InputError: The session is damaged, or an option cannot be used.
+        InputError: The session is damaged, or being calibrated, or an option cannot be used.
         StorageError: The disk refuses.
     """
     opened = Session.open(session)
     store.require_writable(opened.folder / "calibration")
     require_usable(request)
+    with sole_maker(opened.folder, "calibration"):
+        return _calibrated(opened, request, on_progress)
 
+
+def _calibrated(opened: Session, request: CalibrationRequest, on_progress: Progress) -> CalibrationRecord:
+    """Run `calibrate` while no other process calibrates the session."""
     # 1. Evidence: what needs no poses, measured or of the earlier calibration, which is opened here alone.
     evidence = gather(opened, request, on_progress)
     if not MEASURES[request.only].poses:

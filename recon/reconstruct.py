@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from imaging.compute.threads import one_thread_a_product
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
+from imaging.session.lock import sole_maker
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
@@ -100,15 +102,15 @@ def reconstruct(
 
     Raises:
         ReconstructionError: The session cannot be trained.
-        InputError: The scene exists with another request, or a time has no room for the smallest training;
-            the sentence says how long would do.
+        InputError: The scene exists with another request, or another process trains it, or a time has no
+            room for the smallest training; the sentence says how long would do.
         StorageError: The disk refuses.
     """
     session = Path(session)
     quality, budget, overrides = request.quality, request.budget, request.overrides
     if budget is not None and budget.unit == "s" and countdown is None:
         countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
-    with joined() as ranks:
+    with joined() as ranks, ExitStack() as stack:
         # What takes seconds to refuse is refused before photographs are read.
         store.require_writable(session / shelf)
         there = any((session / shelf / name / MODEL).is_file() for name in names_of(request))
@@ -150,6 +152,8 @@ def reconstruct(
         asked = asked_for(dataset, chosen, request, processes=ranks.count)
         name = request.name or default_name(chosen, quality, budget)
         folder = store.inside(session, f"{shelf}/{name}")
+        # What is there decides where the training goes, so no other may begin until this one ends.
+        ranks.decided(lambda: stack.enter_context(sole_maker(session, f"{shelf}/{name}")))
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         device = trusted(device, on_message, on_progress, alone=ranks.count == 1)

@@ -1,4 +1,4 @@
-"""One writer a session: two captures into one folder would overwrite each other's shots."""
+"""One writer a session and one maker a scene: two at once would overwrite each other's files."""
 
 import errno
 import os
@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from imaging.errors import InputError
+from imaging.files import store
 
 
 @contextmanager
@@ -16,7 +17,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
     The kernel lets go of the lock when the process ends, however it ends, and it leaves no file.
     A file system without locks is used without, and so is Windows, which cannot lock a folder.
     """
-    descriptor = _locked(folder)
+    says = f"{folder} is being written by another rig: wait for it to end, or name another folder."
+    descriptor = _locked(folder, os.O_RDONLY, says)
     try:
         yield
     finally:
@@ -24,21 +26,59 @@ def sole_writer(folder: Path) -> Iterator[None]:
             os.close(descriptor)
 
 
-def _locked(folder: Path) -> int | None:
-    """The open folder, which holds the lock; None on a system without `fcntl`."""
+@contextmanager
+def sole_maker(session: Path, name: str) -> Iterator[None]:
+    """Hold a folder of a session, such as `reconstructions/one`, that is made or replaced in the block.
+
+    The lock is an empty file of the session that goes in the end; the kernel lets go of one that a killed
+    process leaves. Systems and file systems without locks go without it.
+
+    Raises:
+        InputError: another process holds that folder.
+        StorageError: the disk refuses.
+    """
+    lock = session / f".{name.replace('/', '.')}.lock"
+    says = f"{session / name} is being made by another rig: wait for it to end, or stop it."
+    try:
+        descriptor = _locked(lock, os.O_RDWR | os.O_CREAT, says)
+        while descriptor is not None and not _is_there(descriptor, lock):
+            os.close(descriptor)
+            descriptor = _locked(lock, os.O_RDWR | os.O_CREAT, says)
+    except OSError as error:
+        raise store.refused(lock, error) from error
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            with suppress(OSError):
+                lock.unlink()
+            os.close(descriptor)
+
+
+def _is_there(descriptor: int, path: Path) -> bool:
+    """Return whether an open file still has its name: who held it may have removed it since it was opened."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _locked(path: Path, flags: int, says: str) -> int | None:
+    """The open file or folder, which holds the lock; None on a system without `fcntl`.
+
+    InputError with `says` if another process holds it.
+    """
     try:
         import fcntl
     except ImportError:
         return None
-    descriptor = os.open(folder, os.O_RDONLY)
+    descriptor = os.open(path, flags)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
             os.close(descriptor)
-            raise InputError(
-                f"{folder} is being written by another rig: wait for it to end, or name another folder."
-            ) from error
+            raise InputError(says) from error
     return descriptor
 
 

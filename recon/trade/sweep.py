@@ -164,7 +164,8 @@ class _Run:
             refused.set_exception(error)
             return refused
         task = Task(needed, gpu=True)
-        return workers.submit(task, train_apart, self.session, choice, self.trade, workers.beside, ends)
+        session = self.session.absolute()  # the working folder may be another one there
+        return workers.submit(task, train_apart, session, choice, self.trade, workers.beside, ends)
 
     def make(self, choice: Choice, train: Callable[[Choice], Point], say: Callable[[str], None]) -> None:
         """Train and keep it, or note why that failed."""

@@ -92,7 +92,7 @@ def _started(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes])
         stdin=subprocess.DEVNULL,
         stdout=out,
         stderr=err,
-        env=os.environ | share.environment(),
+        env=forks.environment_of(share),
     )
     try:
         share.pin(process.pid)

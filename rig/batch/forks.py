@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import IO, Any
 
 from imaging.compute.workers import Share
+from rig.options.defaults import NAMED_BY
 
 STAGES = [f"rig.commands.{name}" for name in ("calibrate", "reconstruct", "export")]
 """Modules of the commands that a plan runs; each imports its stage."""
@@ -20,6 +21,11 @@ STAGES = [f"rig.commands.{name}" for name in ("calibrate", "reconstruct", "expor
 Ending = tuple[int, Any]
 """Exit code, or minus the signal that killed the process; and the `resource.struct_rusage` of it and its
 children, None where that is not known."""
+
+
+def environment_of(share: Share) -> dict[str, str]:
+    """Return the environment of a command, whose options are those of its words alone."""
+    return os.environ | share.environment() | {NAMED_BY: ""}
 
 
 def run(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes]) -> Ending:
@@ -37,7 +43,7 @@ def run(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes]) -> E
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(STAGES)
     hears, tells = context.Pipe(duplex=False)
-    environment = os.environ | share.environment()
+    environment = environment_of(share)
     streams = [f"/proc/{os.getpid()}/fd/{file.fileno()}" for file in (out, err)]
     process = context.Process(target=_wait, args=(words, environment, share, streams, tells))
     process.start()

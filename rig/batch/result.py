@@ -15,10 +15,10 @@ Step = Literal["fetch", "calibrate", "reconstruct", "export", "store"]
 class BatchRow(Record):
     """Result of a scene of a session, or of the calibration without which it has none.
 
-    failed: the step that failed; says: why, in a sentence. seconds: of all steps, of the clock. attempts: of
-    the step that took most. already_there: it was finished before. forecast: bytes of memory that its
-    training was said to take. stored: URL of a folder in storage, from which the other paths hold then.
-    words: options of `rig reconstruct` that it was made with.
+    failed: the step that failed; says: why, in a sentence, or what it lacks where it was made in part.
+    seconds: of all steps, of the clock. attempts: of the step that took most. already_there: it was finished
+    before. forecast: bytes of memory that its training was said to take. stored: URL of a folder in storage,
+    from which the other paths hold then. words: options of `rig reconstruct` that it was made with.
     """
 
     session: Path

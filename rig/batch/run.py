@@ -121,12 +121,13 @@ class _Run:
                 return
             data = ended.data
             cost = ended.cost if before is None else before.cost + ended.cost
+            partial = [one.says for one in (before, ended) if one is not None and one.code == 3]
             row = BatchRow(
                 session=session,
                 scene=scene.called,
                 words=" ".join(scene.words()),
                 reconstruction=data["reconstruction"],
-                says=ended.says if ended.code == 3 else "",
+                says=" ".join(partial),
                 db=data.get("held_out_db"),
                 width=data.get("width"),
                 iterations=data.get("iterations"),
@@ -174,6 +175,8 @@ class _Run:
         self.rows[row.session, number] = row
         self.done += 1
         what = f"{row.failed} failed: {row.says}" if row.failed else outcome(row)
+        if row.says and not row.failed:
+            what += f"; made in part: {row.says}"
         self.say(f"{row.session}, {row.scene}: {what}")
         self.progress("scenes", self.done, self.total)
 
@@ -252,6 +255,7 @@ def _failed(
     return BatchRow(
         session=session,
         scene=scene.called,
+        words=" ".join(scene.words()),
         failed=step,
         says=ended.says,
         seconds=ended.seconds + (0.0 if before is None else before.seconds),

@@ -1,5 +1,6 @@
 """Parts of a plan that run apart, as tasks of a job array, and their results as one."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def shard_of(plan: BatchPlan, text: str) -> BatchPlan:
     if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise InputError(f"--shard {text}: give the part and the number of parts, such as 3/8 (1/8 to 8/8).")
     shard = f"{int(number)}/{int(count)}"
-    whole = _absolute(plan)
+    whole = absolute(plan)
     return replace(whole, sessions=whole.sessions[int(number) - 1 :: int(count)], shard=shard)
 
 
@@ -34,18 +35,21 @@ def merged(plan: BatchPlan) -> tuple[BatchResult, str | None]:
     """Join what the shards of a plan wrote beside it.
 
     Returns:
-        The rows of all shards in the order of the plan, of which the newest counts where one was made twice;
-        and one sentence about the scenes that no shard has a row of, or None.
+        The rows of all shards in the order of the plan, of which the newest counts where one was made twice,
+        and none that was made with other options than the plan has now; and one sentence about the scenes
+        that no shard has a row of, or None.
 
     Raises:
         InputError: no shard has written anything, or a record is damaged.
     """
-    plan = _absolute(plan)
-    records = sorted(
-        plan.path.parent.glob(f"{plan.path.stem}.*-of-*.batch.json"), key=lambda one: one.stat().st_mtime_ns
-    )
+    plan = absolute(plan)
+    # The name of a plan may have the brackets of a pattern, and begin with that of another.
+    name = re.compile(rf"{re.escape(plan.path.stem)}\.\d+-of-\d+\.batch\.json")
+    written = [one for one in plan.path.parent.glob("*-of-*.batch.json") if name.fullmatch(one.name)]
+    records = sorted(written, key=lambda one: one.stat().st_mtime_ns)
     if not records:
         raise InputError(f"Beside {plan.path} no shard has written a result: run rig batch with --shard i/N.")
+    words = {scene.called: " ".join(scene.words()) for scene in plan.scenes}
     rows: dict[tuple[Path, str], BatchRow] = {}
     for path in records:
         try:
@@ -54,7 +58,7 @@ def merged(plan: BatchPlan) -> tuple[BatchResult, str | None]:
             raise InputError(
                 f"{path} is damaged: run its shard again, which makes only what is missing."
             ) from error
-        rows |= {(row.session, row.scene): row for row in result.rows}
+        rows |= {(row.session, row.scene): row for row in result.rows if row.words == words.get(row.scene)}
     wanted = [(session, scene.called) for session in plan.sessions for scene in plan.scenes]
     missing = [key for key in wanted if key not in rows]
     sentence = None
@@ -67,7 +71,7 @@ def merged(plan: BatchPlan) -> tuple[BatchResult, str | None]:
     return BatchResult(plan=plan.path, rows=tuple(rows[key] for key in wanted if key in rows)), sentence
 
 
-def _absolute(plan: BatchPlan) -> BatchPlan:
+def absolute(plan: BatchPlan) -> BatchPlan:
     """Return the plan with paths that mean the same in every working folder."""
     return replace(
         plan, path=plan.path.absolute(), sessions=tuple(session.absolute() for session in plan.sessions)

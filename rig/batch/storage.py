@@ -45,7 +45,7 @@ class Place:
         """Read what is stored of the session; an empty manifest where nothing is, or a store was killed.
 
         Raises:
-            InputError: the storage cannot be read, or the manifest is damaged.
+            InputError: the storage cannot be read, or the manifest is damaged or that of another session.
         """
         with _speaking(self.target):
             system, root = _opened(self.target)
@@ -54,11 +54,17 @@ class Place:
             except FileNotFoundError:
                 return Manifest(source=self.source)
         try:
-            return Manifest.model_validate_json(text)
+            manifest = Manifest.model_validate_json(text)
         except ValueError:
             raise InputError(
                 f"{self.target}/{MANIFEST} is damaged: delete it, and its scenes are made again."
             ) from None
+        if manifest.source.rstrip("/") != self.source.rstrip("/"):
+            raise InputError(
+                f"{self.target} holds what was made of {manifest.source}: "
+                "give this plan an output of its own."
+            )
+        return manifest
 
     def fetch_records(self, session: Path, names: Sequence[str] = (*RECORDS, CALIBRATION)) -> None:
         """Copy the records of the session, which say how much work it is, into a folder here.

@@ -72,6 +72,8 @@ def batch(
         read = shards.shard_of(read, shard)
     if dry_run:
         return _estimated(estimating.estimates(read))
+    if ray is not None:
+        read = shards.absolute(read)  # its workers have other working folders
     with running("batch") as status:
         with command_processes.begun(workers, ray, cores) as several:
             result = run.carry_out(read, several, on_progress=status, on_message=status.say)
@@ -103,13 +105,21 @@ def _batch_result(result: "results.BatchResult", report: Path, unmade: str | Non
     )
     lines.append(f"Report: {report}")
     failed = [row for row in result.rows if row.failed is not None]
-    missing = unmade
+    partial = [row for row in result.rows if row.says]
+    sentences = [unmade] if unmade else []
     if failed:
         first = failed[0]
-        missing = (
+        sentences[:0] = [
             f"{counted(len(failed), 'scene')} of {len(rows)} could not be made; {first.place}, "
             f"{first.failed}: {first.says}"
-        ) + (f" {unmade}" if unmade else "")
+        ]
+    elif partial:
+        first = partial[0]
+        sentences[:0] = [
+            f"{counted(len(partial), 'scene')} of {len(rows)} could only be made in part; {first.place}: "
+            f"{first.says}"
+        ]
+    missing = " ".join(sentences) or None
     data = result.model_dump(mode="json") | {"report": str(report)}
     return CommandResult(
         data, lines, missing, usable=len(failed) < len(rows) or (not rows and unmade is None)
@@ -117,7 +127,9 @@ def _batch_result(result: "results.BatchResult", report: Path, unmade: str | Non
 
 
 def _cells(row: "results.BatchRow") -> tuple[str, ...]:
-    outcome = f"{row.failed} failed" if row.failed else "already there" if row.already_there else "made"
+    outcome = "made in part" if row.says else "made"
+    if row.failed or row.already_there:
+        outcome = f"{row.failed} failed" if row.failed else "already there"
     return (
         row.place,
         row.scene,

@@ -18,7 +18,7 @@ from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.view_images import ViewSummary, summarise
 from imaging.colour.spaces import REC709_FROM_XYZ
-from imaging.errors import InputError
+from imaging.errors import CalibrationError, InputError
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
 from imaging.optics.exposure import Exposure
@@ -34,6 +34,7 @@ from imaging.session.calibration import (
     is_stale,
     read_calibration,
 )
+from imaging.session.lock import sole_maker
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -327,6 +328,15 @@ def test_killed_after_the_poses_it_does_not_place_the_views_again(small: Path) -
     second = calibrate(small, on_progress=lambda message, done, total: messages.add(message))
     assert messages >= {"placing views", "adjusting", "aligning patches"}
     assert second.model_copy(update={"created": first.created}) == first
+
+
+def test_a_session_that_is_being_calibrated_is_refused(tmp_path: Path) -> None:
+    picture = np.full((8, 8, 3), 90, dtype=np.uint8)
+    session = make_session(tmp_path / "s", [[(picture, None)]])
+    with sole_maker(session, "calibration"), pytest.raises(InputError, match="calibration is being made by"):
+        calibrate(session)
+    with pytest.raises(CalibrationError):
+        calibrate(session)
 
 
 def test_pose_of_a_pycolmap_motion() -> None:

@@ -89,6 +89,21 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
     assert (plain / "splats.ply").read_bytes() == (scene / "splats.ply").read_bytes()
 
 
+def test_a_scene_under_way_is_trained_by_one_alone(session_copy, monkeypatch):
+    folder = session_copy / "reconstructions" / "c1"
+    before = {path.name for path in session_copy.iterdir()}
+
+    def second(*given, **options):
+        with pytest.raises(InputError, match=rf"^{folder} is being made by another rig: wait for it to end"):
+            reconstruct(session_copy, TrainingRequest(quality="draft", name="c1", seed=7, replace=True))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "train", second)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(session_copy, TrainingRequest(quality="draft", name="c1"))
+    assert {path.name for path in session_copy.iterdir()} - before == {"reconstructions"}
+
+
 def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     """Stop it by the user, who finds both: the old scene, and the state of the new one."""
     session, before, iterations = scene.parent.parent, files(scene), []

@@ -225,14 +225,16 @@ def test_a_lost_process_is_noted_and_its_training_made_by_the_next_call(
 ) -> None:
     class Losing(LocalWorkers):
         def submit(self, task, function, session, choice, *rest):
+            assert session == session_copy  # on a cluster the working folder is another one
             if choice == SAID[0]:
                 lost: Future[Point] = Future()
                 lost.set_exception(WorkerLost("its process was killed 2 times."))
                 return lost
             return super().submit(task, function, session, choice, *rest)
 
+    monkeypatch.chdir(session_copy.parent)
     with closing(Losing(2)) as workers:
-        trade = trade_sweep(session_copy, budget=1e6, workers=workers)
+        trade = trade_sweep(session_copy.name, budget=1e6, workers=workers)
     assert [point.choice for point in trade.points] == [SAID[1]]
     assert list(trade.failed.values()) == ["its process was killed 2 times."]
     again = trade_sweep(session_copy, budget=1e6)

@@ -56,7 +56,10 @@ def pipe(tmp_path: Path) -> Path:
     return tmp_path / "PLAN.toml"
 
 
-def test_a_command_ends_as_in_a_process_of_its_own(tmp_path: Path) -> None:
+def test_a_command_ends_as_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither reads the configuration file of the user, which this one would be refused for."""
+    (tmp_path / "config.toml").write_text("[cameras]\nnone = 1\n")
+    monkeypatch.setenv("RIG_CONFIG", str(tmp_path / "config.toml"))
     words = ["cameras", "--sim", "toy"]
     fork, alone = run(Share(cores=1, room=10**9), words), run(Share(serves=True), words)
     assert (fork.code, fork.data) == (alone.code, alone.data) == (0, alone.data)

@@ -21,16 +21,20 @@ COSTS = {"calibrate": Cost(8.0, 30), "reconstruct": Cost(4.0, 70), "export": Cos
 
 
 class Recorder:
-    """Ends every command at once, as `fails` has it, and keeps what it was given."""
+    """Ends every command at once, as `fails` has it, and keeps what it was given.
 
-    def __init__(self, **fails: str) -> None:
-        self.fails, self.commands, self.tasks = fails, list[list[str]](), list[Task]()
+    code: 3 where what fails is done in part.
+    """
+
+    def __init__(self, code: int = 2, **fails: str) -> None:
+        self.code, self.fails = code, fails
+        self.commands, self.tasks = list[list[str]](), list[Task]()
 
     def submit(self, task: Task, function: Callable[..., Ended], words: Sequence[str]) -> "Future[Ended]":
         assert function is run
         self.commands.append(list(words))
         self.tasks.append(task)
-        code, says = (2, self.fails[words[0]]) if words[0] in self.fails else (0, "")
+        code, says = (self.code, self.fails[words[0]]) if words[0] in self.fails else (0, "")
         made = (
             Path(words[1])
             / "reconstructions"
@@ -43,9 +47,8 @@ class Recorder:
             "report": str(made / "r.html"),
         }
         future: Future[Ended] = Future()
-        future.set_result(
-            Ended(code, data if words[0] == "reconstruct" and not code else {}, says, 1.0, 1, COSTS[words[0]])
-        )
+        there = words[0] == "reconstruct" and code != 2
+        future.set_result(Ended(code, data if there else {}, says, 1.0, 1, COSTS[words[0]]))
         return future
 
 
@@ -95,8 +98,23 @@ def test_what_fails_is_told_and_the_rest_goes_on(tmp_path: Path) -> None:
     result = carry_out(planned(tmp_path), Recorder(calibrate="No view."), on_message=said.append)
     assert [row.failed for row in result.rows] == [None, None, "calibrate", "calibrate"]
     assert {row.says for row in result.rows[2:]} == {"No view."}
+    assert [row.words for row in result.rows[2:]] == [row.words for row in result.rows[:2]]
     assert [row.processor_seconds for row in result.rows[2:]] == [8.0, None]  # once for the session
     assert any(line.endswith("b, one: calibrate failed: No view.") for line in said)
+
+
+def test_what_is_made_in_part_says_what_it_lacks(tmp_path: Path) -> None:
+    said: list[str] = []
+    recorder = Recorder(code=3, calibrate="A view has no pose.", reconstruct="20 dB, not 35.")
+    rows = carry_out(planned(tmp_path), recorder, on_message=said.append).rows
+    assert [row.says for row in rows] == [
+        "20 dB, not 35.",
+        "20 dB, not 35.",
+        "A view has no pose. 20 dB, not 35.",  # the session is calibrated for its first scene
+        "20 dB, not 35.",
+    ]
+    assert {row.failed for row in rows} == {None}
+    assert sum("made in part: A view has no pose." in line for line in said) == 1
 
 
 def test_a_calibration_counts_though_the_training_fails(tmp_path: Path) -> None:

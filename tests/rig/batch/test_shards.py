@@ -1,5 +1,6 @@
 """Parts of a plan: every session in one of them, and their results joined as if one had made all."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,9 @@ def plan(tmp_path: Path) -> BatchPlan:
 def written(part: BatchPlan, db: float = 30.0) -> BatchResult:
     """Result of a part in which everything was made."""
     rows = [
-        BatchRow(session=one, scene=scene.called, db=db) for one in part.sessions for scene in part.scenes
+        BatchRow(session=one, scene=scene.called, words=" ".join(scene.words()), db=db)
+        for one in part.sessions
+        for scene in part.scenes
     ]
     result = BatchResult(plan=part.path, rows=tuple(rows), shard=part.shard)
     result.write()
@@ -51,6 +54,18 @@ def test_the_newest_row_counts_and_what_no_part_made_is_named(plan: BatchPlan) -
     assert missing is not None
     assert missing.startswith("4 of 14 scenes have no result, such as one of ")
     assert "s1" in missing
+
+
+def test_no_row_is_that_of_another_plan_or_of_what_a_scene_was(plan: BatchPlan) -> None:
+    plans = [replace(plan, path=plan.path.with_name(name)) for name in ("P.toml", "P.v2.toml", "P[1].toml")]
+    for number, one in enumerate(plans):
+        written(shard_of(one, "1/1"), db=float(number))
+    assert [{row.db for row in merged(one)[0].rows} for one in plans] == [{0.0}, {1.0}, {2.0}]
+    changed = replace(plans[0], scenes=(SCENES[0], PlannedScene(name="two", quality="best")))
+    result, missing = merged(changed)
+    assert [row.scene for row in result.rows] == ["one"] * 7
+    assert missing is not None
+    assert missing.startswith("7 of 14 scenes have no result, such as two of ")
 
 
 def test_paths_of_a_part_do_not_depend_on_the_working_folder(

@@ -296,6 +296,23 @@ def test_two_sessions_of_one_name_are_refused(scans: Path, tmp_path: Path) -> No
         read_plan(tmp_path / "PLAN.toml")
 
 
+@pytest.mark.parametrize("bucket", ["file"], indirect=True)
+def test_a_session_of_the_same_name_elsewhere_never_gets_the_stored_scenes(
+    bucket: str, tmp_path: Path
+) -> None:
+    carry_out(planned(tmp_path, bucket), Writer())
+    shutil.move(tmp_path / "bucket" / "scans", tmp_path / "bucket" / "tuesday")
+    plan = tmp_path / "PLAN.toml"
+    plan.write_text(plan.read_text().replace("/scans/", "/tuesday/"))
+    writer = Writer()
+    result = carry_out(read_plan(plan), writer)
+    assert (outcomes(result), writer.commands) == ([("a", "one", "fetch"), ("b", "one", "fetch")], [])
+    assert result.rows[0].says == (
+        f"{bucket}/scenes/a holds what was made of {bucket}/scans/a: give this plan an output of its own."
+    )
+    assert result.rows[0].says == estimates.estimates(read_plan(plan))[0].says
+
+
 @pytest.mark.parametrize("package", ["s3fs", "fsspec"])
 def test_a_package_that_is_missing_is_named_with_the_fix(
     package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

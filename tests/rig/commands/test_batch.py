@@ -4,9 +4,15 @@ import json
 import os
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+
+from imaging.session.session import SESSION
+from rig.batch import command_processes, run
+from rig.batch.batch_plan import BatchPlan
+from rig.batch.result import BatchResult, BatchRow
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +80,42 @@ def test_no_cluster_is_said(rig, toy: Path) -> None:
     code, _, err = rig("batch", str(plan), "--ray", "127.0.0.1:1")
     assert code == 2
     assert "No Ray cluster answers at 127.0.0.1:1" in err
+
+
+def test_a_cluster_is_given_paths_that_hold_in_every_folder(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / SESSION).touch()
+    (tmp_path / "PLAN.toml").write_text('sessions = ["s"]')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command_processes, "begun", lambda *given: nullcontext())
+    plans: list[BatchPlan] = []
+
+    def carried_out(plan: BatchPlan, *given: object, **options: object) -> BatchResult:
+        plans.append(plan)
+        return BatchResult(plan=plan.path, rows=())
+
+    monkeypatch.setattr(run, "carry_out", carried_out)
+    assert rig("batch", "PLAN.toml", "--ray", "auto")[0] == 0
+    assert [plan.sessions for plan in plans] == [(tmp_path / "s",)]
+
+
+def test_what_is_made_in_part_is_missing_in_the_end(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / SESSION).touch()
+    plan = tmp_path / "PLAN.toml"
+    plan.write_text('sessions = ["s"]')
+    whole = BatchRow(session=tmp_path / "s", scene="one")
+    rows = (whole, whole.model_copy(update={"says": "A view has no pose."}))
+    monkeypatch.setattr(run, "carry_out", lambda *given, **options: BatchResult(plan=plan, rows=rows))
+    code, out, _ = rig("batch", str(plan), "--json")
+    assert code == 3
+    assert json.loads(out)["missing"] == (
+        f"1 scene of 2 could only be made in part; {tmp_path}/s: A view has no pose."
+    )
 
 
 def test_a_scene_is_trained_from_storage_into_storage(rig, toy: Path) -> None:
