@@ -77,12 +77,12 @@ def reconstruct(
     the held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
-    called again with the same request (with a time to keep, as fast as the machine then is); a finished
-    one is returned as it is. A training of another request, or of another calibration, is not overwritten
-    unless it asks to replace that; then the new one is trained in `SHELF/.NAME.new`, and takes the
-    place of what is there when it is finished. Runs on the GPU if there is one whose kernels are right.
-    Started several times over by torchrun, the processes train one scene together, each looking at a share
-    of the views: a step then takes as many views as there are processes, and there are fewer steps. The
+    called again with the same request (with a time to keep, as fast as the machine then is); a finished one
+    is returned as it is. A training of another request or calibration, or of other photographs or masks, is
+    not overwritten unless it asks to replace that; then the new one is trained in `SHELF/.NAME.new`, and
+    takes the place of what is there when it is finished. Runs on the GPU if there is one whose kernels are
+    right. Started several times over by torchrun, the processes train one scene together, each looking at a
+    share of the views: a step then takes as many views as there are processes, and there are fewer steps. The
     session has to be on a disk that all of them see; the first one writes.
 
     Args:
@@ -137,10 +137,8 @@ def reconstruct(
 
         # `examine` sees the first view of each camera, and says what memory and time the others would take.
         dataset = read(overrides.width or QUALITIES[quality].width)
-        if budget is not None and budget.unit == "dB" and not dataset.held_out:
-            raise ReconstructionError(
-                f"{session} has too few views to hold one out and judge a budget in dB by it: give a time."
-            )
+        if budget is not None and budget.unit == "dB":
+            _require_held_out(dataset)
         if (missing := uncoloured(dataset)) and ranks.first:
             on_message(
                 f"the colour of {', '.join(missing)} is not known: light stays camera RGB, unless a chart "
@@ -154,7 +152,7 @@ def reconstruct(
         folder = store.inside(session, f"{shelf}/{name}")
         # What is there decides where the training goes, so no other may begin until this one ends.
         ranks.decided(lambda: stack.enter_context(sole_maker(session, f"{shelf}/{name}")))
-        place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, request.replace)
+        place, checkpoint = place_for(folder, asked, dataset, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         device = trusted(device, on_message, on_progress, alone=ranks.count == 1)
         # A time may be too short for the preset: then each smaller one is tried, with its own width.
@@ -186,6 +184,20 @@ def reconstruct(
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
+
+
+def _require_held_out(dataset: Dataset) -> None:
+    """ReconstructionError unless a held-out view can be measured, by which a budget in dB is judged."""
+    if not dataset.held_out:
+        raise ReconstructionError(
+            f"{dataset.session} has too few views to hold one out and judge a budget in dB by it: give a "
+            "time."
+        )
+    if all(view.hidden for view in dataset.held_out):
+        raise ReconstructionError(
+            f"Masks hide all held-out views of {dataset.session}, by which a budget in dB is judged: mend "
+            "the masks, or give a time."
+        )
 
 
 def _reconstruct(

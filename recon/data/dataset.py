@@ -1,6 +1,8 @@
 """A calibrated session as training sees it: views, each with its lens, its sensor and its shots."""
 
+import hashlib
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +14,7 @@ from imaging.arrays import Array, Array32, Integers, Mask
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.sensor.cfa import Cfa
 from imaging.session.calibration import CalibrationRecord, Response, StatedPart
-from imaging.session.records import Band, ImageKind
+from imaging.session.records import Band, ImageKind, ShotRecord
 from imaging.session.view_id import ViewId
 from recon.data.measured_depth import DepthMapFile, scaled
 from recon.data.shot import Shot, bytes_of
@@ -24,6 +26,8 @@ MOST_VALIDATION = 4
 """Views at most that a training may be ended by: each is rendered again and again."""
 
 
+ONE_SPOT = 1e-3
+"""Reach of cameras, over the depth of what they look at, that moves it by no more than about a pixel."""
 MOST_TRACKED = 20_000
 """Maximum number of scene points whose observations in all views are kept in memory; the checks that use them
 need far fewer.
@@ -95,6 +99,11 @@ class View:
         return np.asarray(valid if valid.ndim == 2 else valid.all(-1))
 
     @property
+    def hidden(self) -> bool:
+        """True if masks hide all of it, so that nothing can be measured by it."""
+        return not self.valid.any()
+
+    @property
     def alpha(self) -> Array32 | None:
         """Share of each pixel's light that comes from the scene, 0..1, float32 [H, W]; None: all of it.
 
@@ -137,6 +146,8 @@ class Dataset:
     """Factor of its depth maps, as they were loaded; None: they are left out."""
     overruled: tuple[StatedPart, ...] = ()
     """Parts of the photographs' light in which scene points overrule what the files state as constant."""
+    records: tuple[ShotRecord, ...] = ()
+    """Records of the shots that were read, those of views or exposures that are not in use too."""
 
     @property
     def validation(self) -> tuple[View, ...]:
@@ -156,17 +167,27 @@ class Dataset:
     def with_validation(self) -> "Dataset":
         """The same for a training that is ended by how good held-out views are.
 
-        Half of the held-out views, evenly spread, at least one and at most four, are for that alone.
+        Half of the held-out views that masks do not hide, evenly spread, at least one and at most four, are
+        for that alone.
         """
-        count = max(1, min(MOST_VALIDATION, len(self.held_out) // 2))
-        places = {(2 * turn + 1) * len(self.held_out) // (2 * count) for turn in range(count)}
-        watched = (view.name for place, view in enumerate(self.held_out) if place in places)
-        return replace(self, watched=frozenset(watched))
+        shown = [view for view in self.held_out if not view.hidden]
+        count = max(1, min(MOST_VALIDATION, len(shown) // 2))
+        places = {(2 * turn + 1) * len(shown) // (2 * count) for turn in range(count)}
+        watched = [view for place, view in enumerate(shown) if place in places]
+        if watched == shown:  # hidden views alone would leave nothing to report
+            watched = list(self.held_out) if shown else []
+        return replace(self, watched=frozenset(view.name for view in watched))
 
     @property
     def views(self) -> tuple[View, ...]:
         """Every view, in order of frame and camera."""
         return tuple(sorted(self.train + self.held_out, key=lambda view: view.id))
+
+    @property
+    def photographs_sha256(self) -> str:
+        """Hash of the shots of all views, with their masks, as they were read."""
+        files = {shot.file for view in self.views for shot in view.shots}
+        return photographs_sha256(shot for shot in self.records if shot.file in files)
 
     def with_depths(self, scale: float | None) -> "Dataset":
         """Multiply the depth maps of all views by a scale; None drops them."""
@@ -203,6 +224,15 @@ class Dataset:
 
     @cached_property
     def extent(self) -> float:
-        """1.1 times the largest distance of a training camera from their mean (3DGS); at least tiny."""
+        """1.1 times the largest distance of a training camera from their mean (3DGS); 1, the depth of what
+        they look at, of a single view or views at one spot, whose Gaussians have to move, too.
+        """
         centres = np.array([view.centre for view in self.train])
-        return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
+        reach = float(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max())
+        return reach if reach > ONE_SPOT else 1.0
+
+
+def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
+    """Hash of the names and hashes of shots and their masks, in order of name."""
+    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

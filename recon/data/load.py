@@ -1,7 +1,7 @@
 """Reading the views of a calibrated session, in memory or beside it on the disk."""
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,6 +194,7 @@ def read_views(
         calibration_sha256=calibration_sha256,
         world=world,
         bands=in_order(session.record.bands),
+        records=tuple(shot for group in groups.values() for shot in group),
     )
 
 
@@ -201,12 +202,6 @@ def _counts(camera: str, groups: Collection[ViewId], out: Collection[ViewId]) ->
     """Views of a camera, and those of them to train on."""
     camera_views = [view for view in groups if view.camera == camera]
     return len(camera_views), sum(view not in out for view in camera_views)
-
-
-def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
-    """Hash of the names and hashes of shots and their masks, in order of name."""
-    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens:

@@ -65,6 +65,7 @@ class SceneFolder:
             "asked": self.asked.model_dump(mode="json"),
             **self.plan.facts(),
             "calibration_sha256": self.dataset.calibration_sha256,
+            "photographs_sha256": self.dataset.photographs_sha256,
             "reserve": self.reserve,
         }
         write_checkpoint(self.folder / CHECKPOINT, checkpoint_of(self.training, facts))

@@ -12,8 +12,8 @@ from imaging.progress import Progress, unreported
 from imaging.session.paths import session_of
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
-from recon.data.dataset import Dataset, View
-from recon.data.load import photographs_sha256, read_views
+from recon.data.dataset import Dataset, View, photographs_sha256
+from recon.data.load import read_views
 from recon.observe.refinement import Refinement
 from recon.result.model import CHECKPOINT, ModelRecord, read_model, read_own_calibration
 from recon.result.scene import Scene, scene_of
@@ -110,7 +110,8 @@ def _require_photographs(
     if len(shots) < wanted or photographs_sha256(shots) != record.photographs_sha256:
         raise ReconstructionError(
             f"{session.folder} does not have the photographs that {folder} was trained on, those of session "
-            f"{record.session}, so it cannot be measured: reconstruct again; `rig render` works without them."
+            f"{record.session}, so it cannot be measured: reconstruct again with --replace; `rig render` "
+            "works without them."
         )
     for shot in shots:
         if not session.file(shot).is_file():

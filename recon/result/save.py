@@ -14,7 +14,6 @@ from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
-from recon.data.load import photographs_sha256
 from recon.data.shot import measured_light
 from recon.decide.cost.prediction import ENOUGH, enough
 from recon.decide.plan import TrainingPlan
@@ -101,14 +100,13 @@ def record_of(
     assert schedule is not None
     why = () if refinement is None else refinement.described_rungs()
     interrupted = training.iteration < schedule.total
-    session, observation = Session.open(dataset.session), training.method.observation
-    files = {shot.file for view in dataset.views for shot in view.shots}
+    observation = training.method.observation
     return ModelRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
         settings=plan.settings,
-        session=session.record.name,
-        photographs_sha256=photographs_sha256(shot for shot in session.shots() if shot.file in files),
+        session=Session.open(dataset.session).record.name,
+        photographs_sha256=dataset.photographs_sha256,
         calibration_sha256=dataset.calibration_sha256,
         normaliser=light.normaliser,
         reference=light.reference,

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from imaging.errors import InputError
 from imaging.record import parse
+from recon.data.dataset import Dataset
 from recon.decide.cost.budget import Budget
 from recon.decide.request import TrainingRequest
 from recon.decide.settings import Settings
@@ -26,14 +27,15 @@ def names_of(request: TrainingRequest) -> tuple[str, ...]:
 
 
 def place_for(
-    folder: Path, wanted: Settings, calibration_sha256: str, replace: bool
+    folder: Path, wanted: Settings, dataset: Dataset, replace: bool
 ) -> tuple[Path, Checkpoint | None]:
     """The folder to train in, and the training of just these settings to go on with, if it is there.
 
     Args:
         folder: Of the scene.
         wanted: Settings as requested.
-        calibration_sha256: Hash of the calibration, which has to be that of a training to go on with.
+        dataset: Views to train on and to hold out: a training to go on with has to be of the same
+            photographs, masks and calibration.
         replace: True if what the folder holds is to be replaced in the end.
 
     Returns:
@@ -41,26 +43,28 @@ def place_for(
         and the checkpoint, None to begin anew.
 
     Raises:
-        InputError: The folder holds other settings and is not to be replaced.
+        InputError: The folder holds another training and is not to be replaced.
     """
     taken = (folder / CHECKPOINT).is_file() or (folder / MODEL).is_file()
     place = folder.with_name(f".{folder.name}.new") if taken and replace else folder
     path = place / CHECKPOINT
     checkpoint = read_checkpoint(path) if path.is_file() else None
-    if checkpoint is not None and (checkpoint.facts["asked"], checkpoint.facts["calibration_sha256"]) == (
-        wanted.model_dump(mode="json"),
-        calibration_sha256,
-    ):
+    inputs = {
+        "asked": wanted.model_dump(mode="json"),
+        "calibration_sha256": dataset.calibration_sha256,
+        "photographs_sha256": dataset.photographs_sha256,
+    }
+    if checkpoint is not None and inputs.items() <= checkpoint.facts.items():
         return place, checkpoint
     if taken and not replace:
         raise InputError(
-            f"{folder} exists already, {_difference(path, checkpoint, wanted)}: give this training another "
-            "--name, or --replace that one."
+            f"{folder} exists already, {_difference(path, checkpoint, wanted, dataset)}: give this training "
+            "another --name, or --replace that one."
         )
     return place, None
 
 
-def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings) -> str:
+def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings, dataset: Dataset) -> str:
     """Return how a training differs from what is wanted, in words."""
     if checkpoint is None:
         return "without the checkpoint that has its settings"
@@ -68,4 +72,6 @@ def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings) -> 
     other = [f"{key} {value}" for key, value in there.items() if value != asked[key]]
     if other:
         return f"trained with {', '.join(other)}"
+    if checkpoint.facts["calibration_sha256"] == dataset.calibration_sha256:
+        return "trained on other photographs or masks"
     return "trained on an earlier calibration, or with another rig"

@@ -33,9 +33,10 @@ class Moment:
 
 
 def chosen_views(held_out: Sequence[View]) -> tuple[View, ...]:
-    """Choose at most four of the held-out views, spread over them."""
-    step = max(1, math.ceil(len(held_out) / MOST_VIEWS))
-    return tuple(held_out[step // 2 :: step])
+    """Choose at most four of the held-out views that masks do not hide, spread over them."""
+    shown = [view for view in held_out if not view.hidden]
+    step = max(1, math.ceil(len(shown) / MOST_VIEWS))
+    return tuple(shown[step // 2 :: step])
 
 
 def period(iterations: int, views: int) -> int:

@@ -15,7 +15,7 @@ from imaging.compute.threads import thread_count
 from imaging.session.session import Session
 from recon.data.dataset import View
 from recon.data.resident import pixels_of
-from recon.decide.cost.memory_need import trained_pixels
+from recon.decide.cost.memory_need import in_use, trained_pixels
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
@@ -186,6 +186,9 @@ def how_long(
     opened, budget, overrides = Session.open(session), request.budget, request.overrides
     if (budget is not None and budget.unit == "s") or opened.record.bands or training_device().type != "cpu":
         return None
+    used = in_use(counts, overrides.views)
+    # The others of the views to train on are read, and no more.
+    counts = {name: (views - train + used[name][1], used[name][1]) for name, (views, train) in counts.items()}
     preset, train = QUALITIES[request.quality], sum(count for _, count in counts.values())
     work = Work.of(
         firsts,

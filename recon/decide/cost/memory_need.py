@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import NoReturn
 
@@ -192,6 +193,7 @@ def fitting(
     """
     asked = request.overrides.degree
     degrees = range(DEGREE + 1) if asked is None else (asked,)
+    counts = in_use(counts, request.overrides.views)  # the shots of all views are read before some are chosen
     trained = sum(train for _, train in counts.values())
     pixels = trained_pixels(firsts, counts)
     # In Gaussians of the highest degree: a file of some bytes holds more of a lower one.
@@ -205,6 +207,21 @@ def fitting(
         needed = need(firsts, counts, most, degrees[-1], stored=True)
     budgeted = request.budget is not None and request.budget.gaussians is not None
     return replace(needed, budgeted=budgeted), stored
+
+
+def in_use(counts: Counts, views: int | None) -> Counts:
+    """Return the counts of a training on that many views, shared in proportion between the cameras; None:
+    on all.
+    """
+    trained = sum(train for _, train in counts.values())
+    if views is None or views >= trained:
+        return counts
+    ends = accumulate((train for _, train in counts.values()), initial=0)
+    shares = [views * end // trained for end in ends]
+    return {
+        camera: (count, end - start)
+        for (camera, (count, _)), (start, end) in zip(counts.items(), pairwise(shares), strict=True)
+    }
 
 
 def trained_pixels(firsts: Sequence[View], counts: Counts) -> int:

@@ -116,15 +116,20 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
 
 
 def uncoloured(dataset: Dataset) -> list[str]:
-    """Cameras that gave RAW and have no known colour: their light stays in camera RGB."""
+    """Cameras that gave RAW in colour and whose colours are not known: their light stays in camera RGB."""
     named = {camera.name for camera in dataset.calibration.cameras if camera.camera_from_rec709 is not None}
-    raw = dict.fromkeys(view.camera for view in dataset.views if view.sensor.kind == "raw")
-    return [name for name in raw if name not in named]
+    return [name for name in _in_colour(dataset) if name not in named]
+
+
+def _in_colour(dataset: Dataset) -> list[str]:
+    """Cameras that gave RAW of more than one channel, as those without a colour filter do not."""
+    raw = (view for view in dataset.views if view.sensor.kind == "raw")
+    return list(dict.fromkeys(view.camera for view in raw if len(view.sensor.camera_from_rec709) > 1))
 
 
 def _colours(dataset: Dataset) -> tuple[Rung, ...]:
     """Return whether RAW light becomes Rec.709."""
-    raw = {view.camera for view in dataset.views if view.sensor.kind == "raw"}
+    raw = _in_colour(dataset)
     if not raw:
         return ()
     missing = uncoloured(dataset)

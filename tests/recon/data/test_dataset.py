@@ -22,6 +22,7 @@ from recon.data.holdout import held_out
 from recon.data.load import lens_of_pixels, load
 from recon.data.pixels import ShotSource, read_shot
 from recon.data.tone import encode
+from recon.train.live_curve import chosen_views
 
 LINEAR = Response(kind="linear", evidence="test")
 SRGB = Response(kind="srgb", evidence="test")
@@ -66,6 +67,27 @@ def test_views_that_end_a_training_are_none_of_those_that_are_reported(toy_datas
     assert parted.reported == (parted.test if count != 1 else held)
     frames = [view.frame for view in parted.validation]
     assert all(after - before >= count // validation for before, after in pairwise(frames))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "validation"), [((0, 1), [3]), ((3,), [1]), ((0, 1, 2), [0, 1, 2, 3]), ((0, 1, 2, 3), [])]
+)
+def test_views_that_masks_hide_do_not_end_a_training(toy_dataset, hidden, validation):
+    """A single other one is looked at, and reported as such."""
+    held = tuple(replace(toy_dataset.held_out[0], frame=frame) for frame in range(4))
+    held = tuple(masked(view) if view.frame in hidden else view for view in held)
+    assert [view.frame for view in held if view.hidden] == list(hidden)
+    parted = replace(toy_dataset, held_out=held).with_validation()
+    assert [view.frame for view in parted.validation] == validation
+    assert [view.frame for view in chosen_views(parted.validation)] == [
+        frame for frame in validation if frame not in hidden
+    ]
+    assert len(hidden) == 4 or not all(view.hidden for view in parted.reported)
+
+
+def masked(view):
+    shots = (shot.showing(valid=np.zeros(shot.shape, bool)) for shot in view.shots)
+    return replace(view, shots=tuple(shots))
 
 
 def test_views_of_a_camera_share_one_plane_of_falloff(toy_dataset):

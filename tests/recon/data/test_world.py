@@ -1,10 +1,10 @@
 """A scene is the same whatever the origin and the unit of the user's world."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from imaging.files.colmap import pycolmap, read_points
 from recon.data.geometry import project
@@ -144,4 +144,17 @@ def test_without_points_the_unit_is_the_reach_of_the_cameras_and_never_nothing(s
     dataset = load(session_copy)
     assert max(np.linalg.norm(view.centre) for view in dataset.views) == pytest.approx(1.0)
     assert WorldTransform.of({"a": np.eye(4)}, folder).unit == 1.0
-    assert torch.isfinite(torch.tensor(dataset.extent))
+    assert dataset.extent > 1
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-6])
+def test_cameras_at_one_spot_have_the_extent_of_what_they_look_at(toy_dataset, apart):
+    first = toy_dataset.train[0]
+    assert replace(toy_dataset, train=(first,)).extent == 1.0
+    motion = first.lens.cam_from_world.copy()
+    motion[0, 3] += apart
+    beside = replace(first, lens=replace(first.lens, cam_from_world=motion))
+    assert replace(toy_dataset, train=(first, beside)).extent == 1.0
+    centres = np.array([view.centre for view in toy_dataset.train])
+    reach = np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()
+    assert toy_dataset.extent == pytest.approx(1.1 * reach)

@@ -10,7 +10,7 @@ from imaging.errors import InputError
 from recon.data.dataset import Dataset, View
 from recon.decide.cost import memory_need as module
 from recon.decide.cost.budget import Budget
-from recon.decide.cost.memory_need import ARENA, KERNELS, Need, fitting, forecast, need
+from recon.decide.cost.memory_need import ARENA, KERNELS, Need, fitting, forecast, in_use, need
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.decide.request import TrainingRequest
@@ -92,6 +92,24 @@ def test_a_budget_without_room_is_refused_with_one_that_fits(toy_dataset: Datase
         needed.require("S", free)
     smaller = TrainingRequest(budget=Budget.of(str(refusal.value).split("--budget ")[1].rstrip(".")))
     fitting(firsts, counts, ROOM, smaller)[0].require("S", free)
+
+
+def test_views_left_out_by_hand_are_read_and_not_trained_on(toy_dataset: Dataset) -> None:
+    firsts, counts = looks(toy_dataset, 500)
+    few = {name: (count, 10) for name, (count, _) in counts.items()}
+    asked = TrainingRequest(quality="best", overrides=Overrides(views=10 * len(firsts)))
+    assert in_use(counts, 10 * len(firsts)) == few
+    assert fitting(firsts, counts, ROOM, asked) == fitting(firsts, few, ROOM, TrainingRequest(quality="best"))
+    assert in_use(counts, None) == in_use(counts, 10_000) == counts
+
+
+@pytest.mark.parametrize("views", [1, 2, 5, 17])
+def test_views_in_use_are_shared_between_cameras_in_proportion(views: int) -> None:
+    used = in_use({"a": (7, 6), "b": (3, 3), "c": (1, 0), "d": (9, 9)}, views)
+    assert sum(train for _, train in used.values()) == views
+    assert [count for count, _ in used.values()] == [7, 3, 1, 9]
+    for (_, train), of in zip(used.values(), (6, 3, 0, 9), strict=True):
+        assert abs(train - views * of / 18) < 1
 
 
 def test_images_that_leave_no_room_are_counted_as_on_the_disk(toy_dataset: Dataset) -> None:

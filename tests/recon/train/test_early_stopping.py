@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import recon.reconstruct as stage
+from imaging.errors import ReconstructionError
 from recon.data.light import light_of, radiance_image
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -282,5 +283,18 @@ def test_measuring_is_rare_and_changes_nothing(begun, toy_dataset):
         moments = iterations / period(iterations, views)
         assert moments <= 16
         assert moments * views <= max(iterations / 10, views)
-    assert len(chosen_views(range(30))) == 4
-    assert len(set(chosen_views(range(3)))) == 3
+    views = [replace(toy_dataset.held_out[0], frame=frame) for frame in range(30)]
+    assert len(chosen_views(views)) == 4
+    assert len(set(chosen_views(views[:3]))) == 3
+
+
+def test_held_out_views_that_masks_hide_measure_nothing_and_end_nothing(begun, toy_dataset):
+    (view,) = toy_dataset.held_out
+    masked = tuple(shot.showing(valid=np.zeros(shot.shape, bool)) for shot in view.shots)
+    hidden = replace(toy_dataset, held_out=(replace(view, shots=masked),))
+    training = begun()
+    run(training, hidden.with_validation(), 32, [EarlyStop(least=100.0, moments=2), Goal(1.0)])
+    assert (training.ending, training.curve, training.iteration) == ("", [], 32)
+    with pytest.raises(ReconstructionError, match=r"Masks hide all held-out views of .*: mend the masks, or"):
+        stage._require_held_out(hidden)
+    stage._require_held_out(toy_dataset)

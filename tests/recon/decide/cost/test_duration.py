@@ -7,6 +7,7 @@ import pytest
 from recon.data.pixels import ShotSource
 from recon.decide.cost.budget import Budget
 from recon.decide.cost.duration import SURE, WORTH_SAYING, Work, how_long, words
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.reconstruct import reconstruct
@@ -64,6 +65,17 @@ def test_a_budget_counts_no_more_gaussians_than_pixels(toy_dataset, counted):
     assert how_long(toy_dataset.session, firsts, counts, request) is None
     (work,) = counted["work"]
     assert work.gaussians == sum(3 * view.lens.width * view.lens.height for view in firsts)
+
+
+def test_views_left_out_by_hand_are_not_counted_as_trained_on(toy_dataset, counted):
+    firsts = list({view.camera: view for view in toy_dataset.views}.values())
+    counts = {view.camera: (500, 440) for view in firsts}
+    request = TrainingRequest(overrides=Overrides(views=20))
+    assert how_long(toy_dataset.session, firsts, counts, request) is None
+    (work,) = counted["work"]
+    assert (work.train, work.held_out) == (20, 60 * len(firsts))
+    assert work.iterations == QUALITIES["standard"].iterations_of(20)
+    assert work.gaussians == QUALITIES["standard"].gaussians_of(20)
 
 
 def work(train: int, held_out: int, files: float, view: float, planes: float, **how: int) -> Work:

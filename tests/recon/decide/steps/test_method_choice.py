@@ -128,3 +128,21 @@ def test_raw_without_a_matrix_is_said_to_stay_camera_rgb(toy_dataset):
     assert uncoloured(without) == list(dict.fromkeys(view.camera for view in without.views))
     assert not rung(without).taken
     assert "stays camera RGB" in rung(without).reason
+
+
+def test_cameras_without_a_colour_filter_have_no_colour_to_know(toy_dataset):
+    def grey(view):
+        sensor = view.sensor
+        return replace(view, sensor=replace(sensor, camera_from_rec709=sensor.camera_from_rec709[:1]))
+
+    bare = tuple(
+        camera.model_copy(update={"camera_from_rec709": None}) for camera in toy_dataset.calibration.cameras
+    )
+    mono = replace(
+        toy_dataset,
+        train=tuple(map(grey, toy_dataset.train)),
+        held_out=tuple(map(grey, toy_dataset.held_out)),
+        calibration=toy_dataset.calibration.model_copy(update={"cameras": bare}),
+    )
+    assert uncoloured(mono) == []
+    assert not [one for one in rungs(mono, "nh-3dgs") if one.name == "camera colour"]
