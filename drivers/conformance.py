@@ -120,7 +120,8 @@ def capabilities(subject: Subject) -> str:
         raise Failure("it has no exposure times: a bracket cannot be planned")
     if subject.camera.capabilities() != able:
         raise Failure("asked again, it can do something else")
-    return f"{able.width}x{able.height}, {len(able.times)} times, {len(able.isos)} ISO speeds"
+    size = f"{able.width}x{able.height}" if able.width else "size known from its first picture"
+    return f"{size}, {len(able.times)} times, {len(able.isos)} ISO speeds"
 
 
 def settings(subject: Subject) -> str:
@@ -222,7 +223,8 @@ def bracket(subject: Subject) -> str:
     try:
         stated = [frame.metadata.exposure for frame in camera.bracket(exposures)]
     except CameraRefused as error:  # rig needs none
-        return f"none of its own: {error}"
+        why = str(error).rpartition(": ")[0]
+        return f"none of its own ({why}): each exposure is set and triggered"
     seconds = subject.clock.now() - began
     for exposure in exposures:
         if not any(one is not None and abs(np.log2(one.time / exposure.time)) < 0.25 for one in stated):

@@ -5,6 +5,7 @@ CameraError (imaging.errors)
 ├── CameraPermission   the system does not let us open it
 ├── CameraClaimed      another program holds it
 ├── CameraLost         it was unplugged or switched off
+│   └── CameraGone     and did not come back while it was waited for
 ├── HostLost           the host that it is connected to does not answer
 ├── CameraTimeout      it did not answer in time
 ├── CameraBusy         it answered that it is busy, for longer than we wait
@@ -29,6 +30,10 @@ class CameraClaimed(CameraError):
 
 class CameraLost(CameraError):
     """Disconnection: unplugged or switched off."""
+
+
+class CameraGone(CameraLost):
+    """Disconnection of a camera that did not come back while it was waited for."""
 
 
 class HostLost(CameraError):

@@ -10,6 +10,7 @@ from capture.bracket.metering import Metering, meter
 from capture.bracket.planner import BracketPlan, Target, plan_bracket
 from drivers.camera import Camera
 from imaging.optics.exposure import Exposure
+from imaging.progress import Progress, unreported
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ def plan_automatically(
     *,
     frames: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
+    progress: Progress = unreported,
 ) -> Automatic:
     """Meter at the first, the middle and the last of `frames`, and plan one bracket for all cameras.
 
@@ -37,6 +39,7 @@ def plan_automatically(
         wanted: Goals and limits of the bracket.
         frames: Frames of the plan, at least one.
         move_to: Callback that brings rig or scene to a frame, before it is metered.
+        progress: Callback for each probe of the meter.
 
     Returns:
         The bracket, the metering, and the reason in words.
@@ -47,7 +50,7 @@ def plan_automatically(
         InputError: A limit leaves no exposure.
         CameraError: A camera does not report what it can be set to.
     """
-    metering, exposures = _metered(cameras, like, wanted, frames, move_to)
+    metering, exposures = _metered(cameras, like, wanted, frames, move_to, progress)
     if any(isinstance(target.noise, CodeNoise) for target in metering.targets):
         useful = tuple(
             exposure for exposure in exposures if exposure.iso == exposures[0].iso
@@ -64,6 +67,7 @@ def meter_rig(
     *,
     frames: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
+    progress: Progress = unreported,
 ) -> Metering:
     """Return what a bracket that was chosen otherwise is up against.
 
@@ -72,6 +76,7 @@ def meter_rig(
         like: Exposure with the f-number to keep.
         frames: Frames of the plan, at least one; the first, the middle and the last are metered.
         move_to: Callback that brings rig or scene to a frame, before it is metered.
+        progress: Callback for each probe of the meter.
 
     Returns:
         The range of radiance of each colour channel of each camera, and the probes.
@@ -81,7 +86,7 @@ def meter_rig(
             measured.
         CameraError: A camera does not report what it can be set to.
     """
-    return _metered(cameras, like, BracketGoals(), frames, move_to)[0]
+    return _metered(cameras, like, BracketGoals(), frames, move_to, progress)[0]
 
 
 def _metered(
@@ -90,13 +95,14 @@ def _metered(
     wanted: BracketGoals,
     frames: Sequence[int],
     move_to: Callable[[int], None],
+    progress: Progress,
 ) -> tuple[Metering, tuple[Exposure, ...]]:
     """Probes at the lowest ISO, where a sensor has its largest range; and the list to plan from."""
     able = [camera.capabilities() for camera in cameras.values()]
     exposures = exposure_list(common_times(able), common_isos(able), like.f_number, wanted)
     lowest = [exposure for exposure in exposures if exposure.iso == exposures[0].iso]
     positions = sorted({frames[0], frames[len(frames) // 2], frames[-1]})
-    return meter(cameras, lowest, positions=positions, move_to=move_to), exposures
+    return meter(cameras, lowest, positions=positions, move_to=move_to, progress=progress), exposures
 
 
 def _reason(plan: BracketPlan, metering: Metering, wanted: BracketGoals) -> str:
@@ -129,11 +135,14 @@ class Worth:
     """Value of an exposure to a camera, at the worst of its channels.
 
     snr: dB at the dark end of what the camera sees; headroom: stops from the bright end to where the
-    exposure clips, negative if it does.
+    exposure clips, negative if it does. snr_known, headroom_known: False where the meter did not find that
+    end, so that the value is the most that it may be.
     """
 
     snr: float
     headroom: float
+    snr_known: bool
+    headroom_known: bool
 
 
 def worths(targets: Sequence[Target], exposure: Exposure) -> dict[str, Worth]:
@@ -144,6 +153,8 @@ def worths(targets: Sequence[Target], exposure: Exposure) -> dict[str, Worth]:
         name: Worth(
             min(target.noise.snr(target.dark, exposure) for target in group),
             min(target.headroom(exposure) for target in group),
+            all(target.no_darker for target in group),
+            all(target.no_brighter for target in group),
         )
         for name, group in (groups | {"rig": list(targets)}).items()
     }

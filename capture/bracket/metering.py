@@ -21,6 +21,7 @@ from imaging.files.photo import Photo, decode_photo
 from imaging.files.raw import SUFFIXES as RAW_SUFFIXES
 from imaging.files.raw import decode_raw
 from imaging.optics.exposure import Exposure
+from imaging.progress import Progress, unreported
 from imaging.sensor.mosaic import RawMosaic
 
 
@@ -42,6 +43,7 @@ def meter(
     *,
     positions: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
+    progress: Progress = unreported,
 ) -> Metering:
     """Probe the scene from the middle of `exposures` outwards until both its ends are found.
 
@@ -53,6 +55,7 @@ def meter(
         exposures: Exposures to probe with, ascending.
         positions: Frames to go to, metered as one scene.
         move_to: Callback that brings rig or scene to a frame, before each exposure there.
+        progress: Callback for each probe; how many there will be is not known.
 
     Returns:
         A target for each colour channel of each camera, the probes, and the cameras that were left out.
@@ -66,6 +69,7 @@ def meter(
 
     def probe(exposure: Exposure) -> None:
         probes.append(exposure)
+        progress(f"metering, probe {len(probes)}: {exposure}", 0, 0)
         for position in positions:
             move_to(position)
             for take in range(TAKES):

@@ -16,7 +16,7 @@ from capture.record.memory_budget import MemoryBudget
 from capture.record.thread_group import Inbox
 from drivers.camera import Camera, CameraFile, HardwareTriggered, ShootsBrackets, StoresShots
 from drivers.clock import Clock
-from drivers.errors import CameraBusy, CameraLost, CameraTimeout, HostLost
+from drivers.errors import CameraBusy, CameraGone, CameraLost, CameraTimeout, HostLost
 from imaging.errors import CameraError, RigError
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
@@ -189,7 +189,9 @@ class CameraWorker:
 
     def _missed(self, step: ExposureStep, error: CameraError) -> None:
         # A host that is lost fails at once, and its cameras take part again as soon as it is back.
-        self._misses += not isinstance(error, HostLost)
+        if not isinstance(error, HostLost):
+            # The others stood still for one that was waited for: another attempt at the shot costs as much.
+            self._misses += RETRIES + 1 if isinstance(error, CameraGone) else 1
         step.count_failure(self.name)
         step.finish(self.name, error)
 

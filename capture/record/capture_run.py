@@ -8,11 +8,12 @@ from itertools import pairwise
 from capture.bracket.acceptance import RETRIES, Acceptance
 from capture.bracket.deviation import deviates, stops_apart
 from capture.record.camera_worker import CameraGivenUp
-from capture.record.capture_result import CaptureResult
+from capture.record.capture_result import CaptureResult, span
 from capture.record.capture_threads import CaptureThreads
 from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
 from capture.record.shot_files import ShotId, drop_aside, put_back, set_aside
 from drivers.clock import Clock
+from drivers.errors import CameraLost
 from imaging.errors import RigError, StorageError
 from imaging.optics.exposure import Exposure
 from imaging.progress import Progress
@@ -95,7 +96,8 @@ class CaptureRun:
         self.earlier = len([shot_id for shot_id in self.planned if shot_id in self.done])
         self.state = RunState()
         self._missing: dict[ShotId, str] = {}
-        self._problems: list[str] = []
+        self._lost: set[str] = set()
+        self._deviating: dict[str, list[ShotRecord]] = {}
         self._apart: dict[int, list[tuple[float, ShotId]]] = {}
         self._untimed: dict[str, list[float]] = {}
         self._unknown: dict[str, None] = {}
@@ -168,20 +170,23 @@ class CaptureRun:
         refused = self.state.halted
         if refused is not None and not self._session.shots():
             raise refused
-        reasons = {
-            shot_id: self._missing.get(shot_id) for shot_id in self.planned if shot_id not in self.done
-        }
-        for shot_id, reason in reasons.items():
-            if reason in (None, str(refused)):
-                # The file that the disk refused may be that of another camera.
-                reasons[shot_id] = f"the capture stopped: {refused}"
+        what, _, mend = ("", "", "") if refused is None else str(refused).rstrip(".").rpartition(": ")
+        reasons: dict[ShotId, str] = {}
+        for shot_id in self.planned:
+            if shot_id in self.done:
+                continue
+            reason = self._missing.get(shot_id)
+            # The file that the disk refused may be that of another camera.
+            stopped = refused is not None and reason in (None, str(refused))
+            reasons[shot_id] = f"the capture stopped: {what}" if stopped else reason or "it was not taken"
         return CaptureResult(
             session=self._session.folder,
             planned=len(self.planned),
             taken=len(self.done) - self.earlier,
             earlier=self.earlier,
-            missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
-            problems=(*self._problems, *self._skews()),
+            missing=tuple(f"{shot_id}: {reason.rstrip('.')}" for shot_id, reason in reasons.items()),
+            mend=mend.removesuffix(" and run again"),
+            problems=(*self._deviations(), *self._skews()),
             unknown=(*self._without_times(), *self._unknown),
         )
 
@@ -211,6 +216,10 @@ class CaptureRun:
     def _failed(self, shot_id: ShotId, error: RigError) -> None:
         if not (isinstance(error, CameraGivenUp) and shot_id in self._missing):
             self._missing[shot_id] = str(error)
+        if isinstance(error, CameraLost) and shot_id.camera not in self._lost:
+            self._lost.add(shot_id.camera)
+            others = ", the others go on" if len(self._plan.cameras) > 1 else ""
+            self._progress(f"{shot_id.camera} is lost{others}: {error}", len(self.done), len(self.planned))
 
     def _on_disk(self, change: Callable[[], None], shot_id: ShotId, threads: CaptureThreads) -> bool:
         """Change files or the line of a shot; False, and the run halts, if the disk refuses."""
@@ -267,18 +276,33 @@ class CaptureRun:
                 self._untimed[shot_id.camera].append(bound)
         self._unknown |= dict.fromkeys(written.unknown)
         if deviates(written.reported, requested):
-            self._problems.append(_deviation(shot_id, requested, written.reported))
+            self._deviating.setdefault(shot.camera, []).append(shot)
         # Where shutters are unknown, orders that went out too far apart are enough to say so.
         apart = shot.trigger_delay if shot.skew is None else shot.skew
         if apart is not None and apart > self._tolerance and not shot.retries:
             self._apart.setdefault(shot_id.step, []).append((apart, shot_id))
-        self._progress(shot.file, len(self.done), len(self.planned))
+        back = f"{shot.camera} is back: " if shot.camera in self._lost else ""
+        self._lost.discard(shot.camera)
+        self._progress(f"{back}{shot.file}", len(self.done), len(self.planned))
+
+    def _deviations(self) -> Iterator[str]:
+        """A sentence for each camera that reports other exposures than were asked for."""
+        for camera, shots in self._deviating.items():
+            worst = max(shots, key=lambda shot: abs(_stops_off(shot)))
+            place = f"frame {worst.frame}, step {worst.step}"
+            if len(shots) == 1:
+                yield f"{camera}, {place}: the camera reports {_deviation(worst)}"
+            else:
+                yield (
+                    f"{camera}: {len(shots)} shots report another exposure than was asked for, such as "
+                    f"{place}: {_deviation(worst)}"
+                )
 
     def _without_times(self) -> Iterator[str]:
         """A sentence on the cameras that do not say when their shutters opened."""
-        if self._untimed:
+        if self._untimed and self._plan.kind != "dark":
             bounds = [bound for each in self._untimed.values() for bound in each]
-            most = f", at most {1000 * max(bounds):.3g} ms" if bounds else ""
+            most = f", at most {span(max(bounds))}" if bounds else ""
             yield (
                 f"the skew of {', '.join(sorted(self._untimed))} is unknown{most}: a camera that stamps no "
                 "frames opens its shutter some time after its order; keep the scene still"
@@ -292,11 +316,15 @@ class CaptureRun:
             opened = "shutters opened" if self.done[shot].skew is not None else "orders to expose went out"
             yield (
                 f"step {step}: in {frames} of {len(self._plan.frames)} frames the {opened} more than "
-                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({shot.camera}, frame "
-                f"{shot.frame}): keep the scene still, or trigger the cameras by a hardware line"
+                f"{span(self._tolerance)} apart, up to {span(worst)} ({shot.camera}, frame {shot.frame}): "
+                "keep the scene still, or trigger the cameras by a hardware line"
             )
 
 
-def _deviation(shot_id: ShotId, requested: Exposure, reported: Exposure) -> str:
-    apart = stops_apart(reported, requested)
-    return f"{shot_id}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
+def _stops_off(shot: ShotRecord) -> float:
+    assert shot.reported is not None
+    return stops_apart(shot.reported, _exposure_of(shot.requested))
+
+
+def _deviation(shot: ShotRecord) -> str:
+    return f"{shot.reported} where {shot.requested} was asked for ({_stops_off(shot):+.2f} stops)"

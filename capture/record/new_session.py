@@ -10,6 +10,13 @@ from imaging.session.records import SessionRecord
 from imaging.session.session import Session
 
 
+def must_be_no_file(folder: Path) -> None:
+    """InputError if a file is in the way of a folder."""
+    for path in (folder, *folder.parents):
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path} is a file: name a new folder.")
+
+
 @contextmanager
 def folder_made(folder: Path) -> Iterator[None]:
     """Make a folder and its parents; those still empty when the block fails are removed again.
@@ -17,9 +24,7 @@ def folder_made(folder: Path) -> Iterator[None]:
     InputError if a file is in the way.
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    for path in (folder, *folder.parents):
-        if path.exists() and not path.is_dir():
-            raise InputError(f"{path} is a file: name a new folder.")
+    must_be_no_file(folder)
     try:
         store.make_folder(folder)
         yield

@@ -75,7 +75,7 @@ def record(
     run = CaptureRun(session, plan, clock, progress, tolerance, leader)
     save, prove = partial(save_frame, session, compression), partial(must_decode, session)
     progress("shooting", run.earlier, len(run.planned))
-    if len(run.done) < len(run.planned):
+    if any(shot not in run.done for shot in run.planned):
         budget = MemoryBudget(clock)
         with (
             clock.worker("recorder"),

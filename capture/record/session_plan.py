@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from math import isfinite
+from typing import Literal
 
 from capture.bracket.automatic import Automatic, meter_rig, plan_automatically
 from capture.bracket.deviation import deviates
@@ -21,6 +22,7 @@ from capture.request import CaptureRequest, Stops
 from imaging.choices import Subject
 from imaging.errors import InputError
 from imaging.optics.exposure import Exposure
+from imaging.progress import Progress, unreported
 from imaging.session.records import PlanRecord
 
 NAMES: dict[Subject, str] = {"scene": "scene", "dark": "darks", "flat": "flats", "board": "board"}
@@ -30,16 +32,21 @@ flats measure the variance of every level; a board is shown in all corners and a
 
 
 def plan_for(
-    source: Source, request: CaptureRequest, plans: Sequence[PlanRecord]
+    source: Source,
+    request: CaptureRequest,
+    plans: Sequence[PlanRecord],
+    progress: Progress = unreported,
 ) -> tuple[PlanRecord, Automatic | None]:
     """The plan that is to follow `plans` in a session, and how its bracket was planned, if it was.
 
-    Exposures that are not given are metered. InputError and CaptureError for impossible requests.
+    Exposures that are not given are metered, and `progress` shows the probes. InputError and CaptureError for
+    impossible requests.
     """
     frames = _frames(source, request, plans)
     bracket: tuple[Exposure, ...] | Stops | BracketGoals | None = request.bracket
     if bracket is None and request.kind == "scene":
         bracket = source.bracket
+    _must_have(source, source.bracket if bracket is None and request.kind == "dark" else bracket)
     automatic: Automatic | None = None
     exposures: tuple[Exposure, ...] = ()
     bands: tuple[str, ...] = ()
@@ -47,19 +54,19 @@ def plan_for(
         for band in source.wheel:
             if isinstance(bracket, BracketGoals) or not (source.middle or _is_exact(bracket)):
                 source.operator.turn_to(band)  # to be metered
-            chosen, reason, automatic = _asked(source, request, bracket, frames)
+            chosen, reason, automatic = _asked(source, request, bracket, frames, progress)
             exposures, bands = (*exposures, *chosen), (*bands, *[band] * len(chosen))
     elif bracket is not None:
-        exposures, reason, automatic = _asked(source, request, bracket, frames)
+        exposures, reason, automatic = _asked(source, request, bracket, frames, progress)
     elif request.kind == "dark":
         exposures, reason = _darks(source, plans, frames)
     elif request.kind == "flat":
-        targets = _metered(source, "flat", frames).targets
+        targets = _metered(source, "flat", frames, progress).targets
         exposures = flat_levels(targets, single_exposures(source.cameras, source.f_number))
         full = max(target.bright for target in targets) * exposures[-1].scale
         reason = f"metered: levels down from {full:.0%} of white, where the camera that sees most light is"
     else:
-        metering = _metered(source, "board", frames)
+        metering = _metered(source, "board", frames, progress)
         exposures = (
             middle_exposure(metering.targets, single_exposures(source.cameras, source.f_number, STILL)),
         )
@@ -85,6 +92,7 @@ def _asked(
     request: CaptureRequest,
     bracket: tuple[Exposure, ...] | Stops | BracketGoals,
     frames: Sequence[int],
+    progress: Progress,
 ) -> tuple[tuple[Exposure, ...], str, Automatic | None]:
     """The exposures that a bracket comes to with what is before the cameras now, why, and how planned."""
     if isinstance(bracket, BracketGoals):
@@ -95,12 +103,13 @@ def _asked(
             bracket,
             frames=metered_at(source, request.kind, frames),
             move_to=source.operator.move_to,
+            progress=progress,
         )
         return automatic.plan.exposures, automatic.reason, automatic
     reason = (
         f"the bracket of {source.called}" if request.bracket is None else "stops given on the command line"
     )
-    return _given(source, request.kind, bracket, frames), reason, None
+    return _given(source, request.kind, bracket, frames, progress), reason, None
 
 
 def asked_for(bracket: tuple[Exposure, ...] | Stops | BracketGoals | None) -> str | None:
@@ -122,18 +131,23 @@ def metered_at(source: Source, kind: Subject, frames: Sequence[int]) -> Sequence
     return frames if kind == "scene" and source.positions is not None else frames[:1]
 
 
-def _metered(source: Source, kind: Subject, frames: Sequence[int]) -> Metering:
+def _metered(source: Source, kind: Subject, frames: Sequence[int], progress: Progress) -> Metering:
     source.operator.show(kind)
     return meter_rig(
         source.cameras,
         like(source),
         frames=metered_at(source, kind, frames),
         move_to=source.operator.move_to,
+        progress=progress,
     )
 
 
 def _given(
-    source: Source, kind: Subject, bracket: tuple[Exposure, ...] | Stops, frames: Sequence[int]
+    source: Source,
+    kind: Subject,
+    bracket: tuple[Exposure, ...] | Stops,
+    frames: Sequence[int],
+    progress: Progress = unreported,
 ) -> tuple[Exposure, ...]:
     """Exposures as given, or stops around the middle one, which is metered if it is not given."""
     exposures = tuple(exposure for exposure in bracket if isinstance(exposure, Exposure))
@@ -147,24 +161,42 @@ def _given(
                 f"{source.called} does not say which exposure stops count from, and in the dark it cannot be "
                 'metered: add time = "1/60" to its [bracket].'
             )
-        candidates = _candidates(source)
-        middle = middle_exposure(_metered(source, kind, frames).targets, candidates)
+        candidates = single_exposures(source.cameras, source.f_number)
+        if source.iso is not None:
+            candidates = tuple(one.model_copy(update={"iso": source.iso}) for one in candidates)
+        middle = middle_exposure(_metered(source, kind, frames, progress).targets, candidates)
     return exposures_around(middle, stops, source.cameras)
 
 
-def _candidates(source: Source) -> tuple[Exposure, ...]:
-    """The exposures that a metered middle one may be; InputError if a camera lacks the ISO of the source."""
-    candidates = single_exposures(source.cameras, source.f_number)
-    iso = source.iso
-    if iso is None:
-        return candidates
-    wanted = Exposure(time=1.0, iso=iso)
+def _must_have(source: Source, bracket: tuple[Exposure, ...] | Stops | BracketGoals | None) -> None:
+    """InputError if a camera lacks the f-number of the source, or the ISO of its stops."""
+    f_number, middle = like(source).f_number, source.middle
+    iso = source.iso if middle is None else middle.iso
+    if bracket is None or isinstance(bracket, BracketGoals) or _is_exact(bracket):
+        iso = None
     for name, camera in source.cameras.items():
-        isos = camera.capabilities().isos
-        if all(deviates(Exposure(time=1.0, iso=one), wanted) for one in isos):
-            instead = f"choose one from {isos[0]:g} to {isos[-1]:g}" if isos else "leave iso out"
-            raise InputError(f"{source.called} asks for ISO {iso:g}, which {name} lacks: {instead}.")
-    return tuple(exposure.model_copy(update={"iso": iso}) for exposure in candidates)
+        able = camera.capabilities()
+        if iso is not None and middle is None and not able.isos:
+            raise InputError(f"{source.called} asks for ISO {iso:g}, which {name} lacks: leave iso out.")
+        asks = f"{source.called} asks for"
+        _must_be_among(able.f_numbers, "f_number", f_number, f"{asks} f/", name)
+        _must_be_among(able.isos, "iso", iso, f"{asks} ISO ", name)
+
+
+def _must_be_among(
+    choices: Sequence[float], dial: Literal["f_number", "iso"], wanted: float | None, asks: str, name: str
+) -> None:
+    """InputError if a camera that states choices of a dial has none that is near what is wanted."""
+    known = sorted(choice for choice in choices if choice > 0)
+    if wanted is None or not known:
+        return
+    exposure = Exposure(time=1.0).model_copy(update={dial: wanted})
+    if all(deviates(exposure.model_copy(update={dial: choice}), exposure) for choice in known):
+        sign = "f/" if dial == "f_number" else ""
+        raise InputError(
+            f"{asks}{wanted:g}, which {name} lacks: "
+            f"choose one from {sign}{known[0]:g} to {sign}{known[-1]:g}."
+        )
 
 
 def _darks(

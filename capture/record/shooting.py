@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from capture.bracket.automatic import meter_rig
+from capture.bracket.automatic import Automatic, meter_rig
 from capture.bracket.metering import Metering
 from capture.bracket.planner import BracketPlan
 from capture.record.capture_result import CaptureResult
 from capture.record.capture_run import finished, planned_shots
 from capture.record.forecast import Forecast, Stopwatch, TimedCamera, forecast_of
-from capture.record.new_session import begin, folder_made, is_vacant
+from capture.record.new_session import begin, folder_made, is_vacant, must_be_no_file
 from capture.record.recorder import record
 from capture.record.resumed_plan import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
@@ -62,39 +62,21 @@ def shoot(
             that the session knows by its name.
         StorageError: The disk refuses; what was finished stays.
     """
-    if request.resume and not out.is_dir():
-        raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
-    identity = SessionRecord(
-        name=out.resolve().name,
-        created=datetime.now(UTC),
-        origin=source.origin,
-        seed=source.seed,
-        cameras=source.records,
-        bands=source.bands,
-    )
+    _must_be_there(out, request)
     with folder_made(out), sole_writer(out):
-        session, timed = _existing(out, request), source
-        plans = [] if session is None else session.plans()
-        if session is not None:
-            must_be_the_same(session, identity)
-        plan = continued(session, source, request, plans, say) if session and request.resume else None
-        if plan is None:
-            progress("planning", 0, 0)
-            timed = _timed(source, request)
-            plan = plan_for(timed, request, plans)[0]
-            session = session or begin(out, identity)
+        start = _prepared(source, out, request, progress, say)
+        session, plan, done = start.session, start.plan, start.done
+        if start.is_new:
+            session = session or begin(out, start.identity)
             if source.turntable is not None and request.kind == "scene":
                 store.write_json(out / TURNTABLE, source.turntable.model_dump(mode="json"))
             if source.lamps is not None and request.kind == "scene":
                 store.write_json(out / LAMPS, source.lamps.model_dump(mode="json"))
             session.append_plan(plan)
         assert session is not None
-        done = finished(session, plan)
-        pending = [shot for shot in planned_shots(plan) if shot not in done]
-        forecast = forecast_of(plan, pending, timed, out, session)
-        if pending:
+        forecast = forecast_of(plan, start.pending, start.timed, out, session)
+        if start.pending:
             announce(forecast)
-        if len(done) < len(planned_shots(plan)):
             source.operator.show(request.kind)
         if done:
             # From it the operator knows that the next frame is not the first.
@@ -115,7 +97,69 @@ def shoot(
                 leader=source.leader,
             )
             seconds = source.clock.now() - began - moving.seconds
-            return replace(result, run=_recorded(session, plan, set(done), forecast, seconds))
+            return replace(result, run=_recorded(session, plan, done, forecast, seconds))
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What is known before the first shot.
+
+    session: None where `identity` is to begin one. done, pending: shots of the plan. timed: the source with
+    the test shots of the meter. automatic: how a new plan's bracket was planned, if it was.
+    """
+
+    session: Session | None
+    identity: SessionRecord
+    plan: PlanRecord
+    is_new: bool
+    done: Set[ShotId]
+    pending: Sequence[ShotId]
+    timed: Source
+    automatic: Automatic | None
+
+
+def _must_be_there(out: Path, request: CaptureRequest) -> None:
+    """InputError if nothing is there to be resumed."""
+    if request.resume and not out.is_dir():
+        raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
+
+
+def _prepared(source: Source, out: Path, request: CaptureRequest, progress: Progress, say: Say) -> _Start:
+    """Find or make the plan and write nothing; InputError and CaptureError as of `shoot`."""
+    identity = SessionRecord(
+        name=out.resolve().name,
+        created=datetime.now(UTC),
+        origin=source.origin,
+        seed=source.seed,
+        cameras=source.records,
+        bands=source.bands,
+    )
+    session, timed, automatic = _existing(out, request), _timed(source, request), None
+    plans = [] if session is None else session.plans()
+    plan: PlanRecord | None = None
+    if session is not None:
+        must_be_the_same(session, identity)
+        plan = continued(session, source, request, plans, say) if request.resume else None
+    is_new = plan is None
+    if plan is None:
+        if session is not None:
+            _must_be_planned(session, request, plans)
+        progress("planning", 0, 0)
+        plan, automatic = plan_for(timed, request, plans, progress)
+    done = set() if session is None else set(finished(session, plan))
+    pending = [shot for shot in planned_shots(plan) if shot not in done]
+    return _Start(session, identity, plan, is_new, done, pending, timed, automatic)
+
+
+def _must_be_planned(session: Session, request: CaptureRequest, plans: Sequence[PlanRecord]) -> None:
+    """InputError if shots have lost their plan: a new one would take their names."""
+    names = {plan.plan for plan in plans}
+    lost = [shot for shot in session.shots(request.kind) if shot.plan not in names]
+    if lost:
+        shots = f"its {request.kind} shot" if len(lost) == 1 else f"its {len(lost)} {request.kind} shots"
+        raise InputError(
+            f"{session.folder / 'plans.jsonl'} lacks the plan of {shots}: restore it from a copy."
+        )
 
 
 def _timed(source: Source, request: CaptureRequest) -> Source:
@@ -184,34 +228,41 @@ class Rehearsal:
     unmetered: str | None = None
 
 
-def rehearse(source: Source, out: Path, request: CaptureRequest) -> Rehearsal:
+def rehearse(
+    source: Source,
+    out: Path,
+    request: CaptureRequest,
+    *,
+    progress: Progress = unreported,
+    say: Say = lambda line: None,
+) -> Rehearsal:
     """Plan what `shoot` would take, with the scene metered, and write nothing.
 
     InputError and CaptureError as there; but a bracket that is given needs no meter.
     """
-    session = Session.open(out) if (out / "session.json").exists() else None
-    plans: Sequence[PlanRecord] = session.plans() if session is not None else []
-    timed = _timed(source, request)
-    planned, automatic = plan_for(timed, request, plans)
-    metering = None if automatic is None else automatic.metering
-    unmetered = None
-    if automatic is None and request.kind == "scene":
+    _must_be_there(out, request)
+    must_be_no_file(out)
+    start = _prepared(source, out, request, progress, say)
+    metering = None if start.automatic is None else start.automatic.metering
+    unmetered = None if start.pending else "all shots are taken"
+    if start.automatic is None and start.pending and request.kind == "scene":
         try:
             metering = meter_rig(
-                timed.cameras,
+                start.timed.cameras,
                 like(source),
-                frames=metered_at(source, "scene", planned.frames),
+                frames=metered_at(source, "scene", start.plan.frames),
                 move_to=source.operator.move_to,
+                progress=progress,
             )
         except CaptureError as error:
             unmetered = str(error)
     return Rehearsal(
-        record=planned,
+        record=start.plan,
         size=_size(source),
         metering=metering,
-        plan=None if automatic is None else automatic.plan,
+        plan=None if start.automatic is None else start.automatic.plan,
         unmetered=unmetered,
-        forecast=forecast_of(planned, planned_shots(planned), timed, out, session),
+        forecast=forecast_of(start.plan, start.pending, start.timed, out, start.session),
     )
 
 

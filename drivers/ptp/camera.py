@@ -9,7 +9,7 @@ from usb.backend import IBackend
 from drivers import usb
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
-from drivers.errors import CameraBusy, CameraLost, CameraRefused
+from drivers.errors import CameraBusy, CameraGone, CameraLost, CameraRefused
 from drivers.ptp.autobracket import AutoBracket, shows
 from drivers.ptp.bracket_shot import fit_of, shoot, stand
 from drivers.ptp.dials import Dials
@@ -246,14 +246,14 @@ class PtpCamera:
         for last in (False, True):
             try:
                 return act(self._connected())
-            except CameraLost:
+            except CameraLost as error:
                 self._drop()
-                if last:
+                if last or isinstance(error, CameraGone):  # which was waited for already
                     raise
         raise AssertionError  # one of the two returned or raised
 
     def _connected(self) -> StandardBody:
-        """The camera, opened if it is not; CameraLost if it does not come back."""
+        """The camera, opened if it is not; CameraGone if it does not come back."""
         if self._body is None:
             self._body = self._connection.open()
             if self._wanted is not None and self._shot is None:

@@ -25,7 +25,11 @@ def forecast_line(forecast: Forecast, pause: float | Literal["key"] = 0.0) -> st
         about += f" and {size(forecast.size)}"
         each += f" and {size(forecast.size / frames)}"
         if not forecast.fits:
-            room = f"only {size(forecast.free)} are free: make room before you begin"
+            enough = counted(forecast.free * forecast.shots // forecast.size, "shot")
+            room = (
+                f"only {size(forecast.free)} are free, so it stops after about {enough} unless you free "
+                "space; --resume then goes on"
+            )
     more = ""
     if pause == "key":
         more = ", beside the time in which you move things"

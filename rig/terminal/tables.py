@@ -10,6 +10,11 @@ NARROW, WIDE = 60, 130
 """Columns of text that a table has at least, and at most."""
 
 
+def columns_of_text() -> int:
+    """Width of a table: that of the terminal, within bounds."""
+    return min(max(shutil.get_terminal_size((100, 24)).columns, NARROW), WIDE)
+
+
 def table(
     groups: Iterable[tuple[str, Sequence[tuple[str, ...]]]],
     columns: Sequence[str],
@@ -35,7 +40,6 @@ def table(
         for row in rows:
             # What files say is never read as markup.
             drawn.add_row(*(Text(plain(row[i])) for i in filled))
-    width = min(max(shutil.get_terminal_size((100, 24)).columns, NARROW), WIDE)
     stream = StringIO()
-    Console(file=stream, width=width, color_system=None, legacy_windows=False).print(drawn)
+    Console(file=stream, width=columns_of_text(), color_system=None, legacy_windows=False).print(drawn)
     return [line.rstrip() for line in stream.getvalue().splitlines() if line.strip()]

@@ -82,11 +82,11 @@ class Place:
         finally:
             assert bus.backend.open_handles == 0
 
-    def rehearse(self) -> Rehearsal:
+    def rehearse(self, name: str = "S") -> Rehearsal:
         rig, bus = self.bus()
         request = RigRequest(operator=rig, positions=rig.frames, backend=bus.backend, clock=bus.clock)
         with connected_source(read_rig_file(self.file), request) as source:
-            return rehearse(source, self.out, request)
+            return rehearse(source, self.folder / name, request)
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_the_middle_of_stops_is_metered_where_the_file_does_not_give_it(place: P
     (plan,) = Session.open(place.out).plans()
     low, middle, high = plan.bracket
     assert (middle.time / low.time, high.time / middle.time) == pytest.approx((4, 4), rel=0.07)
-    metering = place.rehearse().metering
+    metering = place.rehearse("T").metering
     assert metering is not None
 
     def lacks(exposure: Exposure) -> tuple[float, float]:
@@ -180,10 +180,21 @@ def test_the_iso_of_stops_is_that_of_the_file_where_their_middle_is_metered(plac
     assert 1 / 64 < middle.time < 1 / 16
 
 
-def test_an_iso_of_metered_stops_that_a_camera_lacks_is_refused(place: Place) -> None:
-    place.write(('exposures = "auto"', "exposures = [-2, 0]"), ("# iso = 100", "iso = 7"))
-    with pytest.raises(InputError, match=r"asks for ISO 7, which cam0 lacks: choose one from 100 to 1600"):
-        place.shoot()
+ISO = (("# iso = 100", "iso = 7"), "ISO 7, which cam0 lacks: choose one from 100 to 1600")
+IRIS = (("f_number = 8 ", "f_number = 45 "), "f/45, which cam0 lacks: choose one from f/2.8 to f/16")
+
+
+@pytest.mark.parametrize(
+    ("bracket", "change", "words"),
+    [("exposures = [-2, 0]", *ISO), (STOPS, *ISO), (STOPS, *IRIS), ('exposures = "auto"', *IRIS)],
+)
+def test_a_setting_that_a_camera_lacks_is_refused(
+    place: Place, bracket: str, change: tuple[str, str], words: str
+) -> None:
+    place.write(('exposures = "auto"', bracket), change)
+    for work in (place.shoot, place.rehearse):
+        with pytest.raises(InputError, match=rf"RIG\.toml asks for {words}"):
+            work()
     assert not place.out.exists()
 
 

@@ -208,11 +208,30 @@ def test_plans_that_the_rig_cannot_shoot_are_refused(toy, tmp_path):
             capture_simulated("toy", broken, seed=3, resume=True)
 
 
+def test_shots_without_their_plan_are_not_planned_anew(toy, tmp_path):
+    lost = copy(toy, tmp_path / "lost")
+    (lost / "plans.jsonl").unlink()
+    before = tree(lost)
+    words = r"plans\.jsonl lacks the plan of its 18 scene shots: restore it from a copy\."
+    with pytest.raises(InputError, match=words):
+        capture_simulated("toy", lost, seed=3, resume=True)
+    with simulated_source("toy", seed=3) as source, pytest.raises(InputError, match=words):
+        rehearse(source, lost, CaptureRequest(resume=True))
+    assert tree(lost) == before
+
+
 def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     wanted = BracketGoals(snr=20.0, slowest=1 / 4)
+    said: list[str] = []
     with simulated_source("toy", seed=3) as source:
-        rehearsed = rehearse(source, tmp_path / "s", CaptureRequest(bracket=wanted))
+        request = CaptureRequest(bracket=wanted)
+        rehearsed = rehearse(source, tmp_path / "s", request, progress=lambda line, *_: said.append(line))
     assert list(tmp_path.iterdir()) == []
+    assert rehearsed.metering is not None
+    assert said[0] == "planning"
+    assert len(said) == 1 + len(rehearsed.metering.probes)
+    for probe in rehearsed.metering.probes:
+        assert sum(line.startswith("metering, probe") and line.endswith(str(probe)) for line in said) == 1
     out = tmp_path / "s"
     result = capture_simulated("toy", out, seed=3, bracket=wanted)
     plan = Session.open(out).plans()[0]

@@ -11,6 +11,7 @@ from drivers import conformance
 from drivers.camera import Camera, CameraIdentity
 from drivers.conformance import EXAMINATIONS, Examination, bracket, examine
 from drivers.discovery import find_cameras
+from drivers.errors import CameraRefused
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.u3v.device import U3vDevice
@@ -125,6 +126,19 @@ def test_a_camera_that_does_not_answer_is_let_go() -> None:
     with pytest.raises(CameraError):
         list(examine(Broken(camera, capabilities=gone), bus.clock))
     assert bus.backend.open_handles == 0
+
+
+def test_what_a_camera_lacks_is_worded_without_an_order() -> None:
+    def none(method: Any, exposures: Any) -> Any:
+        raise CameraRefused("1-2 has no such bracket: set and trigger each exposure.")
+
+    camera = BusRig(simulate("toy"), model="sony-a7m4").cameras()[0]
+    clock = BusRig(simulate("toy")).clock
+    broken = Broken(camera, capabilities=lambda method: replace(method(), width=0, height=0), bracket=none)
+    size, own = examine(broken, clock, examinations=[conformance.capabilities, bracket])
+    assert size.says.startswith("size known from its first picture, ")
+    assert own.says == "none of its own (1-2 has no such bracket): each exposure is set and triggered"
+    assert (size.verdict, own.verdict) == ("passed", "passed")
 
 
 def test_too_dark_a_scene_is_not_a_failure() -> None:

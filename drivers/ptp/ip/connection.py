@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraBusy,
     CameraClaimed,
+    CameraGone,
     CameraLost,
     CameraNotFound,
     CameraPermission,
@@ -135,7 +136,7 @@ class IpConnection:
     def open(self) -> StandardBody:
         """Open a session and take control; a camera that was there before may be on its way back.
 
-        CameraLost if it does not come back, and all other CameraErrors.
+        CameraGone if it does not come back, and all other CameraErrors.
         """
         if self.identity is None:
             return self._opened(PAIRING_SECONDS)
@@ -145,7 +146,7 @@ class IpConnection:
                 return self._opened(QUICK_TIMEOUT)
             except (CameraNotFound, CameraLost, CameraTimeout, CameraClaimed, CameraBusy) as error:
                 if self._clock.now() >= end:
-                    raise CameraLost(f"Camera {self.identity.serial} does not come back: {error}") from error
+                    raise CameraGone(f"Camera {self.identity.serial} does not come back: {error}") from error
             self._clock.sleep(_LOOK_EVERY)
 
     def _opened(self, patience: float) -> StandardBody:

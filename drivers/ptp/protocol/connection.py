@@ -8,7 +8,7 @@ from usb.util import dispose_resources
 from drivers import usb
 from drivers.camera import CameraIdentity
 from drivers.clock import Clock
-from drivers.errors import CameraLost
+from drivers.errors import CameraGone, CameraLost
 from drivers.ptp.protocol.codes import USB_VENDORS, CanonOperation, SonyOperation, VendorId
 from drivers.ptp.protocol.session import PtpSession
 from drivers.ptp.protocol.transport import UsbTransport
@@ -34,7 +34,7 @@ class Connection(Protocol):
     identity: CameraIdentity | None
 
     def open(self) -> StandardBody:
-        """Open a session and take control. CameraLost if it does not come back, and all CameraErrors."""
+        """Open a session and take control. CameraGone if it does not come back, and all CameraErrors."""
         ...
 
 
@@ -82,7 +82,7 @@ class UsbConnection:
     def open(self) -> StandardBody:
         """Open a session and take control; after the first time, wherever the camera is now.
 
-        CameraLost if it does not come back, and all other CameraErrors.
+        CameraGone if it does not come back, and all other CameraErrors.
         """
         if self._connected is None:
             return self._searched()
@@ -108,7 +108,7 @@ class UsbConnection:
                 if refused is not None:
                     raise refused
                 name = self.identity.serial if self.identity else self.where
-                raise CameraLost(f"Camera {name} is no longer there: plug it in again and wake it up.")
+                raise CameraGone(f"Camera {name} is no longer there: plug it in again and wake it up.")
             self._clock.sleep(_LOOK_EVERY)
 
     def _may_be(self, device: usb.UsbDevice) -> bool:

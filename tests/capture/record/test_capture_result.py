@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.record.capture_result import LISTED, CaptureResult
+from capture.record.capture_result import LISTED, CaptureResult, span
 from imaging.errors import PartialError
 
 
@@ -15,11 +15,21 @@ def said(*missing: str) -> str:
     return str(caught.value)
 
 
-def test_few_are_listed_each() -> None:
-    assert said("a, frame 0, step 0: unplugged", "a, frame 0, step 1: unplugged") == (
-        "S: 2 of 100 shots are missing (a, frame 0, step 0: unplugged; a, frame 0, step 1: unplugged): "
-        "repeat the command with --resume to take them."
+def test_each_cause_is_stated_once() -> None:
+    assert said(
+        "a, frame 0, step 0: unplugged", "a, frame 0, step 1: unplugged", "a, frame 0, step 2: too dark"
+    ) == (
+        "S: 3 of 100 shots are missing (a, frame 0, step 0 and 1 more: unplugged; a, frame 0, step 2: too "
+        "dark): repeat the command with --resume to take them."
     )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.02, "20 ms"), (0.9994, "999 ms"), (0.9996, "1 s"), (3.15, "3.15 s"), (1250.4, "1250 s")],
+)
+def test_times_have_no_exponents(seconds: float, words: str) -> None:
+    assert span(seconds) == words
 
 
 def test_many_are_told_by_their_causes() -> None:

@@ -18,6 +18,7 @@ from capture.request import CaptureRequest, RigRequest
 from capture.rigfile.rigfile import read_rig_file
 from drivers.sim.bus_rig import VISION, BusRig
 from drivers.sim.rigs import simulate
+from imaging.errors import InputError
 from imaging.session.session import Session
 
 RIG = """
@@ -60,9 +61,9 @@ class Rig:
         with connected_source(read_rig_file(path), request) as source:
             yield source
 
-    def rehearse(self, **options: Any) -> Forecast:
+    def rehearse(self, name: str = "S", **options: Any) -> Forecast:
         with self.source() as source:
-            return rehearse(source, self.folder / "S", CaptureRequest(**options)).forecast
+            return rehearse(source, self.folder / name, CaptureRequest(**options)).forecast
 
     def shoot(self, **options: Any) -> tuple[Any, list[Forecast]]:
         announced: list[Forecast] = []
@@ -121,11 +122,20 @@ def test_a_resumed_shoot_is_forecast_by_what_is_missing(rig: Rig) -> None:
     rig.shoot()
     shots = rig.folder / "S" / "shots.jsonl"
     shots.write_text("".join(shots.read_text().splitlines(keepends=True)[:7]))
+    assert rig.rehearse(resume=True).shots == 5
+    with pytest.raises(InputError, match="is not empty"):
+        rig.rehearse()
     resumed, (rest,) = rig.shoot(resume=True)
     assert rest.shots == resumed.taken == 5
     assert rest.size == resumed.run.bytes
     nothing, none = rig.shoot(resume=True)
     assert (nothing.run, none) == (None, [])
+    assert rig.rehearse(resume=True).shots == 0
+    with pytest.raises(InputError, match="is not a folder: leave --resume out"):
+        rig.rehearse("T", resume=True)
+    (rig.folder / "F").touch()
+    with pytest.raises(InputError, match="F is a file: name a new folder"):
+        rig.rehearse("F")
 
 
 def test_a_disk_that_is_too_small_is_told_before_the_first_shot(

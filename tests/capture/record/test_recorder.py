@@ -9,7 +9,9 @@ import pytest
 from capture.bracket.acceptance import RETRIES
 from capture.record import recorder
 from capture.record.camera_worker import GIVE_UP_AFTER
+from capture.record.capture_run import CaptureRun
 from capture.record.recorder import record
+from drivers.errors import CameraGone
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError, CaptureError, InputError, PartialError, StorageError
 from imaging.files import store
@@ -163,6 +165,34 @@ def test_a_camera_that_vanishes_is_given_up_and_the_others_finish(fake_rig):
     assert run(rig).taken == 7
 
 
+def test_a_camera_that_was_waited_for_in_vain_costs_few_attempts_and_is_reported(fake_rig):
+    rig, said = fake_rig(a="raw", b="raw"), []
+    for call in range(3, 100):
+        rig.cameras["b"].faults["set_exposure", call] = CameraGone("Camera serial-b does not come back.")
+    result = run(rig, progress=lambda message, done, total: said.append(message))
+    assert rig.log.count(("set_exposure", "serial-b")) == 2 + GIVE_UP_AFTER
+    lost = [message for message in said if "lost" in message]
+    assert lost == ["b is lost, the others go on: Camera serial-b does not come back."]
+    with pytest.raises(PartialError, match="b, frame 1, step 0 and 5 more: given up after failing before"):
+        result.require_complete()
+    rig.cameras["b"].faults.clear()
+    rig.cameras["b"].faults["set_exposure", rig.cameras["b"].calls.count("set_exposure") + 1] = CameraGone(
+        "x."
+    )
+    said.clear()
+    run(rig, progress=lambda message, done, total: said.append(message))
+    assert [message for message in said if " is " in message] == [
+        "b is lost, the others go on: x.",
+        "b is back: raw/0000/b_2.dng",
+    ]
+
+
+def test_a_shot_that_was_not_tried_has_no_invented_reason(fake_rig, monkeypatch):
+    rig = fake_rig(a="raw")
+    monkeypatch.setattr(CaptureRun, "frames", lambda self: iter((0, 1)))
+    assert run(rig).missing[0] == "a, frame 2, step 0: it was not taken"
+
+
 def by_step(session, frame=0):
     return {shot.step: shot for shot in session.shots() if shot.frame == frame}
 
@@ -191,6 +221,17 @@ def test_a_camera_that_stays_wrong_is_recorded_as_it_reports_and_listed(fake_rig
         "where 1/32 s ISO 100 was asked for (+0.36 stops)",
     )
     assert rig.cameras["a"].calls.count("collect") == 10
+
+
+def test_a_camera_that_is_wrong_in_several_shots_is_one_sentence(fake_rig):
+    rig = fake_rig(a="raw")
+    wrong = Exposure(time=1 / 25, iso=100)
+    rig.cameras["a"].faults |= {("collect", call): wrong for call in range(1, 7)}
+    (problem,) = run(rig).problems
+    assert problem == (
+        "a: 3 shots report another exposure than was asked for, such as frame 0, step 2: "
+        "1/25 s ISO 100 where 1/128 s ISO 100 was asked for (+2.36 stops)"
+    )
 
 
 def test_a_wrong_frame_is_kept_where_the_camera_then_fails(fake_rig):
@@ -311,9 +352,14 @@ def test_a_disk_that_refuses_stops_the_capture_and_keeps_what_is_finished(
         assert len(result.missing) == 18 - len(shots)
         # Each names the file that was refused, which may be that of another camera, and says so.
         reason = re.compile(
-            r"\w, frame \d, step \d: the capture stopped: \S+ could not be written \(refused\): "
+            r"\w, frame \d, step \d: the capture stopped: \S+ could not be written \(refused\)$"
         )
         assert all(reason.match(sentence) for sentence in result.missing), result.missing
+        mend = "free some space on the disk" if code == errno.ENOSPC else "name a place on a disk that"
+        with pytest.raises(
+            PartialError, match=rf"\(refused\)\): {mend}.*, then repeat the command with --resu"
+        ):
+            result.require_complete()
     refuse = False
     assert run(rig).taken == 18 - len(shots)
     assert raw_files(rig.session) == raw_files(whole.session)

@@ -8,6 +8,7 @@ import pytest
 
 from capture.check.check import check
 from capture.record import recorder
+from capture.record.capture_result import span
 from capture.record.memory_budget import MemoryBudget
 from capture.record.recorder import record
 from drivers.clock import SystemClock
@@ -274,7 +275,16 @@ def test_the_skew_of_a_camera_that_does_not_stamp_its_frames_is_unknown(fake_rig
     assert report.untimed == (tuple(silent) if silent == "b" else ("a", "b", "c"))
     most = max(shot.skew_bound or 0.0 for shot in rig.session.shots())
     assert report.untimed_bound == most
-    assert f"at most {1000 * most:.3g} ms" in unknown
+    assert f"at most {span(most)}: " in unknown
+
+
+def test_it_does_not_matter_when_a_dark_is_exposed(fake_rig):
+    rig = fake_rig(a="raw", b="raw")
+    rig.plan = rig.plan.model_copy(update={"kind": "dark", "plan": "dark"})
+    rig.session.append_plan(rig.plan)
+    rig.cameras["b"].stamps = False
+    assert run(rig, VirtualClock()).unknown == ()
+    assert check(rig.session.folder).untimed == ()
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.08, 0.3])

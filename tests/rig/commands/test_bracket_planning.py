@@ -1,9 +1,23 @@
 """`rig capture --bracket auto` and the table of `--dry-run`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from capture.bracket.metering import Metering
+from capture.bracket.planner import Target
+from capture.bracket.raw_noise import RawNoise
+from capture.record.forecast import Forecast
+from capture.record.shooting import Rehearsal
+from imaging.optics.exposure import Exposure
+from imaging.sensor.noise import SensorNoise
+from imaging.session.records import PlanRecord
+from rig.cameras import rehearsal
+
+NOISE = RawNoise(SensorNoise(gain=1.0, read_noise=3.0), 3839.0)
+NOTHING = Forecast(0.0, 0.0, 0, 0, {}, 0, "nothing", 0)
 
 
 def json_of(rig, *arguments: str) -> dict:
@@ -49,14 +63,65 @@ def test_a_given_bracket_has_the_same_table(rig, tmp_path: Path) -> None:
     code, out, _ = rig(*arguments)
     assert code == 0
     for one in value["exposures"]:
-        worth = one["worth"]["rig"]
-        cell = f"{worth['snr_db']:6.1f} {worth['headroom_stops']:+7.1f}"
-        assert sum(line.endswith(cell) for line in out.splitlines()) == 1
+        cells = [
+            f"{one['worth'][name]['snr_db']:6.1f} {one['worth'][name]['headroom_stops']:+7.1f}"
+            for name in ("rig", "cam0", "cam1")
+        ]
+        assert sum(line.endswith("  ".join(cells)) for line in out.splitlines()) == 1
     stops = (
         value["exposures"][1]["worth"]["rig"]["headroom_stops"]
         - value["exposures"][0]["worth"]["rig"]["headroom_stops"]
     )
     assert stops == pytest.approx(-4, abs=0.2)
+
+
+def worth_lines(targets: list[Target], times: list[float]) -> list[str]:
+    """The lines that a dry run says of a bracket; the first two are the head."""
+    exposures = tuple(Exposure(time=time) for time in times)
+    plan = PlanRecord.model_construct(bracket=exposures)
+    metering = Metering(tuple(targets), exposures, {})
+    done = Rehearsal(record=plan, size=None, metering=metering, forecast=NOTHING)
+    return rehearsal._worth(done)[1]
+
+
+def test_the_worst_of_cameras_that_are_too_many_for_a_line_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    few = [Target(f"cam{n}", "G", NOISE, 0.001 * (n + 1), 10.0 * (n + 1)) for n in range(4)]
+    many = [Target(f"cam{n}", "G", NOISE, 0.001 * (n + 1), 10.0 * (n + 1)) for n in range(12)]
+    head, _, row, _ = worth_lines(few, [1 / 60])
+    assert head.split() == ["rig", "cam0", "cam1", "cam2", "cam3"]
+    head, row, _ = worth_lines(many, [1 / 60])
+    assert head.split() == ["exposure", "SNR", "dB", "worst", "headroom", "worst"]
+    assert (row.split()[3], row.split()[5]) == ("cam0", "cam11")
+    assert max(len(head), len(row)) <= 100
+
+
+def test_an_end_that_the_meter_did_not_find_is_a_bound() -> None:
+    found = Target("cam0", "G", NOISE, 0.001, 1.0)
+    dark = Target("cam1", "G", NOISE, 0.001, 2.0, no_darker=False)
+    snr = f"{NOISE.snr(0.001, Exposure(time=1 / 60)):.1f}"
+    _, _, row, last = worth_lines([found, dark], [1 / 60])
+    assert row.split()[2::2] == [f"<{snr}", snr, f"<{snr}"]
+    assert "; more than 11.0 stops lie between them (cam1 G); < is the most that it may be" in last
+    wide = replace(found, bright=8.0, no_brighter=True)
+    assert "; at least 13.0 stops lie between them (cam0 G); < " in worth_lines([wide, dark], [1 / 60])[-1]
+    assert "; 10.0 stops lie between them (cam0 G)." in worth_lines([found], [1 / 60])[-1]
+    bright = Target("cam1", "G", NOISE, 0.001, 2.0, no_brighter=False)
+    assert "<+" in worth_lines([bright], [1 / 60])[2]
+
+
+def test_a_dry_run_of_a_resumed_capture_counts_what_is_missing(rig, tmp_path: Path) -> None:
+    folder = tmp_path / "S"
+    capture = ("capture", "--sim", "toy", str(folder), "--frames", "1", "--bracket", "-4,0")
+    assert rig(*capture)[0] == 0
+    shots = (folder / "shots.jsonl").read_text().splitlines(keepends=True)
+    (folder / "shots.jsonl").write_text("".join(shots[:3]))
+    code, out, _ = rig(*capture, "--resume", "--dry-run")
+    assert code == 0
+    assert "\n1 of 4 shots still to take\n" in out
+    code, out, err = rig(*capture, "--dry-run")
+    assert (code, out) == (2, "")
+    assert "is not empty: name a new folder, or --resume the session in it." in err
 
 
 def test_cameras_that_develop_their_photographs_are_planned_for_with_the_assumption_told(

@@ -11,6 +11,7 @@ from drivers.camera import CameraFile
 from drivers.clock import SystemClock
 from drivers.errors import (
     CameraClaimed,
+    CameraGone,
     CameraLost,
     CameraNotFound,
     CameraPermission,
@@ -23,6 +24,7 @@ from drivers.ptp.ip import connection
 from drivers.ptp.ip.connection import connect, own_guid, own_name
 from drivers.ptp.ip.packets import PacketType
 from drivers.ptp.protocol import session
+from drivers.ptp.vendors.standard import StandardBody
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.ptp.profiles import PROFILES, profile
@@ -201,8 +203,17 @@ def test_a_camera_that_does_not_come_back_is_lost(
     with server:
         (camera,) = cameras_at([(server.host, server.port)], CLOCK)
         camera.identify()
-    with pytest.raises(CameraLost, match=r"Camera SIM-RAW-001 does not come back: .*connection refused"):
+    opened = []
+    open_again = camera._connection.open
+
+    def counted() -> StandardBody:
+        opened.append(1)
+        return open_again()
+
+    monkeypatch.setattr(camera._connection, "open", counted)
+    with pytest.raises(CameraGone, match=r"Camera SIM-RAW-001 does not come back: .*connection refused"):
         camera.set_exposure(WANTED)
+    assert len(opened) == 1
 
 
 def test_connections_leave_nothing_open(rig: SimulatedRig, timeline: LiveTimeline) -> None:
