@@ -1,6 +1,6 @@
 """`rig check`: proof of what a session holds, and a sentence for each thing that is wrong with it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -15,6 +15,7 @@ from capture.check.picture_warnings import warnings
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.pictures.read import PictureFacts
+from capture.record.capture_result import span
 from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers
 from imaging.arguments import checked
@@ -81,26 +82,31 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     problems.extend(_missing(plans, shots, again))
     problems.extend(companion_problems(opened, shots, again))
     problems.extend(developed_problems(opened, shots))
-    problems.extend(_duplicates(shots))
+    problems.extend(_duplicates(shots, failed, imported=opened.record.origin == "import"))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
     looks = [content.look for _, content in pictures]
-    several = len({shot.camera for shot in shots}) > 1
-    untimed = [shot for shot in shots if several and shot.skew is None and shot.trigger_delay is not None]
+    # Under covered lenses it does not matter when a shutter opens.
+    timed = [shot for shot in shots if shot.kind != "dark" and shot.trigger_delay is not None]
+    several = len({shot.camera for shot in timed}) > 1
+    untimed = [shot for shot in timed if several and shot.skew is None]
+    sources = {shot.file: Path(shot.source).name for shot in shots if shot.source is not None}
+    alarms = (*warnings(looks, opened.record.cameras), *_taken_again(shots, together))
     return CheckReport(
         session=str(session),
         planned=sum(len(planned_shots(plan)) for plan in plans),
         shots=len(shots),
         sound=len(pictures),
         exposures=tuple(_exposed(pictures)),
-        problems=tuple(problems),
-        warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
+        problems=tuple(_with_source(problem, sources) for problem in problems),
+        warnings=tuple(_with_source(alarm, sources) for alarm in alarms),
         looks=tuple(looks),
         skews=tuple(_skews(shots)),
         untimed=tuple(sorted({shot.camera for shot in untimed})),
         untimed_bound=max((shot.skew_bound for shot in untimed if shot.skew_bound is not None), default=None),
         thumbnails={shot.file: content.thumbnail for shot, content in pictures},
+        sources=sources,
     )
 
 
@@ -120,6 +126,14 @@ def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:
     return Problem(
         kind=kind, file=shot.file, camera=shot.camera, frame=shot.frame, step=shot.step, message=message
     )
+
+
+def _with_source(problem: Problem, sources: Mapping[str, str]) -> Problem:
+    """The problem, which names the user's own file beside the one that was imported from it."""
+    file, name = problem.file, sources.get(problem.file)
+    if name is None:
+        return problem
+    return problem.model_copy(update={"message": problem.message.replace(file, f"{file} ({name})", 1)})
 
 
 def _against_record(shot: ShotRecord, read: Read) -> Iterator[Problem]:
@@ -155,6 +169,7 @@ def _strangers(
     """Records of cameras or shots that the session does not know."""
     cameras = {camera.name for camera in session.record.cameras}
     planned = {(plan.plan, *shot_id) for plan in plans for shot_id in planned_shots(plan)}
+    names, unplanned = {plan.plan for plan in plans}, dict[tuple[str, str], int]()
     for shot in shots:
         if shot.camera not in cameras:
             yield _problem(
@@ -163,10 +178,16 @@ def _strangers(
                 f"{shot.file} is of {shot.camera!r}, which is not a camera of the session: correct its "
                 "record.",
             )
+        elif shot.plan not in names:
+            unplanned[shot.kind, shot.plan] = unplanned.get((shot.kind, shot.plan), 0) + 1
         elif shot.identity not in planned:
             yield _problem(
                 "index", shot, f"{shot.file} belongs to no plan: correct its record in shots.jsonl."
             )
+    for (kind, name), number in unplanned.items():
+        shots_of = f"its {kind} shot" if number == 1 else f"its {number} {kind} shots"
+        message = f"plans.jsonl lacks the plan {name} of {shots_of}: restore it from a copy."
+        yield Problem(kind="index", file="plans.jsonl", message=message)
 
 
 def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
@@ -184,8 +205,8 @@ def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: st
                 )
 
 
-def _duplicates(shots: Sequence[ShotRecord]) -> Iterator[Problem]:
-    """Files that two shots share, by name or by content."""
+def _duplicates(shots: Sequence[ShotRecord], failed: Collection[str], *, imported: bool) -> Iterator[Problem]:
+    """Files that two shots share, by name or by content; failed: those that are missing or torn."""
     by_file: dict[str, ShotRecord] = {}
     by_content: dict[str, ShotRecord] = {}
     for shot in shots:
@@ -193,13 +214,16 @@ def _duplicates(shots: Sequence[ShotRecord]) -> Iterator[Problem]:
             yield _problem(
                 "duplicate", shot, f"{shot.file} is recorded for two shots: rig check --repair keeps one."
             )
-        elif shot.sha256 in by_content:
+        elif shot.file not in failed and shot.sha256 in by_content:
             first = by_content[shot.sha256].file
-            yield _problem(
-                "duplicate", shot, f"{shot.file} is the same file as {first}: move the wrong one away."
-            )
+            fix = "move the wrong one away"
+            if imported:
+                name = shot.file if shot.source is None else Path(shot.source).name
+                fix = f"take {name} out of the photographs and import them again into a new folder"
+            yield _problem("duplicate", shot, f"{shot.file} is the same file as {first}: {fix}.")
         by_file.setdefault(shot.file, shot)
-        by_content.setdefault(shot.sha256, shot)
+        if shot.file not in failed:
+            by_content.setdefault(shot.sha256, shot)
 
 
 def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
@@ -220,8 +244,8 @@ def _skewed(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Itera
             yield _problem(
                 "skew",
                 shot,
-                f"{shot.file} was exposed {shot.skew * 1000:.3g} ms after the first camera of its step, and "
-                f"{bound * 1000:.3g} ms are allowed: use a hardware trigger where the scene moves.",
+                f"{shot.file} was exposed {span(shot.skew)} after the first camera of its step, and "
+                f"{span(bound)} are allowed: use a hardware trigger where the scene moves.",
             )
 
 
@@ -234,7 +258,7 @@ def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> 
                 yield _problem(
                     "skew",
                     shot,
-                    f"{shot.file} had to be taken again, {1000 * late:.0f} ms after the first "
+                    f"{shot.file} had to be taken again, {span(late)} after the first "
                     "camera of its step: take the frame again if the scene moves.",
                 )
 

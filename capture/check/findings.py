@@ -110,7 +110,7 @@ class CheckReport(FindingModel):
 
     problems: faults of files and records. warnings: sound pictures with something that a photographer should
     know. untimed: cameras whose skew is unknown, and untimed_bound: its upper bound, s, None if unknown.
-    thumbnails: JPEG by file, not written with the rest.
+    thumbnails: JPEG by file, and sources: the user's names of imported files; not written with the rest.
     """
 
     session: str
@@ -125,6 +125,7 @@ class CheckReport(FindingModel):
     untimed: tuple[str, ...] = ()
     untimed_bound: float | None = None
     thumbnails: dict[str, bytes] = Field(default_factory=dict, exclude=True, repr=False)
+    sources: dict[str, str] = Field(default_factory=dict, exclude=True, repr=False)
 
     @property
     def ok(self) -> bool:

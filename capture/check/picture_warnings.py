@@ -175,18 +175,24 @@ def _step(look: ShotLook) -> tuple[str, str, int]:
 
 
 def _soft_cameras(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]:
-    """Cameras that are less sharp in all frames than others of their make and model."""
+    """Cameras that are less sharp in all frames than others of their make and model in the same frames.
+
+    Other frames may show something else, at another size or focal length.
+    """
     models = {camera.name: (camera.make, camera.model, camera.kind) for camera in cameras}
     ratios: dict[str, list[float]] = {}
     sharp = [look for look in looks if look.sharpness is not None and look.camera in models]
     for group in _grouped(sharp, lambda look: (look.kind, look.step, models[look.camera])).values():
-        sharp_of = {
-            camera: _sharpness(mine) for camera, mine in _grouped(group, lambda look: look.camera).items()
-        }
-        for camera, value in sharp_of.items():
-            rest = [other for name, other in sharp_of.items() if name != camera]
+        by_camera = _grouped(group, lambda look: look.camera)
+        frames = {camera: {look.frame for look in mine} for camera, mine in by_camera.items()}
+        for camera, mine in by_camera.items():
+            rest = [
+                _sharpness(others)
+                for name, others in by_camera.items()
+                if name != camera and len(frames[name] & frames[camera]) >= FEWEST_FRAMES
+            ]
             if rest and median(rest) > 0:
-                ratios.setdefault(camera, []).append(value / median(rest))
+                ratios.setdefault(camera, []).append(_sharpness(mine) / median(rest))
     for camera, values in ratios.items():
         if median(values) < SOFT:
             yield Problem(

@@ -1,14 +1,16 @@
 """`rig check --repair`: the index of a session rebuilt from the files that are there."""
 
 import json
+import os
 import re
+from collections.abc import Sequence
 from glob import escape
 from os import PathLike
 from pathlib import Path
 
 from capture.bracket.deviation import deviates
 from capture.check.findings import FindingModel
-from capture.check.shot_index import read_index, stray_files
+from capture.check.shot_index import DROPS, read_index, stray_files
 from capture.imports.given.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.pictures.read import kind_of, read_picture
@@ -25,7 +27,8 @@ from imaging.session.session import Session
 
 
 class RepairReport(FindingModel):
-    """Result of `repair`. dropped, added: files; left: a sentence for each file that is still no shot.
+    """Result of `repair`. dropped, added: files; renamed: a sentence for each file that has its name again;
+    unrepaired: a sentence for each file that is still no shot.
 
     backup: the index as it was before; None if nothing had to be changed.
     """
@@ -33,6 +36,7 @@ class RepairReport(FindingModel):
     session: str
     dropped: tuple[str, ...]
     added: tuple[str, ...]
+    renamed: tuple[str, ...]
     unrepaired: tuple[str, ...]
     backup: str | None
 
@@ -41,8 +45,9 @@ class RepairReport(FindingModel):
 def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) -> RepairReport:
     """Drop the records of missing files, and add the whole files that have no record.
 
-    A captured file that is torn is moved to torn/ and its record dropped, so that its shot is taken again.
-    No file is deleted or changed but shots.jsonl, whose old state is kept beside it.
+    A file whose SHA-256 is that of a record gets the name of that record back. A captured file that is torn
+    is moved to torn/ and its record dropped, so that its shot is taken again. No file is deleted or changed
+    but shots.jsonl, whose old state is kept beside it.
 
     Args:
         session: Session, or its folder.
@@ -60,7 +65,7 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
     with sole_writer(session):
         shots, damaged = read_index(opened)
         sound = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
-        torn = _torn(opened, sound, on_progress)
+        torn, altered = _not_as_recorded(opened, sound, {shot.sha256 for shot in shots}, on_progress)
         sound = [shot for shot in sound if shot not in torn]
         strays = stray_files(opened, sound)
         # Before the index is written: should this be killed, the next repair drops records without files.
@@ -68,17 +73,21 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
         for file in aside:
             _set_aside(session, file)
         strays = [file for file in strays if file not in aside]
+        lost = [shot for shot in shots if shot not in sound or shot.file in altered]
+        renamed, unrepaired = _rename_back(session, lost, strays, altered)
+        kept = _one_a_file([*sound, *(shot for shot in lost if shot.file in renamed.values())])
+        sound = [shot for shot in shots if shot in kept and _is_there(opened, shot)]
+        strays = [file for file in strays if file not in renamed and file not in unrepaired]
         developed = _developed_of([*strays, *(shot.file for shot in sound)])
         strays = [file for file in strays if file not in developed.values()]
         added: list[ShotRecord] = []
-        unrepaired: list[str] = []
         for number, file in enumerate(strays):
             on_progress(f"reading {file}", number, len(strays))
             try:
                 shot = _shot_of(opened, file, [*sound, *added])
                 added.append(_with_developed(opened, shot, developed))
             except InputError as error:
-                unrepaired.append(str(error))
+                unrepaired[file] = str(error)
         on_progress("read", len(strays), len(strays))
         dropped = [shot.file for shot in shots if shot not in sound]
         whole = [_with_developed(opened, shot, developed) for shot in sound]
@@ -86,9 +95,10 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
         backup = _rewrite(session, [*whole, *added]) if changed else None
     return RepairReport(
         session=str(session),
-        dropped=(*damaged, *dropped),
+        dropped=(*(sentence.removesuffix(DROPS) for sentence in damaged), *dropped),
         added=tuple(shot.file for shot in added),
-        unrepaired=tuple(unrepaired),
+        renamed=tuple(f"{file} is {place}, and is called so again" for file, place in renamed.items()),
+        unrepaired=tuple(unrepaired.values()),
         backup=backup,
     )
 
@@ -118,21 +128,78 @@ def _is_there(session: Session, shot: ShotRecord) -> bool:
         return False
 
 
-def _torn(session: Session, shots: list[ShotRecord], on_progress: Progress) -> list[ShotRecord]:
-    """The shots whose files can no longer be read; none of an import, whose originals are elsewhere.
+def _not_as_recorded(
+    session: Session, shots: list[ShotRecord], recorded: set[str], on_progress: Progress
+) -> tuple[list[ShotRecord], dict[str, str]]:
+    """The shots whose files can no longer be read, and the SHA-256 of the other files that are not those of
+    their records; none of an import, whose originals are elsewhere.
 
-    Files are whole that are what was recorded, whatever reads them here.
+    Files are whole that are what was recorded, of whatever shot, whatever reads them here.
     """
     torn: list[ShotRecord] = []
+    altered: dict[str, str] = {}
     for number, shot in enumerate(shots if session.record.origin != "import" else ()):
         on_progress(f"reading {shot.file}", number, len(shots))
         path = session.file(shot)
         try:
-            if store.sha256(path) != shot.sha256:
+            digest = store.sha256(path)
+            if digest not in recorded:
                 read_picture(path)
+            if digest != shot.sha256:
+                altered[shot.file] = digest
         except InputError:
             torn.append(shot)
-    return torn
+    return torn, altered
+
+
+def _rename_back(
+    session: Path, lost: Sequence[ShotRecord], strays: Sequence[str], altered: dict[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Rename files to what the records of their contents call them, where nothing else is in the place.
+
+    Args:
+        session: Session folder.
+        lost: Records whose files are not in their places.
+        strays: Files without a record.
+        altered: SHA-256 of the files in the places of others.
+
+    Returns:
+        The new name of each renamed file, and a sentence for each that could not be renamed.
+    """
+    wanted = {shot.sha256: shot.file for shot in reversed(lost) if _is_named_for(shot)}
+    digests: dict[str, str] = {}
+    for file in strays if wanted else ():
+        if (session / file).is_file() and not (session / file).is_symlink():
+            digests[file] = store.sha256(session / file)
+    names: dict[str, str] = {}
+    for file, digest in (digests | altered).items():
+        if digest in wanted:
+            names[file] = wanted.pop(digest)
+    refused: dict[str, str] = {}
+    # A place is free as well if its own file is renamed.
+    while taken := [
+        file for file, place in names.items() if place not in names and os.path.lexists(session / place)
+    ]:
+        for file in taken:
+            place = names.pop(file)
+            refused[file] = f"{file} is {place}: move away what has that name, and rename it back."
+    # Two steps, for files that swap names; should this be killed in between, the next repair goes on.
+    between = {place: _free_name(session / f"{place}.back") for place in names.values()}
+    for file, place in names.items():
+        store.make_folder(between[place].parent)
+        store.rename(session / file, between[place])
+    for place, path in between.items():
+        store.rename(path, session / place)
+    return names, refused
+
+
+def _free_name(path: Path) -> Path:
+    """The path, or one with a number, at which there is nothing."""
+    new, number = path, 1
+    while os.path.lexists(new):
+        new = path.with_name(f"{path.stem}.{number}{path.suffix}")
+        number += 1
+    return new
 
 
 def _set_aside(session: Path, file: str) -> None:
@@ -140,21 +207,22 @@ def _set_aside(session: Path, file: str) -> None:
     path = session / file
     new = session / "torn" / Path(file).relative_to("raw")
     store.make_folder(new.parent)
-    number = 1
-    while new.exists():
-        new = new.with_name(f"{path.stem}.{number}{path.suffix}")
-        number += 1
-    store.rename(path, new)
+    store.rename(path, _free_name(new))
 
 
 def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
     """Records with duplicate files removed: the one that the file is named for stays, else the first."""
     owner: dict[str, ShotRecord] = {}
     for shot in shots:
-        named_for = ShotId(shot.camera, shot.frame, shot.step)
-        if shot.file not in owner or shot.file == shot_file(named_for, Path(shot.file).suffix.lstrip(".")):
+        if shot.file not in owner or _is_named_for(shot):
             owner[shot.file] = shot
     return list(owner.values())
+
+
+def _is_named_for(shot: ShotRecord) -> bool:
+    """Return whether the file of a record is named as its shot."""
+    shot_id = ShotId(shot.camera, shot.frame, shot.step)
+    return shot.file == shot_file(shot_id, Path(shot.file).suffix.lstrip("."))
 
 
 def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord:

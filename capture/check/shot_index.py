@@ -9,6 +9,9 @@ from imaging.record import parse
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 
+DROPS = ": rig check --repair drops it."
+"""What mends a line that is not JSON."""
+
 
 def read_index(session: Session) -> tuple[list[ShotRecord], list[str]]:
     """Every shot (of two records of one shot the later counts), and a sentence for each damaged line.
@@ -25,7 +28,7 @@ def read_index(session: Session) -> tuple[list[ShotRecord], list[str]]:
         except InputError as error:
             damaged.append(str(error))
         except ValueError:
-            damaged.append(f"shots.jsonl, line {number} is not JSON: rig check --repair drops it.")
+            damaged.append(f"shots.jsonl, line {number} is not JSON{DROPS}")
         else:
             shots[shot.identity] = shot
     return list(shots.values()), damaged

@@ -81,7 +81,9 @@ def begin_or_continue(
         if session is None or not _is_part(session, cameras, plans, places, bands):
             raise InputError(f"{out} is not empty, and holds no part of this import: name a new folder.")
         if not _is_unfinished(session, places, last):
-            raise InputError(f"{out} holds this import already, complete: name a new folder to import again.")
+            whole = all(place.original.picture is not None for place in places)
+            extent = "complete" if whole else "all that can be read"
+            raise InputError(f"{out} holds this import already, {extent}: name a new folder to import again.")
         return session, False
     record = SessionRecord(
         name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras, bands=bands

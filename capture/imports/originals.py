@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from capture.imports.sorting.derived import Derived, find_derived
+from capture.imports.sorting.derived import Derived, find_copies, find_derived
 from capture.imports.sorting.exposure_list import NAME as EXPOSURE_LIST
 from capture.imports.sorting.exposure_list import read_exposure_list
 from capture.pictures.read import PictureFacts, kind_of, read_picture
@@ -83,10 +83,13 @@ def survey(
     paths, others = _walked(folder)
     developed: dict[Path, Path] = {}
     derived = Derived()
+    copies: list[Path] = []
     if named is None:
         derived = find_derived(folder, paths)
         gone = {path for group in derived.aside.values() for path in group}
-        paths, developed = _without_developed([path for path in paths if path not in gone])
+        paths = [path for path in paths if path not in gone]
+        copies = find_copies(paths)
+        paths, developed = _without_developed([path for path in paths if path not in set(copies)])
     else:
         others, paths = [], list(named)
         _check_kinds(paths)
@@ -103,7 +106,7 @@ def survey(
         note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
         notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
-    notes += aside_notes(folder, derived.aside)
+    notes += [*aside_notes(folder, derived.aside), *_copies_note(copies)]
     if developed:
         count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
         notes.append(f"{count} kept beside RAW files of the same name, but not read.")
@@ -124,6 +127,15 @@ def aside_notes(folder: Path, aside: Mapping[Path, Sequence[Path]]) -> list[str]
     count = _files(sum(len(group) for group in aside.values()))
     homes = ", ".join(shown(home.relative_to(folder)) for home in list(aside)[:4])
     return [f"{count} left aside as made of the photographs by another program: those of {homes}."]
+
+
+def _copies_note(copies: Sequence[Path]) -> list[str]:
+    """A sentence on the copies beside their photographs that are left aside, if any are."""
+    if not copies:
+        return []
+    kind = "a copy of another" if len(copies) == 1 else "copies of others"
+    names = ", ".join(shown(path.name) for path in copies[:3]) + (", ..." if len(copies) > 3 else "")
+    return [f"{_files(len(copies))} left aside as {kind}: {names}."]
 
 
 def pictures_in(folder: Path) -> list[Path]:

@@ -62,9 +62,11 @@ class ImportResult:
     def require_complete(self) -> None:
         """PartialError that lists what is missing, if anything is."""
         if self.missing:
+            count, whole = len(self.missing), self.shots + len(self.missing)
             raise PartialError(
-                f"{self.session}: {len(self.missing)} of {self.shots + len(self.missing)} photos are missing "
-                f"({'; '.join(self.missing)}): repair those files and import again into a new folder."
+                f"{self.session}: {count} of {whole} file{'' if whole == 1 else 's'} could not be read "
+                f"({'; '.join(self.missing)}): repair {'it' if count == 1 else 'them'} and import again into "
+                "a new folder."
             )
 
 

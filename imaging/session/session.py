@@ -11,6 +11,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
 from imaging.session.lamps import LampsRecord
+from imaging.session.paths import not_a_session
 from imaging.session.records import (
     CameraRecord,
     PlanRecord,
@@ -55,9 +56,7 @@ class Session:
             )
         path = folder / SESSION
         if not path.exists():
-            raise InputError(
-                f"{folder} has no session.json: name a session made by `rig capture` or `rig import`."
-            )
+            raise not_a_session(folder)
         return cls(folder, parse(SessionRecord, store.read_json(path), path))
 
     def __fspath__(self) -> str:

@@ -30,7 +30,7 @@ class TrainingRequest(Request):
     """Options of a training: the command line, Python, a batch and the benches each make one.
 
     Raises:
-        InputError: The seed is out of range.
+        InputError: The seed is out of range, or the name is not that of a folder.
     """
 
     method: Annotated[
@@ -66,6 +66,12 @@ class TrainingRequest(Request):
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"The seed {self.seed} is out of range: give a number from 0 to {LARGEST_SEED}.")
+        name = self.name
+        if name is not None and (not name or name.startswith(".") or {"/", "\\"} & set(name)):
+            raise InputError(
+                f"The name {name!r} is not that of a folder: give one without slashes that does not begin "
+                "with a dot."
+            )
 
     def most_gaussians(self, views: int, pixels: int, degree: int = 0) -> int:
         """Maximum number of Gaussians: of the budget, else of an override, else of the preset.

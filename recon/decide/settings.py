@@ -92,7 +92,7 @@ class Settings(Record):
             "seed": str(self.seed),
             "budget": "none" if self.budget is None else str(Budget(self.budget, self.budget_unit)),
             "early stop": "on" if self.early_stop else "off",
-            "settings": " ".join(self.overrides.words()) or "none set",
+            "settings": " ".join(self.overrides.words()) or "of the preset",
         }
 
     def composed(self, dataset: Dataset, light: Light) -> Method:

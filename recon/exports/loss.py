@@ -57,7 +57,10 @@ class Loss:
                 f"{_span(self.gaussian_median, self.gaussian_worst, 'at worst')} of a Gaussian's light"
             )
         if self.views:
-            parts.append(f"{_span(self.pixel_median, self.pixel_p99, 'in 1 %')} of a pixel's")
+            light = "" if parts else " light"
+            parts.append(
+                f"{_span(self.pixel_median, self.pixel_p99, 'in the worst 1 %')} of a pixel's{light}"
+            )
         if self.clipped:
             parts.append(f"{100 * self.clipped:.2g} % of the pixels are clipped at white")
         return "; ".join(parts)

@@ -17,9 +17,10 @@ import numpy as np
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.natural_order import natural
-from recon.rendering.camera_paths import MOST_FRAMES, CameraPath, lens_of_path
+from recon.rendering.camera_paths import CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
 from recon.rendering.given_camera import camera_of
+from recon.rendering.path_names import MOST_FRAMES, check_path
 from recon.rendering.placement import USD_SUFFIXES, GivenPath, less, offset_of, placement_of
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
@@ -87,11 +88,7 @@ def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
         raise InputError(f"{path} has no cameras by name, as a stage of USD has: leave --path-camera out.")
     if path.is_dir():
         return _transforms(path / TRANSFORMS, usual) if (path / TRANSFORMS).is_file() else _colmap(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path} is not a path to render: write orbit:N, spline:N, or name transforms.json, a folder "
-            "with a COLMAP model, a CSV table or a USD file."
-        )
+    check_path(path)
     if suffix == ".json":
         return _transforms(path, usual)
     if suffix == ".csv":

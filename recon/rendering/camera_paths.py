@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.optics.pose import upwards
+from recon.rendering.path_names import named_frames
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
-FRAMES = 120
-MOST_FRAMES = 100_000
 _SURROUNDED = np.radians(120.0)
 """A gap between neighbouring views, as seen from what they look at, that an orbit still goes through."""
 _DENSE = 64
@@ -39,17 +38,11 @@ class CameraPath:
 
 
 def named_path(scene: Scene, text: str) -> CameraPath | None:
-    """Parse `orbit`, `orbit:N`, `spline` or `spline:N` of N frames; None for any other. InputError for a bad
-    N.
-    """
-    name, colon, count = text.partition(":")
-    if name not in ("orbit", "spline"):
+    """The path through a scene that a name stands for; None and InputError as `named_frames`."""
+    named = named_frames(text)
+    if named is None:
         return None
-    frames = FRAMES
-    if colon:
-        if not count.isdecimal() or not 1 <= int(count) <= MOST_FRAMES:
-            raise InputError(f"{text!r} is not a path: write {name}:N, N frames from 1 to {MOST_FRAMES}.")
-        frames = int(count)
+    name, frames = named
     cameras = orbit(scene, frames) if name == "orbit" else spline(scene, frames)
     return CameraPath(name, tuple(cameras))
 

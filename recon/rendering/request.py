@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from imaging.choices import ExrStorage, Space
 from imaging.request import Request
+from recon.rendering.path_names import check_path
 from recon.result.layer_names import Layer
 
 if TYPE_CHECKING:
@@ -15,7 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RenderRequest(Request):
-    """Options of renders: the command line, Python and the benches each make one."""
+    """Options of renders: the command line, Python and the benches each make one.
+
+    Raises:
+        InputError: The path is neither a name nor there.
+    """
 
     views: Annotated[
         Sequence[str] | None,
@@ -80,3 +85,7 @@ class RenderRequest(Request):
     ] = False
     video: Annotated[bool, "Also write an MP4 of the PNG files, at the first of their stops."] = False
     rate: Annotated[float, "Frames per second of the MP4."] = 24.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.path, str | PathLike):
+            check_path(self.path)

@@ -168,5 +168,5 @@ def _row(row: calibrated.RungRow) -> tuple[str, ...]:
     return row.name, "yes" if row.taken else "no", why
 
 
-PLANS, PARTS = {"Exposures": 5, "Why": 8}, {"Part of the model": 2, "Why": 7}
+PLANS, PARTS = {"Plan": 4, "Exposures": 5, "Why": 8}, {"Part of the model": 2, "Why": 7}
 """Layout of columns that share a line; the others are as wide as their contents."""

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from imaging.session import session as sessions
 from recon import reconstruct as reconstructing
 from recon.data import pixels
 from recon.decide import overrides
@@ -72,6 +73,7 @@ def reconstruct(
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as status, ExitStack() as stack:
+        sessions.Session.open(session)  # refuses a folder that is none before the stage is loaded
         events = None
         if tensorboard is not None and is_main_process():
             events = stack.enter_context(closing(events_log.TensorBoardLog(tensorboard)))

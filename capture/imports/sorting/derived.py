@@ -1,8 +1,9 @@
 """Pictures that another program made of the photographs: smaller copies, masks, thumbnails, depth maps."""
 
+import hashlib
 import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from capture.pictures.read import kind_of
 from imaging.arrays import Array32
 from imaging.errors import InputError
-from imaging.files.photo import read_photo, read_photo_header
+from imaging.files.photo import read_metadata, read_photo, read_photo_header
 
 MASKS = re.compile(r"masks?", re.IGNORECASE)
 """Folders whose pictures are masks of the photographs of the same name."""
@@ -27,6 +28,8 @@ NEVER = re.compile(r"@eadir|__macosx|.*\.lrdata", re.IGNORECASE)
 
 SMALLER = 0.9
 """Largest width of a copy relative to its photograph."""
+MUCH_SMALLER = 0.5
+"""Largest width of a copy in the folder of its photograph: a camera may make two sizes of its own."""
 SAME_SHAPE = 0.02
 """Tolerance of the aspect ratio of a copy: sizes are rounded."""
 ALIKE = 0.97
@@ -34,6 +37,8 @@ ALIKE = 0.97
 _TRIED = 3
 """Pairs of two folders that are compared."""
 _WIDEST = 200
+_HEAD = 65536
+"""Bytes at the start of a file in which photographs of equally many bytes differ."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,69 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
     return Derived(
         {home: list(dict.fromkeys(group)) for home, group in aside.items()}, _masks(folder, photographs_of)
     )
+
+
+def find_copies(paths: Sequence[Path]) -> list[Path]:
+    """Find the copies that lie beside their photograph: the same bytes, or a small picture without EXIF whose
+    name holds the photograph's.
+
+    The same bytes in another folder may be meant as the photograph of another camera.
+    """
+    same = _identical(paths)
+    named: dict[tuple[Path, str], list[Path]] = defaultdict(list)
+    for path in paths:
+        named[path.parent, path.stem.casefold()].append(path)
+    pictures = _Pictures()
+    small = [
+        path
+        for path in paths
+        if any(
+            pictures.is_copy(path, photo, MUCH_SMALLER)
+            for part in _parts(path.stem.casefold())
+            for photo in named.get((path.parent, part), ())
+        )
+        and not _has_exif(path)
+    ]
+    return list(dict.fromkeys([*same, *small]))
+
+
+def _identical(paths: Sequence[Path]) -> list[Path]:
+    """Every file of the same bytes as another one of its folder, but the one with the shortest name."""
+    sizes: dict[tuple[Path, int], list[Path]] = defaultdict(list)
+    copies: list[Path] = []
+    with suppress(OSError):  # what cannot be read is found out where it is read as a picture
+        for path in paths:
+            if size := path.stat().st_size:
+                sizes[path.parent, size].append(path)
+        for group in sizes.values():
+            for alike in _split(group, _HEAD):
+                for same in _split(alike, -1):
+                    whole = min(same, key=lambda path: len(path.stem))
+                    copies += [path for path in same if path != whole]
+    return copies
+
+
+def _split(paths: Sequence[Path], count: int) -> list[list[Path]]:
+    """The files that share their first bytes, as many as that or all, with another one."""
+    if len(paths) < 2:
+        return []
+    groups: dict[bytes, list[Path]] = defaultdict(list)
+    for path in paths:
+        with path.open("rb") as file:
+            groups[hashlib.sha256(file.read(count)).digest()].append(path)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def _parts(stem: str) -> Iterator[str]:
+    """What is before or after each separator of a name."""
+    for separator in re.finditer(r"[\W_]+", stem):
+        yield stem[: separator.start()]
+        yield stem[separator.end() :]
+
+
+def _has_exif(path: Path) -> bool:
+    said = read_metadata(path)
+    return bool(said.make or said.model or said.exposure or said.focal_length_mm)
 
 
 def _masks(folder: Path, photographs_of: Mapping[Path, list[Path]]) -> dict[Path, Path]:
@@ -136,10 +204,10 @@ class _Pictures:
         self._sizes: dict[Path, tuple[int, int] | None] = {}
         self._reduced: dict[tuple[Path, tuple[int, int]], Array32 | None] = {}
 
-    def is_copy(self, small: Path, large: Path) -> bool:
-        """Return whether a picture shows what a larger one does."""
+    def is_copy(self, small: Path, large: Path, widest: float = SMALLER) -> bool:
+        """Return whether a picture shows what a larger one does; widest: relative to that."""
         one, other = self._size(small), self._size(large)
-        if one is None or other is None or one[0] > SMALLER * other[0]:
+        if one is None or other is None or one[0] > widest * other[0]:
             return False
         if abs(np.log(one[1] / one[0] * other[0] / other[1])) > SAME_SHAPE:
             return False

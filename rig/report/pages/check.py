@@ -12,6 +12,7 @@ from capture.check.check import CheckReport
 from capture.check.examine import label
 from capture.check.findings import Problem, ShotLook
 from capture.check.picture_warnings import OFF_STOPS, doubted
+from capture.record.capture_result import span
 from imaging.files import store
 from imaging.optics.exposure import Exposure
 from imaging.session.session import Session
@@ -117,7 +118,7 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
     skews = [1000 * step.skew for step in report.skews]
     of = f"; unknown of {', '.join(report.untimed)}" if report.untimed else ""
     if report.untimed_bound is not None:
-        of += f", at most {1000 * report.untimed_bound:.3g} ms"
+        of += f", at most {span(report.untimed_bound)}"
     largest = f"{max(skews):.2g}" if skews else "unknown" if report.untimed else "n/a"
     yield Tile(largest, "ms" if skews else "", f"largest trigger skew{of}")
 
@@ -257,7 +258,8 @@ def _cell(place: Place, look: ShotLook | None, problems: Sequence[Problem], repo
     title = f"{camera}, frame {frame}, step {step}"
     if look is None:
         return SheetCell(title, frame, None, (), marks)
-    lines = [("asked", _exposure(look.requested), False)] if look.requested else []
+    lines = [("from", report.sources[look.file], False)] if look.file in report.sources else []
+    lines += [("asked", _exposure(look.requested), False)] if look.requested else []
     lines.append(("file", _exposure(look.reported), False))
     if look.estimated is not None and look.off is not None:
         text = f"{_time(look.estimated)}, {round(look.off, 2) + 0.0:+.2f} EV".replace("-", "−")

@@ -16,7 +16,9 @@ from imaging.files.tiff.dng import encode_dng
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import RawMosaic
+from imaging.session.session import Session
 
+from ..imports.photo_files import jpeg, put
 from .index_lines import kinds, lines, tree, write
 
 
@@ -161,7 +163,25 @@ def test_records_of_unknown_cameras_and_plans_are_named(rig):
     report = check(rig.session.folder)
     assert kinds(report) == ["index", "index", "missing", "missing"]
     assert "'z', which is not a camera of the session" in report.problems[0].message
-    assert "belongs to no plan" in report.problems[1].message
+    assert report.problems[1].message.startswith("plans.jsonl lacks the plan other of its scene shot: ")
+
+
+def test_a_lost_plan_is_named_once(rig):
+    (rig.session.folder / "plans.jsonl").unlink()
+    (problem,) = check(rig.session.folder).problems
+    assert (problem.kind, problem.file) == ("index", "plans.jsonl")
+    assert problem.message == (
+        "plans.jsonl lacks the plan scene of its 18 scene shots: restore it from a copy."
+    )
+
+
+def test_a_shot_beyond_its_plan_is_named(rig):
+    records = lines(rig.session)
+    records[0]["step"] = 9
+    write(rig.session, records)
+    report = check(rig.session.folder)
+    assert kinds(report) == ["index", "missing"]
+    assert "belongs to no plan" in report.problems[0].message
 
 
 def test_a_folder_that_is_no_session_is_an_input_error(tmp_path):
@@ -186,7 +206,7 @@ def test_a_shot_that_had_to_be_repeated_is_late_without_being_a_problem(rig):
     report = check(rig.session.folder)
     assert report.ok
     (warning,) = [one for one in report.warnings if one.kind == "skew"]
-    assert "had to be taken again, 2000 ms" in warning.message
+    assert "had to be taken again, 2 s" in warning.message
     assert max(step.skew for step in report.skews) == 2.0
 
 
@@ -248,3 +268,21 @@ def test_highlights_that_no_exposure_holds_are_a_warning():
         "The shortest exposure still clips 10 % of its samples: add a shorter one to keep the highlights."
     )
     assert not list(warnings([long, look(1, 0.1, (0.01, 0.001, 0.0))], ()))
+
+
+def test_an_import_is_spoken_of_by_the_names_of_the_user(tmp_path):
+    put(tmp_path / "photos", {f"{home}/DSC_{n}.JPG": jpeg(n) for home in "ab" for n in range(2)})
+    folder = tmp_path / "s"
+    import_photos(tmp_path / "photos", folder, cameras="folder")
+    report = check(folder)
+    (first, *_, last) = sorted({shot.file for shot in Session.open(folder).shots()})
+    assert set(report.sources.values()) == {"DSC_0.JPG", "DSC_1.JPG"}
+    assert [problem.kind for problem in report.problems] == ["duplicate", "duplicate"]
+    assert report.problems[1].message.startswith(f"{last} (DSC_1.JPG) is the same file as ")
+    assert report.problems[1].message.endswith(
+        ": take DSC_1.JPG out of the photographs and import them again into a new folder."
+    )
+    assert report.problems[1].file == last
+    (folder / last).unlink()
+    (folder / first).unlink()
+    assert kinds(check(folder)) == ["absent", "absent"]

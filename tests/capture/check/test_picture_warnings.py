@@ -117,6 +117,17 @@ def test_something_that_walked_by_is_told(tmp_path):
     assert {(warning.camera, warning.frame) for warning in warnings} == {("b", 0)}
 
 
+@pytest.mark.parametrize("frames", [range(1), range(FRAMES, 2 * FRAMES)], ids=["one", "others"])
+def test_a_camera_that_saw_other_frames_is_compared_with_none(tmp_path, frames):
+    studio = Studio(tmp_path / "s", ["a", "b"])
+    studio.plan([BRACKET[0]], 2 * FRAMES)
+    for frame in range(FRAMES):
+        studio.shoot("a", frame, 0, scene(frame, 112, 160), BRACKET[0])
+    for frame in frames:
+        studio.shoot("b", frame, 0, blurred(scene(frame, 112, 160), 4.0), BRACKET[0])
+    assert {warning.kind for warning in check(studio.folder).warnings} == {"clipped"}
+
+
 def test_light_in_a_dark_frame_and_clipping_in_a_flat_are_told(tmp_path):
     studio = Studio(tmp_path / "s", ["a"])
     black, grey = np.zeros((64, 96, 3)), np.full((64, 96, 3), 1.0)

@@ -96,6 +96,40 @@ def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
     assert check(folder).ok
 
 
+def test_files_that_were_renamed_or_swapped_get_their_names_back(rig):
+    folder = rig.session.folder
+    before, index = tree(folder / "raw"), (folder / "shots.jsonl").read_bytes()
+    one, two, three = (folder / f"raw/0000/{name}" for name in ("a_0.dng", "b_1.jpg", "a_2.dng"))
+    one.rename(folder / "raw/0001/foo.dng")
+    two.rename(folder / "raw/0000/hold")
+    (folder / "raw/0002/b_1.jpg").rename(two)
+    (folder / "raw/0000/hold").rename(folder / "raw/0002/b_1.jpg")
+    three.rename(folder / "raw/0000/a_2.dng.back")  # as a repair leaves it that is killed
+    done = repair(folder)
+    assert (done.dropped, done.added, done.unrepaired, done.backup) == ((), (), (), None)
+    assert "raw/0001/foo.dng is raw/0000/a_0.dng, and is called so again" in done.renamed
+    assert len(done.renamed) == 4
+    assert (tree(folder / "raw"), (folder / "shots.jsonl").read_bytes()) == (before, index)
+    assert check(folder).ok
+
+
+def test_no_file_is_overwritten_by_one_that_gets_its_name_back(rig):
+    folder = rig.session.folder
+    (folder / "raw/0000/a_0.dng").rename(folder / "raw/0000/foo.dng")
+    (folder / "raw/0000/b_0.jpg").rename(folder / "raw/0000/bar.jpg")
+    codes = np.full((24, 32, 3), 9, np.uint8)
+    (folder / "raw/0000/b_0.jpg").write_bytes(encode_jpeg(codes))
+    (folder / "raw/0000/a_0.dng.back").write_bytes(b"mine")
+    before = tree(folder / "raw")
+    done = repair(folder)
+    assert done.unrepaired[0] == (
+        "raw/0000/bar.jpg is raw/0000/b_0.jpg: move away what has that name, and rename it back."
+    )
+    assert (done.dropped, done.added, len(done.renamed)) == ((), (), 1)
+    before["0000/a_0.dng"] = before.pop("0000/foo.dng")
+    assert tree(folder / "raw") == before
+
+
 def test_a_torn_shot_is_set_aside_and_taken_again(rig):
     folder, records = rig.session.folder, lines(rig.session)
     assert records[2]["file"] == "raw/0000/a_1.dng"
@@ -208,6 +242,7 @@ def test_a_damaged_line_hides_no_other(rig):
     assert "line 8" in report.problems[1].message
     done = repair(folder)
     assert len(done.added) == 2
+    assert done.dropped[0] == "shots.jsonl, line 4 is not JSON"
     assert check(folder).ok
 
 

@@ -27,9 +27,13 @@ def test_a_bad_file_is_named_and_does_not_shift_the_brackets_after_it(tmp_path, 
     assert len(result.missing) == 1
     assert "4.dng" in result.missing[0]
     assert result.shots == 8
-    with pytest.raises(PartialError, match=r"1 of 9 photos are missing .*4\.dng") as caught:
+    with pytest.raises(
+        PartialError, match=r"1 of 9 files could not be read .*4\.dng.*: repair it and"
+    ) as caught:
         result.require_complete()
     assert caught.value.exit_code == 3
+    with pytest.raises(InputError, match="holds this import already, all that can be read: name a new"):
+        import_photos(photos, tmp_path / "s")
     names = sources(Session.open(tmp_path / "s"))
     expected = {(n // 3, "m1", n % 3): f"{n}.dng" for n in range(9) if n != 4}
     assert names == expected

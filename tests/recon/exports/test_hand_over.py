@@ -164,6 +164,12 @@ def test_the_page_says_what_blender_needs_of_pictures_that_are_higher_than_wide(
         view.model_copy(update={"lens": view.lens.model_copy(update={"width": 48, "height": 64})})
         for view in scene.views
     ]
+    assert str(Loss(None, None, 0.01, 0.2, 0.0, 1)) == (
+        "0.01 stops in the median and 0.2 in the worst 1 % of a pixel's light"
+    )
+    assert str(Loss(0.0, 0.0, 0.0, 0.0, 0.0, 1)).endswith(
+        " of a Gaussian's light; less than 0.001 stops of a pixel's"
+    )
     loss = Loss(None, None, 0.0, 0.0, 0.0, 1)
     for views, there in ((scene.views, False), (upright, True)):
         turned = replace(scene, record=scene.record.model_copy(update={"views": tuple(views)}))

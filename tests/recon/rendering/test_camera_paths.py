@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from imaging.errors import InputError
 from imaging.optics.pose import Pose
 from recon.rendering.camera_paths import named_path
+from recon.rendering.request import RenderRequest
 from recon.result.model import SceneView
 from recon.splat import SplatCamera
 from tests.recon.rendering.scenes import scene, sheet, view
@@ -113,6 +114,12 @@ def test_two_views_and_one_frame_will_do(text: str) -> None:
 def test_a_number_of_frames_that_cannot_be_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="is not a path"):
         path(ring((0, 40)), text)
+
+
+@pytest.mark.parametrize("text", ["orbit:0", "kreis"])
+def test_a_path_that_cannot_be_is_refused_before_a_scene_is_loaded(text: str) -> None:
+    with pytest.raises(InputError, match="is not a path"):
+        RenderRequest(path=text)
 
 
 @pytest.mark.parametrize("text", ["orbit", "spline"])

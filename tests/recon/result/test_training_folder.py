@@ -49,7 +49,7 @@ def test_a_scene_is_called_by_what_was_asked_for():
         ({"budget": Budget.parse("0.2k")}, "trained with budget none:"),
         (
             {"overrides": Overrides(degree=0), "early_stop": True},
-            "trained with early stop off, settings none set:",
+            "trained with early stop off, settings of the preset:",
         ),
     ],
 )

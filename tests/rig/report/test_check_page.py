@@ -10,11 +10,13 @@ import pytest
 
 from capture.check.check import check
 from capture.check.findings import CheckReport, Problem, ShotLook
+from capture.imports.photos import import_photos
 from imaging.errors import StorageError
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
 from imaging.optics.exposure import Exposure
 from rig.report.pages.check import MOST_ROWS, check_report
+from tests.capture.imports.photo_files import jpeg, put
 
 from .pages import Page, assert_self_contained
 
@@ -100,6 +102,12 @@ def test_what_was_found_is_on_the_page_and_on_the_shot(rig, toy: Path) -> None:
         assert problem["message"] in page.text
     titles = [one["title"] for one in page.all("span") if one.get("title")]
     assert sorted(titles) == sorted(problem["message"] for problem in value["problems"])
+
+
+def test_a_shot_of_an_import_has_the_name_of_the_user_s_file(tmp_path: Path) -> None:
+    import_photos(put(tmp_path / "photos", {"DSC_7.JPG": jpeg()}), tmp_path / "s")
+    page = Page.read(check_report(tmp_path / "s", check(tmp_path / "s")))
+    assert "fromDSC_7.JPG" in "".join(page.text.split())
 
 
 def test_clipped_pixels_are_painted_over(toy: Path) -> None:

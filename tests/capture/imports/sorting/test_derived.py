@@ -14,6 +14,8 @@ from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
 from tests.capture.imports.photo_files import put
 
+SAID = FrameMetadata(make="Acme", model="Z1", exposure=Exposure(time=0.01))
+
 
 def scene(seed: int, size=(96, 64), metadata=None) -> bytes:
     """JPEG of smooth cells, the same at every size."""
@@ -125,3 +127,29 @@ def test_a_stray_screenshot_is_left_aside_by_name_unless_somebody_says_what_came
     assert import_photos(tmp_path / "in", tmp_path / "t", cameras="serial").shots == 7
     put(tmp_path / "in", {"edited.jpg": scene(8)})
     assert import_photos(tmp_path / "in", tmp_path / "u").shots == 7
+
+
+@pytest.mark.parametrize("copy", ["thumb_{}.jpg", "{}-30x20.JPG", "{}_small.png"])
+def test_small_copies_beside_their_photographs_are_left_aside(tmp_path, copy):
+    files = {f"DSC_{n}.JPG": scene(n, (96, 64), SAID) for n in range(4)}
+    put(tmp_path / "in", files | {copy.format(f"DSC_{n}"): scene(n, (30, 20)) for n in range(2)})
+    result = import_photos(tmp_path / "in", tmp_path / "s")
+    assert (result.cameras, result.shots) == (1, 4)
+    names = ", ".join(sorted(copy.format(f"DSC_{n}") for n in range(2)))
+    assert f"2 files are left aside as copies of others: {names}." in result.guesses
+
+
+def test_small_pictures_with_exif_or_of_something_else_are_photographs(tmp_path):
+    files = {f"{n}.jpg": scene(n, (96, 64), SAID) for n in range(4)}
+    files |= {"0_small.jpg": scene(0, (30, 20), SAID), "1_small.jpg": scene(9, (30, 20))}
+    assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 6
+
+
+def test_the_same_bytes_count_once_in_a_folder_by_the_shorter_name(tmp_path):
+    files = {f"DSC_{n}.JPG": scene(n, metadata=SAID) for n in range(3)}
+    put(tmp_path / "in", files | {"DSC_1 (copy).JPG": files["DSC_1.JPG"]})
+    result = import_photos(tmp_path / "in", tmp_path / "s")
+    assert "1 file is left aside as a copy of another: DSC_1 (copy).JPG." in result.guesses
+    assert names_of(tmp_path / "s") == [f"in/DSC_{n}.JPG" for n in range(3)]
+    cameras = put(tmp_path / "rig", {"a/0.jpg": scene(0), "b/0.jpg": scene(0)})
+    assert import_photos(cameras, tmp_path / "t").shots == 2
