@@ -10,7 +10,7 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 
 DROPS = ": rig check --repair drops it."
-"""What mends a line that is not JSON."""
+"""Fix for a line that is not JSON."""
 
 
 def read_index(session: Session) -> tuple[list[ShotRecord], list[str]]:

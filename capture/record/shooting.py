@@ -102,7 +102,7 @@ def shoot(
 
 @dataclass(frozen=True)
 class _Start:
-    """What is known before the first shot.
+    """State before the first shot.
 
     session: None where `identity` is to begin one. done, pending: shots of the plan. timed: the source with
     the test shots of the meter. automatic: how a new plan's bracket was planned, if it was.

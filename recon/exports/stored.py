@@ -1,4 +1,4 @@
-"""Whether an open scene is still the one in its folder, whose files then show it."""
+"""Comparison of an open scene with the one in its folder, whose files show it only if they are equal."""
 
 import torch
 from torch import Tensor
@@ -30,9 +30,7 @@ def is_stored(scene: Scene) -> bool:
 
 
 def drawable(gaussians: Gaussians) -> Tensor:
-    """Which Gaussians a renderer draws, bool [N]: those whose values are finite, with a turn, and with an
-    opacity above 0.
-    """
+    """Mask of Gaussians that renderers draw, bool [N]: finite, with a rotation and an opacity above 0."""
     parameters = gaussians.parameters
     finite = torch.ones(len(gaussians), dtype=torch.bool)
     for name, value in parameters.items():

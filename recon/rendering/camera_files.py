@@ -20,8 +20,8 @@ from imaging.natural_order import natural
 from recon.rendering.camera_paths import CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
 from recon.rendering.given_camera import camera_of
-from recon.rendering.path_names import MOST_FRAMES, check_path
 from recon.rendering.placement import USD_SUFFIXES, GivenPath, less, offset_of, placement_of
+from recon.rendering.request import MOST_FRAMES, check_path
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 

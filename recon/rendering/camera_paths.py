@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from imaging.arrays import Array
 from imaging.errors import InputError
 from imaging.optics.pose import upwards
-from recon.rendering.path_names import named_frames
+from recon.rendering.request import named_frames
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera

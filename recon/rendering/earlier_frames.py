@@ -5,7 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 _FILE = re.compile(r"-?\d+(?:\.(?:exr|png|jpg|avif)|_[+-][\d.e+-]+ev\.png|_\d+\.dng)")
-"""What `render` writes of a frame, behind the name of the path and a dot."""
+"""Names of the files that `render` writes of a frame, behind the name of the path and a dot."""
 
 
 def earlier_frames(out: Path, name: str, written: Collection[Path]) -> list[str]:

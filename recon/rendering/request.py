@@ -1,17 +1,22 @@
 """Options that a user gives the pictures of a scene."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
 from imaging.choices import ExrStorage, Space
+from imaging.errors import InputError
 from imaging.request import Request
-from recon.rendering.path_names import check_path
 from recon.result.layer_names import Layer
 
 if TYPE_CHECKING:
     from recon.rendering.camera_paths import CameraPath
+
+
+FRAMES = 120
+MOST_FRAMES = 100_000
 
 
 @dataclass(frozen=True)
@@ -89,3 +94,26 @@ class RenderRequest(Request):
     def __post_init__(self) -> None:
         if isinstance(self.path, str | PathLike):
             check_path(self.path)
+
+
+def named_frames(text: str) -> tuple[str, int] | None:
+    """Parse `orbit`, `orbit:N`, `spline` or `spline:N` of N frames; None for any other. InputError for a bad
+    N.
+    """
+    name, colon, count = text.partition(":")
+    if name not in ("orbit", "spline"):
+        return None
+    if not colon:
+        return name, FRAMES
+    if not count.isdecimal() or not 1 <= int(count) <= MOST_FRAMES:
+        raise InputError(f"{text!r} is not a path: write {name}:N, N frames from 1 to {MOST_FRAMES}.")
+    return name, int(count)
+
+
+def check_path(path: str | PathLike[str]) -> None:
+    """InputError if a path is neither a name nor there."""
+    if named_frames(str(path)) is None and not os.path.exists(path):
+        raise InputError(
+            f"{path} is not a path to render: write orbit:N, spline:N, or name transforms.json, a folder "
+            "with a COLMAP model, a CSV table or a USD file."
+        )

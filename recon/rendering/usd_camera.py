@@ -9,8 +9,8 @@ import numpy as np
 from imaging.errors import InputError
 from recon.rendering.camera_paths import CameraPath
 from recon.rendering.given_camera import camera_of
-from recon.rendering.path_names import MOST_FRAMES
 from recon.rendering.placement import GivenPath, axes_of, open_stage, placement_in
+from recon.rendering.request import MOST_FRAMES
 from recon.scene.usd_field import SIZE, column_matrix, pinhole_numbers, times_of
 from recon.splat import SplatCamera
 

@@ -64,7 +64,7 @@ class Scene:
 
     @property
     def left_out(self) -> Vector:
-        """What to add to coordinates in exported files for those of the calibration."""
+        """Offset to add to coordinates in exported files for those of the calibration."""
         return self.record.offset if any(self.record.offset) else self.stated
 
     @property

@@ -12,7 +12,6 @@ from multiprocessing.connection import Connection
 from typing import IO, Any
 
 from imaging.compute.workers import Share
-from rig.options.defaults import NAMED_BY
 
 STAGES = [f"rig.commands.{name}" for name in ("calibrate", "reconstruct", "export")]
 """Modules of the commands that a plan runs; each imports its stage."""
@@ -24,8 +23,11 @@ children, None where that is not known."""
 
 
 def environment_of(share: Share) -> dict[str, str]:
-    """Return the environment of a command, whose options are those of its words alone."""
-    return os.environ | share.environment() | {NAMED_BY: ""}
+    """Return the environment of a command, whose options are those of its words alone.
+
+    An empty RIG_CONFIG keeps the user's own defaults (`rig/options/defaults.py`) out of a plan.
+    """
+    return os.environ | share.environment() | {"RIG_CONFIG": ""}
 
 
 def run(share: Share, words: Sequence[str], out: IO[bytes], err: IO[bytes]) -> Ending:

@@ -73,7 +73,7 @@ def reconstruct(
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as status, ExitStack() as stack:
-        sessions.Session.open(session)  # refuses a folder that is none before the stage is loaded
+        sessions.Session.open(session)  # refuses other folders before the stage is loaded
         events = None
         if tensorboard is not None and is_main_process():
             events = stack.enter_context(closing(events_log.TensorBoardLog(tensorboard)))

@@ -135,10 +135,10 @@ def test_what_a_camera_lacks_is_worded_without_an_order() -> None:
     camera = BusRig(simulate("toy"), model="sony-a7m4").cameras()[0]
     clock = BusRig(simulate("toy")).clock
     broken = Broken(camera, capabilities=lambda method: replace(method(), width=0, height=0), bracket=none)
-    size, own = examine(broken, clock, examinations=[conformance.capabilities, bracket])
+    size, bracketed = examine(broken, clock, examinations=[conformance.capabilities, bracket])
     assert size.says.startswith("size known from its first picture, ")
-    assert own.says == "none of its own (1-2 has no such bracket): each exposure is set and triggered"
-    assert (size.verdict, own.verdict) == ("passed", "passed")
+    assert bracketed.says == "none of its own (1-2 has no such bracket): each exposure is set and triggered"
+    assert (size.verdict, bracketed.verdict) == ("passed", "passed")
 
 
 def test_too_dark_a_scene_is_not_a_failure() -> None:

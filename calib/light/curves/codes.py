@@ -140,7 +140,7 @@ def pedestal(codes: Array, log_k: Array) -> float:
 
 
 def counting(samples: Samples) -> Mask:
-    """Which codes count, bool [N, S, 3]: between dark and clipped, of photosites with two exposures or more.
+    """Mask of the codes that count, bool [N, S, 3]: between dark and clipped, of sites with two exposures.
 
     None of a label with few such codes, as of exposures that are nearly black: the fit would have another
     free exposure that hardly a code holds, and with it scale and exponent of the curve. Rough samples keep

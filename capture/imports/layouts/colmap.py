@@ -188,7 +188,7 @@ def _unnamed(
     named = {(path.parent, path.stem.casefold()) for path in posed}
     aside = {path for group in derived.aside.values() for path in group}
     rest: list[Path] = []
-    left: dict[Path, list[Path]] = {}
+    skipped: dict[Path, list[Path]] = {}
     twins = 0
     for path in pictures:
         if path in posed:
@@ -196,10 +196,10 @@ def _unnamed(
         if (path.parent, path.stem.casefold()) in named:
             twins += 1
         elif path in aside:
-            left.setdefault(path.parent, []).append(path)
+            skipped.setdefault(path.parent, []).append(path)
         else:
             rest.append(path)
-    notes = aside_notes(folder, left)
+    notes = aside_notes(folder, skipped)
     if twins:
         count = "1 file is" if twins == 1 else f"{twins} files are"
         notes.append(f"{count} left aside beside photos of the same name, which have poses.")

@@ -75,11 +75,11 @@ def bands_of(folder: Path, paths: Sequence[Path], bands: Sequence[Band]) -> dict
 
 def _named(text: str, words: Mapping[str, re.Pattern[str]]) -> list[str]:
     """The bands that a text names, without those whose name is there only as part of a longer one."""
-    found = [(name, *match.span()) for name, word in words.items() for match in word.finditer(text)]
+    matches = [(name, *match.span()) for name, word in words.items() for match in word.finditer(text)]
     whole = {
         name
-        for name, start, end in found
-        if not any(begin < end and start < stop and stop - begin > end - start for _, begin, stop in found)
+        for name, start, end in matches
+        if not any(begin < end and start < stop and stop - begin > end - start for _, begin, stop in matches)
     }
     return [name for name in words if name in whole]
 

@@ -138,7 +138,7 @@ def _split(paths: Sequence[Path], count: int) -> list[list[Path]]:
 
 
 def _parts(stem: str) -> Iterator[str]:
-    """What is before or after each separator of a name."""
+    """Yield the parts of a name before and after each separator."""
     for separator in re.finditer(r"[\W_]+", stem):
         yield stem[: separator.start()]
         yield stem[separator.end() :]

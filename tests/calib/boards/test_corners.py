@@ -104,9 +104,9 @@ def test_two_columns_of_corners_are_enough_and_one_is_not(columns: int) -> None:
 
     board = Board(columns=7, rows=5, square=0.03, marker=0.022)
     turn = np.array([[0.8, 0.1, 40.0], [-0.03, 0.75, 60.0], [1e-4, -5e-5, 1.0]])
-    seen = flat_board(7, 5)
-    seen[:, 40 + 100 * (columns + 1) :] = 150
-    drawn = cv2.warpPerspective(seen, turn, (780, 580), borderValue=150)
+    pixels = flat_board(7, 5)
+    pixels[:, 40 + 100 * (columns + 1) :] = 150
+    drawn = cv2.warpPerspective(pixels, turn, (780, 580), borderValue=150)
     noise = np.random.default_rng(0).normal(0.0, 2.0, drawn.shape)
     corners = find(board, np.clip(drawn + noise, 0, 255).astype(np.uint8), Print())
     assert len(corners.ids) == (4 * columns if columns > 1 else 0)
@@ -117,11 +117,11 @@ def test_two_columns_of_corners_are_enough_and_one_is_not(columns: int) -> None:
 
 def test_pictures_that_show_too_little_of_the_board_are_refused() -> None:
     board = Board(columns=7, rows=5, square=0.03, marker=0.022)
-    seen = np.full((580, 780), 150, np.uint8)
-    seen[:340, :340] = flat_board(7, 5)[:340, :340]  # four inner corners
-    assert 0 < len(find(board, seen, Print()).ids) < FEWEST
+    pixels = np.full((580, 780), 150, np.uint8)
+    pixels[:340, :340] = flat_board(7, 5)[:340, :340]  # four inner corners
+    assert 0 < len(find(board, pixels, Print()).ids) < FEWEST
     with pytest.raises(CalibrationError, match=r"6 corners of the board or more: show it larger and whole"):
-        find_all(board, [("a", 0)], lambda key: seen, unreported)
+        find_all(board, [("a", 0)], lambda key: pixels, unreported)
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])

@@ -202,9 +202,9 @@ def test_exposures_of_a_list_are_kept_by_check_and_repair_where_exif_is_wrong(tm
     photos = tmp_path / "photos"
     taken = {"a": 1 / 8, "b": 1 / 2, "c": 1.0, "d": 1 / 8.2, "e": 1 / 2, "f": 1.0}
     photos.mkdir()
-    for name, time in taken.items():
+    for number, (name, time) in enumerate(taken.items()):
         metadata = FrameMetadata(make="A", model="M", exposure=Exposure(time=time, f_number=4, iso=100))
-        codes = np.full((24, 32, 3), 90, np.uint8)
+        codes = np.full((24, 32, 3), 90 + number, np.uint8)
         (photos / f"{name}.jpg").write_bytes(encode_jpeg(codes, metadata=metadata))
     (tmp_path / "list.csv").write_text("c.jpg, 2, 4, 100\nf.jpg, 2, 4, 100\n")
     import_photos(photos, tmp_path / "s", exposures=tmp_path / "list.csv", bracket=3)

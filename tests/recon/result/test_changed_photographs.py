@@ -39,12 +39,12 @@ def change(session, what):
     path = session / "shots.jsonl"
     shots = [json.loads(line) for line in path.read_text().splitlines()]
     place = [(shot["frame"], shot["camera"]) for shot in shots]
-    kept = [shot for shot, view in zip(shots, place, strict=True) if view != place[0]]
+    remaining = [shot for shot, view in zip(shots, place, strict=True) if view != place[0]]
     masked = [
         shot | ({"mask_sha256": "0" * 64} if view == place[0] else {})
         for shot, view in zip(shots, place, strict=True)
     ]
-    lines = kept if what == "photographs" else masked
+    lines = remaining if what == "photographs" else masked
     path.write_text("".join(json.dumps(shot) + "\n" for shot in lines))
 
 

@@ -97,15 +97,15 @@ def test_the_worst_of_cameras_that_are_too_many_for_a_line_is_named(monkeypatch:
 
 
 def test_an_end_that_the_meter_did_not_find_is_a_bound() -> None:
-    found = Target("cam0", "G", NOISE, 0.001, 1.0)
+    whole = Target("cam0", "G", NOISE, 0.001, 1.0)
     dark = Target("cam1", "G", NOISE, 0.001, 2.0, no_darker=False)
     snr = f"{NOISE.snr(0.001, Exposure(time=1 / 60)):.1f}"
-    _, _, row, last = worth_lines([found, dark], [1 / 60])
+    _, _, row, last = worth_lines([whole, dark], [1 / 60])
     assert row.split()[2::2] == [f"<{snr}", snr, f"<{snr}"]
     assert "; more than 11.0 stops lie between them (cam1 G); < is the most that it may be" in last
-    wide = replace(found, bright=8.0, no_brighter=True)
+    wide = replace(whole, bright=8.0, no_brighter=True)
     assert "; at least 13.0 stops lie between them (cam0 G); < " in worth_lines([wide, dark], [1 / 60])[-1]
-    assert "; 10.0 stops lie between them (cam0 G)." in worth_lines([found], [1 / 60])[-1]
+    assert "; 10.0 stops lie between them (cam0 G)." in worth_lines([whole], [1 / 60])[-1]
     bright = Target("cam1", "G", NOISE, 0.001, 2.0, no_brighter=False)
     assert "<+" in worth_lines([bright], [1 / 60])[2]
 

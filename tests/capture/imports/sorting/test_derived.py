@@ -61,8 +61,8 @@ def test_of_a_folder_for_each_view_a_photo_is_decoded_once_at_most(tmp_path, mon
         for step in range(2)
     }
     paths = sorted(put(tmp_path / "in", files).rglob("*.jpg"))
-    left = derived.find_derived(tmp_path / "in", paths).aside
-    assert sum(len(group) for group in left.values()) == 12 * (len(sizes) - 1)
+    aside = derived.find_derived(tmp_path / "in", paths).aside
+    assert sum(len(group) for group in aside.values()) == 12 * (len(sizes) - 1)
     assert len(decoded) == len(set(decoded)) <= most
 
 

@@ -103,8 +103,8 @@ def test_what_is_no_rational_is_refused(value: float) -> None:
 @pytest.mark.parametrize("tag", [271, 305, 282, 33434, 37500, 700])
 def test_a_value_beyond_the_block_costs_its_tag_alone(tag: int) -> None:
     """Editors drop the bytes of a maker's note and leave its entry."""
-    kept = {256: Entry(LONG, [640]), 272: Entry(ASCII, "four and more")}
-    data = bytearray(HEAD + encode_directory(kept | {tag: Entry(UNDEFINED, b"12345678")}, 8))
+    entries = {256: Entry(LONG, [640]), 272: Entry(ASCII, "four and more")}
+    data = bytearray(HEAD + encode_directory(entries | {tag: Entry(UNDEFINED, b"12345678")}, 8))
     place = data.index(struct.pack("<HHI", tag, UNDEFINED, 8)) + 8
     data[place : place + 4] = struct.pack("<I", len(data) - 7)
     (directory,) = TiffReader(BytesIO(bytes(data))).directories()
