@@ -1,9 +1,9 @@
-"""OpenSplat (C++, AGPL-3.0, https://github.com/pierotofy/OpenSplat) as its users run it on a CPU.
+"""OpenSplat (C++, AGPL-3.0, https://github.com/WebODM/OpenSplat) as its users run it on a CPU.
 
 It is built here from its source: `git clone` of the newest release, cmake, libtorch of the installed torch,
-and nlohmann-json, nanoflann, cxxopts and OpenCV where the system has them. It knows no budget of time, so its
-number of iterations is found that takes as many processor seconds as rig is given, and its schedule, which is
-meant for 30,000, is shortened in proportion; it grows seven times, or every 100 iterations.
+and OpenCV's headers (`apt install libopencv-dev`). It knows no budget of time, so its number of iterations is
+found that takes as many processor seconds as rig is given, and its schedule, which is meant for 30,000, is
+shortened in proportion; it grows fifteen times in the time that it grows, or every 500 iterations.
 """
 
 import math
@@ -20,23 +20,32 @@ import torch
 from bench.support.record import commit_of
 from imaging.files import store
 
-SOURCE = "https://github.com/pierotofy/OpenSplat"
-RELEASE = "v1.1.4"
-BACKGROUND = (0.6130, 0.0101, 0.3984)
+SOURCE = "https://github.com/WebODM/OpenSplat"
+RELEASE = "v1.2.0"
+BACKGROUND = (0.0, 0.0, 0.0)
 """Background behind its Gaussians: a constant of its source."""
+FIRST_GROWTH = 16
+"""Step before which it cannot grow: it ends with a fault until its harmonics had their first step."""
 WHOLE = 30_000
 """Iterations that its schedule is made for."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to run it. downscales: how many times its first pictures are halved."""
+    """A way to run it. downscales: how many times its first pictures are halved. growing: share of its
+    iterations in which it grows; after them it steps in every 32nd and 64th alone, which short runs lack.
+    """
 
     name: str
     downscales: int
+    growing: float
 
 
-VARIANTS = (Variant("full size", 0), Variant("coarse to fine", 2))
+VARIANTS = (
+    Variant("full size", 0, 0.5),
+    Variant("coarse to fine", 2, 0.5),
+    Variant("coarse to fine, growing throughout", 2, 1.0),
+)
 CLOSE = 0.08
 """A run may take this share more or less than the budget."""
 TRIES = 7
@@ -82,7 +91,7 @@ def version(program: Path) -> str:
 
 def trained(program: Path, folder: Path, budget: float, variant: Variant, out: Path) -> Outcome:
     """The run of a nerfstudio folder that takes about `budget` processor seconds; kept once it is done."""
-    record = out / f"{variant.name.replace(' ', '-')}-{budget:g}.json"
+    record = out / f"{variant.name.replace(', ', '-').replace(' ', '-')}-{budget:g}.json"
     ply = record.with_suffix(".ply")
     if record.is_file():
         finished = store.read_json(record)
@@ -124,13 +133,13 @@ def _iterated(
         "num-downscales": variant.downscales,
         "resolution-schedule": max(1, round(3000 * share)),
         "sh-degree-interval": max(1, round(1000 * share)),
-        "warmup-length": max(10, round(iterations / 15)),
-        "refine-every": max(10, round(min(100, iterations / 15))),
-        "stop-screen-size-at": max(1, round(4000 * share)),
+        "densify-from": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / 15))),
+        "densify-until": round(variant.growing * iterations),
+        "refine-every": max(5, round(min(500, variant.growing * iterations / 15))),
     }
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
     before = _children()
-    command = [str(program), str(folder), "--cpu", "--keep-crs", "-o", str(ply), *words]
+    command = [str(program), str(folder), "--cpu", "-o", str(ply), *words]
     limit = math.ceil(most)
     # Threads that wait by spinning would be charged for it wherever something else runs beside them.
     done = subprocess.run(
