@@ -89,7 +89,7 @@ def enable(nodes: NodeMap, source: str) -> None:
     set_if_there(nodes, "TriggerActivation", "RisingEdge")
     set_if_there(nodes, "TriggerOverlap", "ReadOut")
     if nodes.writable("TriggerDelay"):
-        nodes.set("TriggerDelay", nodes.limits("TriggerDelay").low)
+        nodes.set_nearest("TriggerDelay", 0.0)
     nodes.set("TriggerMode", "On")
     if not chosen:
         nodes.set("TriggerSource", source)

@@ -1,6 +1,8 @@
 """Frames of a machine vision camera as the rest of rig knows them."""
 
-from drivers.errors import CameraProtocol
+from contextlib import suppress
+
+from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam import settings, units
 from drivers.genicam.chunks import CHUNKS, split_chunks
 from drivers.genicam.pixels import format_of, unpack
@@ -65,8 +67,9 @@ class Mosaics:
         settings.
         """
         nodes = self._session.nodes
-        chunk = f"Chunk{name}"
-        return int(nodes.number(chunk if nodes.available(chunk) else name))
+        with suppress(CameraRefused):  # the chunk may be described and not sent
+            return int(nodes.number(f"Chunk{name}"))
+        return int(nodes.number(name))
 
     def _no_black(self) -> str:
         nodes = self._session.nodes

@@ -109,7 +109,7 @@ class GentlStream:
             fields[BufferInfo.PIXELFORMAT],
             fields[BufferInfo.WIDTH],
             fields[BufferInfo.HEIGHT],
-            fields[BufferInfo.XPADDING],
+            padding=fields[BufferInfo.XPADDING],
         )
         problem = None
         if fields[BufferInfo.IS_INCOMPLETE]:

@@ -1,5 +1,6 @@
 """Nodes that compute: SwissKnife, IntSwissKnife, Converter, IntConverter."""
 
+import math
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import CameraProtocol
@@ -16,9 +17,8 @@ class _Variables(Mapping[str, Number]):
 
     def __getitem__(self, name: str) -> Number:
         if name not in self._values:
-            variable = self._node.variables.get(name)
-            if variable is not None:
-                self._values[name] = numeric(self._node.around.find(variable).value())
+            if name in self._node.variables:
+                self._values[name] = self._node.variable(name)
             else:
                 self._values[name] = self._node.expressions[name](self)
         return self._values[name]
@@ -47,6 +47,27 @@ class Computing(Node):
         if text is None:
             raise CameraProtocol("a formula is missing")
         return parse(text, whole=self.whole_numbers)
+
+    def variable(self, name: str) -> Number:
+        """The value of a variable's node, or the limit or step of it that the name ends in, as in X.Max.
+
+        CameraProtocol if the node has no such limit or step.
+        """
+        node, ending = self.around.find(self.variables[name]), name.rpartition(".")[2]
+        if "." not in name or ending not in ("Min", "Max", "Inc"):
+            return numeric(node.value())
+        values = self.around.values
+        if (node, ending) not in values:
+            limits = node.limits()
+            step = limits.step or (1 if node.whole else None)
+            asked = {"Min": limits.low, "Max": limits.high, "Inc": step}[ending]
+            if asked is None or not math.isfinite(asked):
+                raise CameraProtocol(
+                    f"a formula needs the {ending} of {node.element.name}, which has none: update the "
+                    "firmware"
+                )
+            values[node, ending] = asked
+        return numeric(values[node, ending])
 
     def compute(self, formula: Formula, **given: Number) -> Number:
         """The value of a formula."""
@@ -99,10 +120,13 @@ class Converter(Computing):
         """Set the node behind; where that takes whole numbers or goes in steps, to the nearest."""
         there = self.compute(self._there, FROM=numeric(value))
         target = self._target()
-        if not target.whole:
-            target.set(there)
-            return
         limits = target.limits()
+        if not target.whole:
+            drawn_in = min(max(there, limits.low), limits.high)
+            # Beyond the ends it is refused; an end that went through both formulas may miss it by rounding.
+            missed = not math.isclose(drawn_in, there, rel_tol=1e-9, abs_tol=1e-12)
+            target.set(there if missed else drawn_in)
+            return
         step = limits.step or 1
         # Beyond the ends it is refused, not drawn in; a rounded formula may miss an end by less than a step.
         inside = limits.low - step < there < limits.high + step

@@ -67,8 +67,9 @@ class Surroundings:
     find: Callable[[str], "Node"]
     memory: Memory
     chunks: dict[int, bytes] = field(default_factory=dict)
-    values: dict["Node", Value] = field(default_factory=dict)
-    """Cache of the node values read for the current feature, valid until something is written.
+    values: dict["Node | tuple[Node, str]", Value] = field(default_factory=dict)
+    """Cache of the node values, and of their limits in formulas, for the current feature, until something is
+    written.
 
     Without it a formula that uses another twice, which uses another twice, takes exponential time.
     """

@@ -1,6 +1,7 @@
 """Nodes whose value another node keeps: Integer, Float, Boolean, Enumeration, Command, String."""
 
 from drivers.errors import CameraProtocol, CameraRefused
+from drivers.genicam.nodemap.description import Element
 from drivers.genicam.nodemap.formula import Number
 from drivers.genicam.nodemap.nodes import UNLIMITED, Limits, Node, Value, as_number, integral, numeric
 
@@ -148,7 +149,7 @@ class Enumeration(Holder):
             entry = Node(element, self.around)
             value = entry.integer("Value")
             if value is not None and entry.available():
-                entries[element.name] = value
+                entries[self._symbolic(element)] = value
         return entries
 
     def get(self) -> int:
@@ -156,12 +157,13 @@ class Enumeration(Holder):
         return integral(self.raw())
 
     def name(self) -> str:
-        """The entry. CameraProtocol if the number has none."""
+        """The entry, an available one if several have the number. CameraProtocol if the number has none."""
         number = self.get()
-        for element in self.element.all("EnumEntry"):
-            if Node(element, self.around).integer("Value") == number:
-                return element.name
-        raise CameraProtocol(f"its value {number} has no name")
+        entries = [Node(element, self.around) for element in self.element.all("EnumEntry")]
+        named = [entry for entry in entries if entry.integer("Value") == number]
+        if not named:
+            raise CameraProtocol(f"its value {number} has no name")
+        return self._symbolic(next((entry for entry in named if entry.available()), named[0]).element)
 
     def set(self, value: Value) -> None:
         """Choose an entry by its name or number."""
@@ -170,6 +172,11 @@ class Enumeration(Holder):
         if number is None or number not in entries.values():
             raise CameraRefused(f"{value!r} is not offered: choose among {', '.join(entries)}")
         self.put(number)
+
+    @staticmethod
+    def _symbolic(entry: Element) -> str:
+        """The name by which an entry is chosen; its node may have another."""
+        return entry.first("Symbolic") or entry.name
 
 
 class Command(Holder):

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from drivers.clock import Clock
+from drivers.genicam.chunks import join_chunks, split_chunks
 from drivers.gentl import ENVIRONMENT, GentlCamera, find_cameras
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.genicam import frames
 from drivers.sim.genicam.acquisition import Acquisition
+from drivers.sim.genicam.feature_registers import CHUNK_IMAGE, Feature
 from drivers.sim.genicam.lines import Oscillator
 from drivers.sim.genicam.memory import XML, Denied
 from drivers.sim.genicam.power_on import checks_of, description_of, power_on
@@ -35,7 +37,7 @@ class Meta(ctypes.Structure):
 
     _fields_ = tuple(
         (name, ctypes.c_uint64)
-        for name in ("block", "timestamp", "format", "width", "height", "chunks", "cut", "kind")
+        for name in ("block", "timestamp", "format", "width", "height", "chunks", "cut", "kind", "padding")
     )
 
 
@@ -49,6 +51,7 @@ class SimulatedDevice:
         view = np.linspace(6.0, 1200.0, lens.height * lens.width * 3, dtype=np.float32).reshape(shape)
         self.camera = camera = SimulatedCamera(body, lambda frame: view)
         self.cut, self.kind, self.opened = False, 1, list[float]()
+        self.padding, self.taken = 0, list[RawMosaic]()
         self._library, self._timeline = library, timeline
         identity = camera.identify()
         self.serial = identity.serial
@@ -91,15 +94,28 @@ class SimulatedDevice:
 
     def _refresh(self) -> None:
         body = self.camera.body
-        self.memory.require(frames.refresh(self.memory, body.cfa, body.sensor.black, body.sensor.bit_depth))
+        size = frames.refresh(self.memory, body.cfa, body.sensor.black, body.sensor.bit_depth)
+        self.memory.require(size)
+        padded = size + self.memory.get(Feature.HEIGHT) * self.padding
+        self._library.fixture_size(ctypes.c_size_t(padded if self.padding else 0))
 
     def _deliver(self, mosaic: RawMosaic, time: float, opened: float) -> None:
         image = frames.frame(self.memory, mosaic, self.camera.body.sensor.bit_depth, time)
+        self.taken.append(mosaic)
         self._block += 1
         stamp = self._oscillator.nanoseconds(opened)
         size = (image.width, image.height)
-        meta = Meta(self._block, stamp, image.code, *size, int(image.chunked), int(self.cut), self.kind)
-        self._library.fixture_deliver(image.payload, ctypes.c_size_t(len(image.payload)), ctypes.byref(meta))
+        state = int(image.chunked), int(self.cut), self.kind, self.padding
+        meta = Meta(self._block, stamp, image.code, *size, *state)
+        payload = self._padded(image)
+        self._library.fixture_deliver(payload, ctypes.c_size_t(len(payload)), ctypes.byref(meta))
+
+    def _padded(self, image: frames.SentImage) -> bytes:
+        """The payload with `padding` bytes after each row."""
+        order, data = self.memory.order, np.frombuffer(image.payload, np.uint8)
+        pixels, chunks = split_chunks(data, order) if image.chunked else (data, {})
+        rows = np.pad(pixels.reshape(image.height, -1), ((0, 0), (0, self.padding))).tobytes()
+        return join_chunks([(CHUNK_IMAGE, rows), *chunks.items()], order) if image.chunked else rows
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ enum { OK = 0, NOT_INITIALIZED = -1002, NOT_IMPLEMENTED = -1003, IN_USE = -1004,
 enum { TEXT = 1, INT32 = 2, UINT32 = 3, UINT64 = 5, BOOL8 = 11, SIZE = 12 };
 
 typedef int32_t (*Access)(uint64_t address, void *data, size_t size);
-typedef struct { uint64_t block, timestamp, format, width, height, chunks, cut, kind; } Meta;
+typedef struct { uint64_t block, timestamp, format, width, height, chunks, cut, kind, padding; } Meta;
 typedef struct { uint8_t *memory; size_t size, filled; void *user; Meta meta; } Buffer;
 
 static int tl, interface, device, port, stream, event; /* the addresses are the handles */
@@ -29,6 +29,7 @@ static Access reader, writer;
 static char url[128], serial[64];
 static Buffer *buffers[MOST], store[MOST], *input[MOST], *output[MOST];
 static int inputs, outputs;
+static size_t payload; /* bytes of a frame, or 0: the device says it */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t filled = PTHREAD_COND_INITIALIZER;
 
@@ -62,6 +63,7 @@ API void fixture_connect(Access read, Access write, const char *description, con
 }
 
 API void fixture_unplug(int gone) { unplugged = gone; }
+API void fixture_size(size_t bytes) { payload = bytes; }
 API int fixture_opened(void) { return opened; }
 
 API int fixture_deliver(const uint8_t *data, size_t size, const Meta *meta)
@@ -221,9 +223,10 @@ API int32_t DSClose(void *handle) { return handle == &stream ? OK : BAD_HANDLE; 
 
 API int32_t DSGetInfo(void *handle, int32_t what, int32_t *told, void *out, size_t *room)
 {
-    uint8_t no = 0;
+    uint8_t defines = payload != 0;
     size_t least = 5;
-    if (what == 9) return give(&no, sizeof no, BOOL8, told, out, room);
+    if (what == 7 && payload) return give(&payload, sizeof payload, SIZE, told, out, room);
+    if (what == 9) return give(&defines, sizeof defines, BOOL8, told, out, room);
     if (what == 12) return give(&least, sizeof least, SIZE, told, out, room);
     return fail(NOT_AVAILABLE, "ask the device");
 }
@@ -291,7 +294,7 @@ API int32_t DSGetBufferInfo(void *handle, void *which, int32_t what, int32_t *to
 {
     const Buffer *buffer = which;
     const Meta *meta = &buffer->meta;
-    size_t width = meta->width, height = meta->height, none = 0;
+    size_t width = meta->width, height = meta->height, padding = meta->padding, none = 0;
     uint8_t chunks = meta->chunks, cut = meta->cut;
     switch (what) {
     case 3: return give(&meta->timestamp, 8, UINT64, told, out, room);
@@ -299,7 +302,7 @@ API int32_t DSGetBufferInfo(void *handle, void *which, int32_t what, int32_t *to
     case 9: return give(&buffer->filled, sizeof buffer->filled, SIZE, told, out, room);
     case 10: return give(&width, sizeof width, SIZE, told, out, room);
     case 11: return give(&height, sizeof height, SIZE, told, out, room);
-    case 14: return give(&none, sizeof none, SIZE, told, out, room);
+    case 14: return give(&padding, sizeof padding, SIZE, told, out, room);
     case 16: return give(&meta->block, 8, UINT64, told, out, room);
     case 18: return give(&none, sizeof none, SIZE, told, out, room);
     case 19: return give(&meta->kind, 8, UINT64, told, out, room);

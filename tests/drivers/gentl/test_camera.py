@@ -68,6 +68,13 @@ def test_a_frame_with_parts_missing_is_told(simulated: SimulatedDevice) -> None:
     camera.close()
 
 
+def test_rows_with_padding_are_those_of_the_sensor(simulated: SimulatedDevice) -> None:
+    camera = only(SystemClock())
+    for simulated.padding in (0, 5):
+        assert np.array_equal(shoot(camera, 1 / 500).pixels, simulated.taken[-1].pixels)
+    camera.close()
+
+
 def test_what_is_no_image_is_refused(simulated: SimulatedDevice) -> None:
     camera = only(SystemClock())
     for simulated.kind in (5, 10, 11):  # JPEG, multi-part, GenDC

@@ -94,6 +94,20 @@ def test_enumerations_offer_what_is_available() -> None:
         nodes.text("E")
 
 
+def test_entries_go_by_their_symbolic_names_and_of_one_number_the_available_one_counts() -> None:
+    nodes = node_map(
+        '<Enumeration Name="E"><EnumEntry Name="E_Old"><pIsAvailable>No</pIsAvailable><Value>2</Value>'
+        '</EnumEntry><EnumEntry Name="E_Mono12"><Value>2</Value><Symbolic>Mono12</Symbolic></EnumEntry>'
+        '<EnumEntry Name="Mono8"><Value>3</Value></EnumEntry><pValue>R</pValue></Enumeration>'
+        '<Integer Name="No"><Value>0</Value></Integer>' + register("IntReg", "<Length>4</Length>")
+    )
+    assert nodes.entries("E") == ("Mono12", "Mono8")
+    nodes.set("E", "Mono12")
+    assert (nodes.number("E"), nodes.text("E")) == (2, "Mono12")
+    nodes.set("E", "Mono8")
+    assert nodes.text("E") == "Mono8"
+
+
 def test_booleans_and_commands() -> None:
     memory = Bytes()
     nodes = node_map(
@@ -133,6 +147,23 @@ def test_converters_go_both_ways() -> None:
     assert (nodes.limits("K").low, nodes.limits("K").high) == (-5.0, 5.0)
     with pytest.raises(CameraRefused, match="K: 101 is not in 0 to 100"):
         nodes.set("K", -5.1)
+
+
+@pytest.mark.parametrize(
+    ("to", "back"), [("10 ** (FROM / 20)", "20 * LG(TO)"), ("FROM / 6.6667", "TO * 6.6667")]
+)
+def test_converters_take_their_ends(to: str, back: str) -> None:
+    """Through both formulas the end 5 is 5.000000000000001 in the first, as is 188,996 in the second."""
+    for end in (5.0, 12.0, 15.0, 188996.0):
+        nodes = node_map(
+            f'<Converter Name="K"><FormulaTo>{to}</FormulaTo><FormulaFrom>{back}</FormulaFrom>'
+            f'<pValue>F</pValue></Converter><Float Name="F"><pValue>R</pValue><Min>1</Min><Max>{end}</Max>'
+            "</Float>" + register("FloatReg", "<Length>8</Length>")
+        )
+        nodes.set_nearest("K", 1e12)
+        assert nodes.number("F") == pytest.approx(end, rel=1e-12)
+        with pytest.raises(CameraRefused, match=r"K: .* is not in 1 to "):
+            nodes.set("K", nodes.limits("K").high * 1.0001)
 
 
 def test_values_chosen_by_an_index() -> None:
