@@ -26,7 +26,7 @@ from imaging.files import store
 from imaging.plates.middle_grey import lasting_factor
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord
-from imaging.session.lock import sole_maker
+from imaging.session.lock import sole_calibrator
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
@@ -63,7 +63,7 @@ def calibrate(
     opened = Session.open(session)
     store.require_writable(opened.folder / "calibration")
     require_usable(request)
-    with sole_maker(opened.folder, "calibration"):
+    with sole_calibrator(opened.folder):
         return _calibrated(opened, request, on_progress)
 
 

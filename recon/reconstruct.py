@@ -151,7 +151,7 @@ def reconstruct(
         name = request.name or default_name(chosen, quality, budget)
         folder = store.inside(session, f"{shelf}/{name}")
         # What is there decides where the training goes, so no other may begin until this one ends.
-        ranks.decided(lambda: stack.enter_context(sole_maker(session, f"{shelf}/{name}")))
+        ranks.decided(lambda: stack.enter_context(sole_maker(folder)))
         place, checkpoint = place_for(folder, asked, dataset, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         device = trusted(device, on_message, on_progress, alone=ranks.count == 1)

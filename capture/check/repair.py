@@ -1,7 +1,6 @@
 """`rig check --repair`: the index of a session rebuilt from the files that are there."""
 
 import json
-import os
 import re
 from collections.abc import Sequence
 from glob import escape
@@ -10,11 +9,12 @@ from pathlib import Path
 
 from capture.bracket.deviation import deviates
 from capture.check.findings import FindingModel
+from capture.check.rename_back import free_name, is_named_for, lost_companions, rename_back
 from capture.check.shot_index import DROPS, read_index, stray_files
 from capture.imports.given.depths import unit_of
 from capture.imports.layouts.given import GivenDepth
 from capture.pictures.read import kind_of, read_picture
-from capture.record.shot_files import ShotId, depth_file, mask_file, shot_file
+from capture.record.shot_files import ShotId, depth_file, mask_file
 from imaging.arguments import checked
 from imaging.errors import InputError
 from imaging.files import store
@@ -66,30 +66,41 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
         shots, damaged = read_index(opened)
         sound = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
         torn, altered = _not_as_recorded(opened, sound, {shot.sha256 for shot in shots}, on_progress)
-        sound = [shot for shot in sound if shot not in torn]
+        sound = _without(sound, torn)
         strays = stray_files(opened, sound)
         # Before the index is written: should this be killed, the next repair drops records without files.
-        aside = [file for shot in torn for file in (shot.file, shot.developed) if file in strays]
-        for file in aside:
+        aside = set(strays) & {file for shot in torn for file in (shot.file, shot.developed)}
+        for file in sorted(aside):
             _set_aside(session, file)
         strays = [file for file in strays if file not in aside]
-        lost = [shot for shot in shots if shot not in sound or shot.file in altered]
-        renamed, unrepaired = _rename_back(session, lost, strays, altered)
-        remaining = _one_a_file([*sound, *(shot for shot in lost if shot.file in renamed.values())])
-        sound = [shot for shot in shots if shot in remaining and _is_there(opened, shot)]
+        lost = _without(shots, [shot for shot in sound if shot.file not in altered])
+        wanted = {shot.sha256: shot.file for shot in reversed(lost) if is_named_for(shot)}
+        renamed, unrepaired = rename_back(session, wanted, strays, altered)
+        places = set(renamed.values())
+        remaining = _one_a_file([*sound, *(shot for shot in lost if shot.file in places)])
+        identities = {shot.identity for shot in remaining}
+        sound = [shot for shot in shots if shot.identity in identities and _is_there(opened, shot)]
+        strays = [file for file in strays if file not in renamed and file not in unrepaired]
+        # Those of the shots that stay, before what is not in its place is taken from their records.
+        wanted, altered = lost_companions(opened, sound)
+        beside = rename_back(session, wanted, strays, altered)
+        renamed, unrepaired = renamed | beside[0], unrepaired | beside[1]
         strays = [file for file in strays if file not in renamed and file not in unrepaired]
         developed = _developed_of([*strays, *(shot.file for shot in sound)])
-        strays = [file for file in strays if file not in developed.values()]
+        companions = set(developed.values())
+        strays = [file for file in strays if file not in companions]
         added: list[ShotRecord] = []
+        identities = {shot.identity for shot in sound}
         for number, file in enumerate(strays):
             on_progress(f"reading {file}", number, len(strays))
             try:
-                shot = _shot_of(opened, file, [*sound, *added])
+                shot = _shot_of(opened, file, identities)
+                identities.add(shot.identity)
                 added.append(_with_developed(opened, shot, developed))
             except InputError as error:
                 unrepaired[file] = str(error)
         on_progress("read", len(strays), len(strays))
-        dropped = [shot.file for shot in shots if shot not in sound]
+        dropped = [shot.file for shot in _without(shots, sound)]
         whole = [_with_developed(opened, shot, developed) for shot in sound]
         changed = dropped or damaged or added or whole != sound
         backup = _rewrite(session, [*whole, *added]) if changed else None
@@ -101,6 +112,12 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
         unrepaired=tuple(unrepaired.values()),
         backup=backup,
     )
+
+
+def _without(shots: Sequence[ShotRecord], others: Sequence[ShotRecord]) -> list[ShotRecord]:
+    """The shots that are not among others."""
+    identities = {shot.identity for shot in others}
+    return [shot for shot in shots if shot.identity not in identities]
 
 
 def _developed_of(files: list[str]) -> dict[str, str]:
@@ -152,81 +169,28 @@ def _not_as_recorded(
     return torn, altered
 
 
-def _rename_back(
-    session: Path, lost: Sequence[ShotRecord], strays: Sequence[str], altered: dict[str, str]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Rename files to what the records of their contents call them, where nothing else is in the place.
-
-    Args:
-        session: Session folder.
-        lost: Records whose files are not in their places.
-        strays: Files without a record.
-        altered: SHA-256 of the files in the places of others.
-
-    Returns:
-        The new name of each renamed file, and a sentence for each that could not be renamed.
-    """
-    wanted = {shot.sha256: shot.file for shot in reversed(lost) if _is_named_for(shot)}
-    digests: dict[str, str] = {}
-    for file in strays if wanted else ():
-        if (session / file).is_file() and not (session / file).is_symlink():
-            digests[file] = store.sha256(session / file)
-    names: dict[str, str] = {}
-    for file, digest in (digests | altered).items():
-        if digest in wanted:
-            names[file] = wanted.pop(digest)
-    refused: dict[str, str] = {}
-    # A place is free as well if its own file is renamed.
-    while taken := [
-        file for file, place in names.items() if place not in names and os.path.lexists(session / place)
-    ]:
-        for file in taken:
-            place = names.pop(file)
-            refused[file] = f"{file} is {place}: move away what has that name, and rename it back."
-    # Two steps, for files that swap names; should this be killed in between, the next repair goes on.
-    between = {place: _free_name(session / f"{place}.back") for place in names.values()}
-    for file, place in names.items():
-        store.make_folder(between[place].parent)
-        store.rename(session / file, between[place])
-    for place, path in between.items():
-        store.rename(path, session / place)
-    return names, refused
-
-
-def _free_name(path: Path) -> Path:
-    """The path, or one with a number, at which there is nothing."""
-    new, number = path, 1
-    while os.path.lexists(new):
-        new = path.with_name(f"{path.stem}.{number}{path.suffix}")
-        number += 1
-    return new
-
-
 def _set_aside(session: Path, file: str) -> None:
     """Move a file of raw/ to torn/, under a name that is free there."""
     path = session / file
     new = session / "torn" / Path(file).relative_to("raw")
     store.make_folder(new.parent)
-    store.rename(path, _free_name(new))
+    store.rename(path, free_name(new))
 
 
 def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
     """Records with duplicate files removed: the one that the file is named for stays, else the first."""
     owner: dict[str, ShotRecord] = {}
     for shot in shots:
-        if shot.file not in owner or _is_named_for(shot):
+        if shot.file not in owner or is_named_for(shot):
             owner[shot.file] = shot
     return list(owner.values())
 
 
-def _is_named_for(shot: ShotRecord) -> bool:
-    """Return whether the file of a record is named as its shot."""
-    shot_id = ShotId(shot.camera, shot.frame, shot.step)
-    return shot.file == shot_file(shot_id, Path(shot.file).suffix.lstrip("."))
+def _shot_of(session: Session, file: str, taken: set[tuple[str, str, int, int]]) -> ShotRecord:
+    """The record of a file by its name, the plans and its own metadata; InputError if it is no shot.
 
-
-def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord:
-    """The record of a file by its name, the plans and its own metadata; InputError if it is no shot."""
+    taken: identities of the shots that have a file.
+    """
     place = re.fullmatch(r"raw/(\d{4,9})/(.+)_(\d{1,9})\.\w+", file)
     if place is None:
         raise InputError(f"{file} is not named raw/FRAME/CAMERA_STEP: rename it, or move it away.")
@@ -242,7 +206,7 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
     )
     if plan is None:
         raise InputError(f"{file} is in no plan of the session: move it away.")
-    if (plan.plan, name, frame, step) in {shot.identity for shot in shots}:
+    if (plan.plan, name, frame, step) in taken:
         raise InputError(f"{file} stands for a shot that has another file already: move one of them away.")
     path = store.inside(session.folder, file)
     picture = read_picture(path)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -88,7 +89,7 @@ def survey(
         derived = find_derived(folder, paths)
         gone = {path for group in derived.aside.values() for path in group}
         paths = [path for path in paths if path not in gone]
-        copies = find_copies(paths)
+        copies = _copies(folder, others, paths, exposures)
         paths, developed = _without_developed([path for path in paths if path not in set(copies)])
     else:
         others, paths = [], list(named)
@@ -127,6 +128,17 @@ def aside_notes(folder: Path, aside: Mapping[Path, Sequence[Path]]) -> list[str]
     count = _files(sum(len(group) for group in aside.values()))
     homes = ", ".join(shown(home.relative_to(folder)) for home in list(aside)[:4])
     return [f"{count} left aside as made of the photographs by another program: those of {homes}."]
+
+
+def _copies(folder: Path, others: list[Path], paths: list[Path], exposures: Path | None) -> list[Path]:
+    """The copies beside their photographs; a file that a list of exposures names is a photograph."""
+    named: dict[Path, Exposure] = {}
+    with suppress(InputError):  # said where the exposures are taken
+        if exposures is None:
+            named = _listed(folder, list(others), paths, [])
+        else:
+            named = _given(folder, exposures, paths, [])
+    return [path for path in find_copies(paths) if path not in named]
 
 
 def _copies_note(copies: Sequence[Path]) -> list[str]:

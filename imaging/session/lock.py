@@ -18,27 +18,37 @@ def sole_writer(folder: Path) -> Iterator[None]:
     A file system without locks is used without, and so is Windows, which cannot lock a folder.
     """
     says = f"{folder} is being written by another rig: wait for it to end, or name another folder."
-    descriptor = _locked(folder, os.O_RDONLY, says)
-    try:
+    with _held_as_it_is(folder, says):
         yield
-    finally:
-        if descriptor is not None:
-            os.close(descriptor)
 
 
 @contextmanager
-def sole_maker(session: Path, name: str) -> Iterator[None]:
+def sole_calibrator(session: Path) -> Iterator[None]:
+    """Hold the calibration of a session, which is made or replaced in the block; InputError if another
+    process does.
+
+    The lock is that of `session.json`, which stays as it is: the session itself may be read-only where its
+    calibration is not. Systems and file systems without locks go without it.
+    """
+    says = f"{session / 'calibration'} is being made by another rig: wait for it to end, or stop it."
+    with _held_as_it_is(session / "session.json", says):
+        yield
+
+
+@contextmanager
+def sole_maker(folder: Path) -> Iterator[None]:
     """Hold a folder of a session, such as `reconstructions/one`, that is made or replaced in the block.
 
-    The lock is an empty file of the session that goes in the end; the kernel lets go of one that a killed
-    process leaves. Systems and file systems without locks go without it.
+    The lock is an empty file beside it that goes in the end; the kernel lets go of one that a killed process
+    leaves. Systems and file systems without locks go without it.
 
     Raises:
         InputError: another process holds that folder.
         StorageError: the disk refuses.
     """
-    lock = session / f".{name.replace('/', '.')}.lock"
-    says = f"{session / name} is being made by another rig: wait for it to end, or stop it."
+    lock = folder.with_name(f".{folder.name}.lock")
+    says = f"{folder} is being made by another rig: wait for it to end, or stop it."
+    store.make_folder(folder.parent)
     try:
         descriptor = _locked(lock, os.O_RDWR | os.O_CREAT, says)
         while descriptor is not None and not _is_there(descriptor, lock):
@@ -52,6 +62,19 @@ def sole_maker(session: Path, name: str) -> Iterator[None]:
         if descriptor is not None:
             with suppress(OSError):
                 lock.unlink()
+            os.close(descriptor)
+
+
+@contextmanager
+def _held_as_it_is(path: Path, says: str) -> Iterator[None]:
+    """Hold an existing file or folder, which may be read-only; InputError with `says` if another process
+    does.
+    """
+    descriptor = _locked(path, os.O_RDONLY, says)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
             os.close(descriptor)
 
 

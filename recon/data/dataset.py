@@ -185,7 +185,7 @@ class Dataset:
 
     @property
     def photographs_sha256(self) -> str:
-        """Hash of the shots of all views, with their masks, as they were read."""
+        """Hash of the shots of all views, with their masks and depth maps, as they were read."""
         files = {shot.file for view in self.views for shot in view.shots}
         return photographs_sha256(shot for shot in self.records if shot.file in files)
 
@@ -233,6 +233,11 @@ class Dataset:
 
 
 def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
-    """Hash of the names and hashes of shots and their masks, in order of name."""
-    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
+    """Hash of the names and hashes of shots, their masks and depth maps, in order of name."""
+    lines = sorted(
+        f"{shot.file} {shot.sha256} {shot.mask_sha256}"
+        + ("" if shot.depth is None else f" {shot.depth_sha256} {shot.depth_unit}")
+        + "\n"
+        for shot in shots
+    )
     return hashlib.sha256("".join(lines).encode()).hexdigest()

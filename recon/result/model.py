@@ -107,7 +107,8 @@ class ModelRecord(Record):
     session: str
     """Name of the session that it was trained on."""
     photographs_sha256: str
-    """Hash of the names and hashes of the shots of all views (`dataset.photographs_sha256`)."""
+    """Hash of the names and hashes of the shots of all views, their masks and depth maps
+    (`dataset.photographs_sha256`)."""
     calibration_sha256: str
     """Hash of the session's calibration.json (and split.json) as it was trained on."""
     normaliser: float

@@ -35,7 +35,7 @@ def place_for(
         folder: Of the scene.
         wanted: Settings as requested.
         dataset: Views to train on and to hold out: a training to go on with has to be of the same
-            photographs, masks and calibration.
+            photographs, masks, depth maps and calibration.
         replace: True if what the folder holds is to be replaced in the end.
 
     Returns:
@@ -73,5 +73,5 @@ def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings, dat
     if other:
         return f"trained with {', '.join(other)}"
     if checkpoint.facts["calibration_sha256"] == dataset.calibration_sha256:
-        return "trained on other photographs or masks"
+        return "trained on other photographs, masks or depth maps"
     return "trained on an earlier calibration, or with another rig"

@@ -155,14 +155,15 @@ MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
 def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:
     """The data set that all points of a session are measured on, read once a process."""
     read_calibration(session)  # a session without one is refused
-    measured_before = _cache(session, width, calibration_sha256(session))
+    shots = store.sha256(session / "shots.jsonl")
+    measured_before = _cache(session, width, calibration_sha256(session), shots)
     if not measured_before:
         measured_before.append(load(session, max_width=width, progress=progress))
     return measured_before[0]
 
 
 @lru_cache(maxsize=1)
-def _cache(session: Path, width: int, calibration: str) -> list[Dataset]:
+def _cache(session: Path, width: int, calibration: str, shots: str) -> list[Dataset]:
     return []
 
 

@@ -83,6 +83,8 @@ class Trade(Record):
     code: str
     """Hash of the source that trains and measures."""
     calibration_sha256: str
+    photographs_sha256: str = ""
+    """Hash of the shots of all views, with their masks and depth maps; empty where it is not recorded."""
     method: str
     seed: int
     measure: Measure
@@ -115,10 +117,13 @@ def code_hash() -> str:
 
 
 def key_of(choice: Choice, trade: Trade) -> str:
-    """Return what a point is known by: its settings, the calibration and the code; 16 hex digits."""
+    """Return what a point is known by: its settings, the photographs, the calibration and the code; 16 hex
+    digits.
+    """
     parts = [
         [choice.quality, vars(presets.QUALITIES[choice.quality]), presets.START_SHARE],
         choice.overrides.model_dump(mode="json"),
-        [trade.method, trade.seed, trade.width, trade.calibration_sha256, trade.code, version("torch")],
+        [trade.method, trade.seed, trade.width, trade.code, version("torch")],
+        [trade.calibration_sha256, trade.photographs_sha256],
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

@@ -34,7 +34,7 @@ from imaging.session.calibration import (
     is_stale,
     read_calibration,
 )
-from imaging.session.lock import sole_maker
+from imaging.session.lock import sole_calibrator
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -333,7 +333,7 @@ def test_killed_after_the_poses_it_does_not_place_the_views_again(small: Path) -
 def test_a_session_that_is_being_calibrated_is_refused(tmp_path: Path) -> None:
     picture = np.full((8, 8, 3), 90, dtype=np.uint8)
     session = make_session(tmp_path / "s", [[(picture, None)]])
-    with sole_maker(session, "calibration"), pytest.raises(InputError, match="calibration is being made by"):
+    with sole_calibrator(session), pytest.raises(InputError, match="calibration is being made by"):
         calibrate(session)
     with pytest.raises(CalibrationError):
         calibrate(session)

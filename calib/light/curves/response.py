@@ -142,7 +142,8 @@ def estimate(samples: Samples | None) -> Estimate:
     held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
     freed, rung = _exposures(held, best, len(channels[0].steps), samples.rough)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
-    contradiction = _contradiction(channels[0].steps, fitted[0].shift) if freed else ""
+    every = np.unique(samples.log_k.round(6))  # padding has a label of its view
+    contradiction = _contradiction(channels[0].steps, fitted[0].shift, every) if freed else ""
     rungs.append(rung.model_copy(update={"reason": f"{rung.reason}{contradiction}"}))
     shift = dict(zip(channels[0].steps.tolist(), fitted[0].shift.tolist(), strict=True))
     if best is known:
@@ -211,9 +212,11 @@ def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[boo
     )
 
 
-def _contradiction(labels: Array, shift: Array) -> str:
+def _contradiction(labels: Array, shift: Array, every: Array) -> str:
     """Return the labels that are far off; or, where fewer than three agree, that they cannot be
     identified.
+
+    every: labels of all exposures, by which they are numbered: nearly black ones are not measured.
     """
     wrong = label_trust(labels, shift) < DISTRUSTED
     if not wrong.any():
@@ -224,9 +227,9 @@ def _contradiction(labels: Array, shift: Array) -> str:
             "and exponent of the curve are a guess: state the exposures, or take four or more"
         )
     named = [
-        f"exposure {place + 1} of {len(labels)}, counted from the shortest, is "
-        f"{np.exp(shift[place]):.3g} times its label"
-        for place in np.flatnonzero(wrong)
+        f"exposure {np.searchsorted(every, label) + 1} of {len(every)}, counted from the shortest, is "
+        f"{np.exp(change):.3g} times its label"
+        for label, change in zip(labels[wrong], shift[wrong], strict=True)
     ]
     return "; " + ", ".join(named)
 

@@ -87,10 +87,11 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
 
 
 def find_copies(paths: Sequence[Path]) -> list[Path]:
-    """Find the copies that lie beside their photograph: the same bytes, or a small picture without EXIF whose
-    name holds the photograph's.
+    """Find the copies that lie beside their photograph, whose names hold the photograph's: the same bytes, or
+    a small picture without EXIF.
 
-    The same bytes in another folder may be meant as the photograph of another camera.
+    The same bytes in another folder may be meant as the photograph of another camera; under another name they
+    may be an exposure of another view, black or white all over.
     """
     same = _identical(paths)
     named: dict[tuple[Path, str], list[Path]] = defaultdict(list)
@@ -111,7 +112,7 @@ def find_copies(paths: Sequence[Path]) -> list[Path]:
 
 
 def _identical(paths: Sequence[Path]) -> list[Path]:
-    """Every file of the same bytes as another one of its folder, but the one with the shortest name."""
+    """Every file of the same bytes as another one of its folder whose name it holds."""
     sizes: dict[tuple[Path, int], list[Path]] = defaultdict(list)
     copies: list[Path] = []
     with suppress(OSError):  # what cannot be read is found out where it is read as a picture
@@ -121,8 +122,8 @@ def _identical(paths: Sequence[Path]) -> list[Path]:
         for group in sizes.values():
             for alike in _split(group, _HEAD):
                 for same in _split(alike, -1):
-                    whole = min(same, key=lambda path: len(path.stem))
-                    copies += [path for path in same if path != whole]
+                    stems = {path.stem.casefold() for path in same}
+                    copies += [path for path in same if not stems.isdisjoint(_parts(path.stem.casefold()))]
     return copies
 
 

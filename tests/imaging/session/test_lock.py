@@ -6,21 +6,35 @@ import pytest
 
 from imaging.errors import InputError
 from imaging.session import lock
-from imaging.session.lock import sole_maker
+from imaging.session.lock import sole_calibrator, sole_maker
 
 pytest.importorskip("fcntl", reason="locks of POSIX")
 
 
 def test_one_makes_it_and_no_file_is_left(tmp_path: Path) -> None:
-    (tmp_path / ".reconstructions.a.lock").touch()  # as a killed process leaves it
-    with sole_maker(tmp_path, "reconstructions/a"):
+    shelf = tmp_path / "reconstructions"
+    shelf.mkdir()
+    (shelf / ".a.lock").touch()  # as a killed process leaves it
+    with sole_maker(shelf / "a"):
         says = rf"{tmp_path}/reconstructions/a is being made by another rig: wait for it"
-        with pytest.raises(InputError, match=says), sole_maker(tmp_path, "reconstructions/a"):
+        with pytest.raises(InputError, match=says), sole_maker(shelf / "a"):
             pass
-        with sole_maker(tmp_path, "reconstructions/b"), sole_maker(tmp_path, "calibration"):
+        with sole_maker(shelf / "b"):
             pass
-    assert not list(tmp_path.iterdir())
-    with sole_maker(tmp_path, "reconstructions/a"):
+    assert not list(shelf.iterdir())
+    with sole_maker(shelf / "a"):
+        pass
+
+
+def test_nothing_is_written_into_the_session_which_may_be_read_only(tmp_path: Path) -> None:
+    (tmp_path / "session.json").touch()
+    with sole_maker(tmp_path / "reconstructions/a"), sole_calibrator(tmp_path):
+        names = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+        assert names == {"session.json", "reconstructions", "reconstructions/.a.lock"}
+        says = rf"{tmp_path}/calibration is being made by another rig: wait for it"
+        with pytest.raises(InputError, match=says), sole_calibrator(tmp_path):
+            pass
+    with sole_calibrator(tmp_path):
         pass
 
 
@@ -38,7 +52,7 @@ def test_a_lock_that_went_as_it_was_opened_holds_nothing(
         return descriptor
 
     monkeypatch.setattr(lock, "_locked", late)
-    with sole_maker(tmp_path, "calibration"):
+    with sole_maker(tmp_path / "a"):
         assert len(opened) == 2
-        with pytest.raises(InputError), sole_maker(tmp_path, "calibration"):
+        with pytest.raises(InputError), sole_maker(tmp_path / "a"):
             pass

@@ -6,6 +6,8 @@ import pytest
 
 import recon.reconstruct as stage
 from imaging.errors import InputError, ReconstructionError
+from imaging.session.session import Session
+from recon.data.dataset import photographs_sha256
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -52,7 +54,7 @@ def change(session, what):
 def test_a_finished_scene_of_other_photographs_is_not_returned(session_copy, what):
     folder = reconstruct(session_copy, REQUEST)
     change(session_copy, what)
-    with pytest.raises(InputError, match=r"c1 exists already, trained on other photographs or masks: give"):
+    with pytest.raises(InputError, match="c1 exists already, trained on other photographs, masks or"):
         reconstruct(session_copy, REQUEST)
     with pytest.raises(ReconstructionError, match=r"reconstruct again with --replace; "):
         evaluate(folder)
@@ -62,5 +64,18 @@ def test_nor_does_a_stopped_training_go_on_with_them(session_copy, stopped):
     with pytest.raises(Interrupted):
         reconstruct(session_copy, REQUEST)
     change(session_copy, "photographs")
-    with pytest.raises(InputError, match="trained on other photographs or masks"):
+    with pytest.raises(InputError, match="trained on other photographs, masks or depth maps"):
         reconstruct(session_copy, REQUEST)
+
+
+def test_other_depth_maps_or_units_of_them_are_other_photographs(toy):
+    plain = Session.open(toy).shots()
+    measured, other, unit = (
+        [shot.model_copy(update={"depth": "depths/a.npy"} | change) for shot in plain]
+        for change in (
+            {"depth_sha256": "0" * 64, "depth_unit": 1.0},
+            {"depth_sha256": "1" * 64, "depth_unit": 1.0},
+            {"depth_sha256": "0" * 64, "depth_unit": 0.001},
+        )
+    )
+    assert len({photographs_sha256(shots) for shots in (plain, measured, other, unit)}) == 4

@@ -1,6 +1,7 @@
 """Sweeps at toy size: points are kept, true, and made again by what is said beside them."""
 
 import importlib
+import json
 import shutil
 from concurrent.futures import Future
 from contextlib import closing
@@ -117,12 +118,32 @@ def test_a_new_calibration_begins_anew(session_copy: Path) -> None:
     assert after.points[0].key != before.points[0].key
 
 
-def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
+def test_other_masks_begin_anew(session_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = trade_sweep(session_copy, budget=AT_ONCE)
+
+    def as_before(session: Path, choice: Choice, trade: Trade, **options: object) -> Point:
+        return before.points[0].model_copy(update={"key": key_of(choice, trade)})
+
+    monkeypatch.setattr(module, "train_point", as_before)
+    path = session_copy / "shots.jsonl"
+    shots = [json.loads(line) | {"mask_sha256": "0" * 64} for line in path.read_text().splitlines()]
+    path.write_text("".join(f"{json.dumps(shot)}\n" for shot in shots))
+    (after,) = trade_sweep(session_copy, budget=AT_ONCE).points
+    assert after.key != before.points[0].key
+
+
+def test_a_key_tells_settings_photographs_calibration_and_code(session_copy: Path) -> None:
     trade = trade_sweep(session_copy, budget=AT_ONCE)
     choice = trade.points[0].choice
     changes = [
         trade.model_copy(update={name: value})
-        for name, value in (("code", "0"), ("calibration_sha256", "0"), ("seed", 1), ("method", "vanilla"))
+        for name, value in (
+            ("code", "0"),
+            ("calibration_sha256", "0"),
+            ("photographs_sha256", "0"),
+            ("seed", 1),
+            ("method", "vanilla"),
+        )
     ]
     keys = [key_of(choice, trade), *(key_of(choice, changed) for changed in changes)]
     keys.append(key_of(choice.model_copy(update={"overrides": Overrides(iterations=9)}), trade))

@@ -178,10 +178,16 @@ def relabelled(samples: Samples, labels: np.ndarray) -> Samples:
 @pytest.mark.parametrize("step", [0, 1, 3])
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: float) -> None:
-    """Try four exposures, wherever it is; the others and the curve stay right."""
+    """Try four exposures, wherever it is; the others and the curve stay right.
+
+    A black one before them counts where exposures are numbered.
+    """
     labels = STEPS[:4]
     off = np.where(np.arange(4) == step, np.log(factor), 0.0)
-    estimated = estimate(relabelled(shoot(FAMILIES["gamma"], labels + off), labels))
+    shot, black = relabelled(shoot(FAMILIES["gamma"], labels + off), labels), int(factor > 1)
+    codes = np.pad(shot.codes, ((0, 0), (black, 0), (0, 0)), constant_values=np.nan)
+    log_k = np.pad(shot.log_k, ((0, 0), (black, 0)), constant_values=labels[0] - 5.0)
+    estimated = estimate(Samples(codes, log_k, shot.group))
     shift = np.array([estimated.shift[round(label, 6)] for label in labels])
     np.testing.assert_allclose(np.delete(shift, step), 0.0, atol=0.01)
     assert abs(shift[step] - off[step]) < 0.02
@@ -189,7 +195,7 @@ def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: floa
     rung = next(rung for rung in estimated.rungs if rung.name == "exposure_labels")
     assert rung.taken
     times = f"{np.exp(shift[step]):.3g} times its label"
-    message = f"; exposure {step + 1} of {len(labels)}, counted from the shortest, is {times}"
+    message = f"; exposure {step + 1 + black} of {len(labels) + black}, counted from the shortest, is {times}"
     assert rung.reason.endswith(message)
     assert estimated.response.evidence.endswith(message)
 

@@ -145,11 +145,39 @@ def test_small_pictures_with_exif_or_of_something_else_are_photographs(tmp_path)
     assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 6
 
 
-def test_the_same_bytes_count_once_in_a_folder_by_the_shorter_name(tmp_path):
+@pytest.mark.parametrize("name", ["DSC_1 (copy)", "dsc_1 copy", "Copy of DSC_1"])
+def test_the_same_bytes_count_once_in_a_folder_by_the_name_that_the_other_holds(tmp_path, name):
     files = {f"DSC_{n}.JPG": scene(n, metadata=SAID) for n in range(3)}
-    put(tmp_path / "in", files | {"DSC_1 (copy).JPG": files["DSC_1.JPG"]})
+    put(tmp_path / "in", files | {f"{name}.JPG": files["DSC_1.JPG"]})
     result = import_photos(tmp_path / "in", tmp_path / "s")
-    assert "1 file is left aside as a copy of another: DSC_1 (copy).JPG." in result.guesses
+    assert f"1 file is left aside as a copy of another: {name}.JPG." in result.guesses
     assert names_of(tmp_path / "s") == [f"in/DSC_{n}.JPG" for n in range(3)]
     cameras = put(tmp_path / "rig", {"a/0.jpg": scene(0), "b/0.jpg": scene(0)})
     assert import_photos(cameras, tmp_path / "t").shots == 2
+
+
+@pytest.mark.parametrize(("shade", "place"), [(0, 0), (255, 2)])
+def test_black_or_white_exposures_of_several_views_are_no_copies(tmp_path, shade, place):
+    times = (1 / 4000, 1 / 30, 4.0)
+    flat = np.full((64, 96, 3), shade, np.uint8)
+    files = {
+        f"v{view}_{step}.jpg": encode_jpeg(flat, metadata=FrameMetadata(exposure=Exposure(time=time)))
+        if step == place
+        else scene(3 * view + step, metadata=FrameMetadata(exposure=Exposure(time=time)))
+        for view in range(3)
+        for step, time in enumerate(times)
+    }
+    result = import_photos(put(tmp_path / "in", files), tmp_path / "s")
+    assert (result.frames, result.shots) == (3, 9)
+    assert not any("copies" in guess for guess in result.guesses)
+
+
+@pytest.mark.parametrize("option", [False, True])
+def test_a_file_that_a_list_of_exposures_names_is_no_copy(tmp_path, option):
+    black = encode_png(np.zeros((64, 96, 3), np.uint8))
+    files = {"v.png": black, "v_1.png": black, "v_2.png": encode_png(np.full((64, 96, 3), 90, np.uint8))}
+    put(tmp_path / "in", files)
+    home = tmp_path if option else tmp_path / "in"
+    (home / "image_list.txt").write_text("v.png, 0.001\nv_1.png, 0.002\nv_2.png, 0.1\n")
+    listed = home / "image_list.txt" if option else None
+    assert import_photos(tmp_path / "in", tmp_path / "s", exposures=listed).shots == 3
