@@ -12,6 +12,7 @@ from imaging.errors import CalibrationError
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.linear_frame import LinearFrame, read_linear
+from imaging.plates.merged_view import white_balance
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.falloff import falloff
 from imaging.session.luminance import Area, LuminanceReading
@@ -43,9 +44,10 @@ class AreaLight:
 
 
 def area_light(session: Session, record: CalibrationRecord, view: ViewId, area: Area) -> AreaLight:
-    """Merge an area of a view and measure its luminance; gain and vignetting of the camera are divided out.
+    """Merge an area of a view and measure its luminance.
 
-    The error is of the noise, of quarters that differ, of the exposures and of a measured response.
+    Gain, vignetting and white balance of the picture are divided out, as `rig merge` does it. The error is
+    of the noise, of quarters that differ, of the exposures and of a measured response.
 
     Args:
         session: Session of the view.
@@ -80,7 +82,9 @@ def area_light(session: Session, record: CalibrationRecord, view: ViewId, area: 
             channels = None if frame.cfa is None else frame.cfa.channels(*frame.signal.shape)[window]
         frames.append(_cut(frame, window))
     fall = falloff(camera, sides[1], sides[0])[window].astype(np.float64)
-    light, error = _luminance(frames, channels, camera, weights, fall, place)
+    white = white_balance(session, view, record)
+    developed = fall if frames[0].signal.ndim == 2 else fall[..., None] * np.array(white or (1.0, 1.0, 1.0))
+    light, error = _luminance(frames, channels, camera, weights, developed, place)
     centre = np.array((left + width / 2, top + height / 2)) - np.array(sides) / 2
     radius = float(np.hypot(*centre) / np.hypot(*(np.array(sides) / 2)))
     return AreaLight(light, float(np.hypot(error, _exposure_error(record))), radius)
@@ -133,14 +137,15 @@ def _luminance(
     channels: npt.NDArray[np.integer] | None,
     camera: CameraCalibration,
     weights: Array,
-    fall: Array,
+    developed: Array,
     place: str,
 ) -> tuple[float, float]:
-    """The luminance of an area and its relative error."""
+    """The luminance of an area and its relative error; developed: their values of light 1."""
     merged = merge_bracket(frames)
     _require_light(merged, place)
     total = with_curve_error(merged, frames, camera.response)
-    light = merged.radiance / (fall if merged.radiance.ndim == 2 else fall[..., None])
+    light = merged.radiance / developed
+    sigmas = [None if sigma is None else sigma / developed for sigma in (merged.sigma, total.sigma)]
     known = merged.valid
     height, width = light.shape[:2]
     quarter = 2 * (np.arange(height) >= height / 2)[:, None] + (np.arange(width) >= width / 2)[None]
@@ -160,7 +165,6 @@ def _luminance(
             chosen = values[sites].astype(np.float64)
             means[part, channel] = chosen.mean()
             variances[part, channel] = chosen.var(ddof=1) / len(chosen)
-        sigmas = merged.sigma, total.sigma
         if sigmas[0] is not None and sigmas[1] is not None:
             alone, both = (one[..., plane][valid].astype(np.float64) for one in sigmas if one is not None)
             noise[channel] = np.sqrt((alone**2).sum()) / valid.sum()

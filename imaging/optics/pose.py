@@ -11,6 +11,15 @@ OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera axes: x right, y up, z back from x right, y down, z ahead; its own inverse."""
 _TILTED = np.cos(np.radians(45.0))
 """Cosine between the mean of up in the pictures and what is square to their rows, if they were held level."""
+_QUARTER = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""Axes of a picture after a quarter turn to the left, from those before it: its right becomes its top."""
+_GRIP_UP = 8
+"""The orientation of EXIF that such a turn shows upright."""
+_ALL_ROUND = 0.5
+"""Length of the mean of unit vectors that go round by more than 220 degrees. What is down in pictures held
+level has a longer one, since no camera tilts beyond straight up or down."""
+_FLATTER = 0.1
+"""Difference of `_flatness` that is no chance."""
 
 
 def world_from_opengl(cam_from_world: Array) -> Array:
@@ -37,11 +46,36 @@ class Pose(Record):
         return motion
 
 
+def as_held(cam_from_world: Array, orientation: int) -> Array:
+    """The motion into the axes of the upright picture, by the orientation that EXIF states of the stored one.
+
+    Its upper side counts, and not that some orientations are mirrored.
+    """
+    turned = {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
+    return np.asarray(np.linalg.matrix_power(_QUARTER, turned) @ cam_from_world)
+
+
+def on_their_side(motions: Sequence[Array]) -> bool:
+    """True for views whose columns, and not their rows, lie in one plane, nearly all round."""
+    rows, columns = (np.array([motion[axis, :3] for motion in motions]) for axis in (0, 1))
+    around = float(np.linalg.norm(columns.mean(axis=0))) < _ALL_ROUND
+    return around and _flatness(columns) > _flatness(rows) + _FLATTER
+
+
+def _flatness(axes: Array) -> float:
+    """Spread of unit vectors [N, 3] within one plane, beyond that out of it; 0..0.5."""
+    least, middle, _ = np.linalg.eigvalsh(axes.T @ axes / len(axes))
+    return float(middle - least)
+
+
 def upwards(motions: Sequence[Array]) -> Array:
     """A unit vector: what is square to the rows of all pictures, as photographers hold cameras level.
 
-    Where their headings hardly differ, the mean of what is up in the pictures decides.
+    Where their headings hardly differ, the mean of what is up in the pictures decides. Of pictures that stand
+    on their side it is square to their columns, and on their right: most cameras are turned with the grip up.
     """
+    if on_their_side(motions):
+        motions = [as_held(motion, _GRIP_UP) for motion in motions]
     mean = -np.sum([motion[1, :3] for motion in motions], axis=0)
     mean = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, -1.0, 0.0])
     rows = np.array([motion[0, :3] for motion in motions])

@@ -141,7 +141,7 @@ def view_light(
     frames, usable, behind = _masked(session, shots, frames)
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
-    white = _white_balance(session, view, calibration)
+    white = white_balance(session, view, calibration)
     picture = picture_of(best, cfa, camera, space, white)
     shift = max((one.size for one in alignment.shifts(usable)), default=None)
     shown_mask = picture.mask if behind is None or behind.all() else picture.mask[~behind]
@@ -197,7 +197,7 @@ def merge_view(
         absolute = known.value / factor, known.error / factor
     placed = _placed(view, calibration)
     stands = None if placed is None else [one.tolist() for one in (placed[0], placed[1].matrix)]
-    made = [space, factor, storage, absolute, _white_balance(session, view, calibration), stands]
+    made = [space, factor, storage, absolute, white_balance(session, view, calibration), stands]
     key = _key(session, shots, k, response, camera, made)
     reused = _finished(view, path, len(shots), key)
     if reused is not None:
@@ -257,7 +257,7 @@ def _camera_of(shots: Sequence[ShotRecord], placed: tuple[Array, Lens] | None) -
     return dated | camera_attributes(motion, lens.matrix, (lens.width, lens.height))
 
 
-def _white_balance(
+def white_balance(
     session: Session, view: ViewId, calibration: CalibrationRecord | None
 ) -> tuple[float, float, float] | None:
     """White balance that a photograph was developed with; None of RAW, and of views without a pose."""

@@ -9,7 +9,6 @@ import typer
 from calib.exports import merge_session
 from calib.exports.panorama import panorama as panoramas
 from calib.exports.request import PanoramaRequest
-from imaging.choices import SPACE_NAMES
 from imaging.plates import merged_view
 from imaging.session import calibration as calibrations
 from rig.options.common import JsonOption, SessionArgument, WrongUsage
@@ -62,7 +61,7 @@ def merge(
     if panorama:
         with running("merge") as status, removed_on_failure(out, unless=Path.is_file):
             merged_map = panoramas.merge_panorama(session, out, request, on_progress=status)
-        return results.panorama_result(session, merged_map)
+        return results.panorama_result(session, merged_map, request.space)
     request = without_users(context, request, "width", "sun")
     if request.width is not None or request.sun is not None:
         raise WrongUsage("--width and --sun are for --panorama: add it, or leave them out", context)
@@ -87,16 +86,8 @@ def _merge_result(
     lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
     uncoloured = _camera_rgb(merged)
     if uncoloured:
-        how = command_line("rig", "calibrate", session)
-        if calibration is not None:
-            how = f"{how} --only colour --chart` with a view of a ColorChecker in it, and `"
-        else:
-            how = f"{how}` and `"
-        space, again = SPACE_NAMES[request.space], command_line("rig", "merge", session, out)
-        lines.append(
-            f"The colours of {', '.join(uncoloured)} are camera RGB, and no {space}: run "
-            f"`{how}{again}` again for {space}."
-        )
+        again, known = command_line("rig", "merge", session, out), calibration is not None
+        lines.append(results.camera_rgb_line(session, uncoloured, request.space, again, calibrated=known))
     data = {
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",

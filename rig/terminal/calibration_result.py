@@ -61,7 +61,9 @@ def cameras_result(session: Path, record: "calibrations.CalibrationRecord") -> C
     lines += [f"{session}: {doubt}" for doubt in record.doubts]
     lines += [*_chart_lines(session, record), *_luminance_lines(session, record)]
     lines.append(f"Report: {report}")
-    if sessions.Session.open(session).lamps() is not None:
+    opened = sessions.Session.open(session)
+    raw_or_photographs = any(camera.kind != "hdr" for camera in opened.record.cameras)
+    if opened.lamps() is not None and raw_or_photographs:  # the noise of linear EXR is not known
         lines.append(f"Next: {command_line('rig', 'normals', session, 'normals.exr')}")
     return CommandResult(data, lines)
 

@@ -90,8 +90,8 @@ def estimate_normals(
         What was written, and how well the lamps explain the light.
 
     Raises:
-        InputError: Lamps are missing, in one plane or not those of the shots; a file is damaged; nothing is
-            measured in the patch.
+        InputError: The pictures are linear EXR; lamps are missing, in one plane or not those of the shots; a
+            file is damaged; nothing is measured in the patch.
         StorageError: The disk refuses.
     """
     session, out = Path(session), Path(out)
@@ -105,6 +105,11 @@ def estimate_normals(
             f"{session} has no {LAMPS}: write one that states where the lamp of each frame stands."
         )
     camera = _camera(opened, record)
+    if opened.camera(camera).kind == "hdr":
+        raise InputError(
+            f"{session} holds linear EXR or HDR pictures, whose noise is not known: import the RAW files or "
+            "photographs of the dome."
+        )
     shots = {view.frame: view.shots for view in scene_views(opened) if view.camera.name == camera}
     check_lamps(record, sorted(shots), session / LAMPS)
     if any(len(of_one_band(group)) > 1 for group in shots.values()):

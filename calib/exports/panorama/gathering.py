@@ -5,12 +5,13 @@ pixel first: where it is that of one noisy value, values that are low by chance 
 border a view counts less, so that no step is left where one begins.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from calib.exports.panorama.layout import directions
+from calib.exports.panorama.layout import directions, solid_angles
 from imaging.arrays import Array, Array32, Integers, Mask
 from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
 from imaging.optics.lens import Lens, project, rays
@@ -21,6 +22,8 @@ BORDER = 0.12
 """Width of the border over which a view counts less, in heights of the picture."""
 AROUND = 5
 """px, over which the variance is averaged."""
+MOST_SAMPLES = 16
+"""Along either side of a texel, for the sake of time; more is averaged in the picture first."""
 COARSE = 256
 """Rows of the map on which views are compared."""
 _COLUMNS = 1 << 14
@@ -41,12 +44,25 @@ class Sight:
     clipped: Mask
 
 
-class SeenView:
-    """A view with its lens and its turn, ready to be looked up in; usual_variance: None if not known."""
+def sampling(lens: Lens, rows: int) -> tuple[int, int]:
+    """Places along either side of a texel that a view is looked up at, and px of it that are averaged first.
 
-    def __init__(self, picture: Picture, lens: Lens, cam_from_map: Array) -> None:
+    Together they miss no pixel of the view, and so no small lamp, however coarse the map is.
+    """
+    wanted = math.ceil(1.5 * lens.fx * np.pi / rows)
+    return min(max(wanted, 2), MOST_SAMPLES), -(-wanted // MOST_SAMPLES)
+
+
+class SeenView:
+    """A view with its lens and its turn, ready to be looked up in; usual_variance: None if not known.
+
+    shrunk: px along either side of what is averaged to one pixel before.
+    """
+
+    def __init__(self, picture: Picture, lens: Lens, cam_from_map: Array, shrunk: int = 1) -> None:
         self.lens, self.turn = lens, cam_from_map
         height, width = picture.light.shape[:2]
+        self._shrunk = shrunk = min(shrunk, height, width)
         shown = (picture.mask & (NOTHING | HIDDEN)) == 0
         self._light = np.where(shown[..., None], picture.light, np.float32(np.nan))
         bound = (picture.mask & (CLIPPED | DARK)) != 0
@@ -63,6 +79,11 @@ class SeenView:
         share = np.clip(inwards / (BORDER * height), 0.02, 1.0)
         self._extra = np.stack([share * share * (3 - 2 * share), (picture.mask & CLIPPED) != 0], axis=-1)
         self._extra = self._extra.astype(np.float32)
+        if shrunk > 1:  # what is left over at the lower and right border is less than a pixel
+            whole = np.s_[: height - height % shrunk, : width - width % shrunk]
+            self._light, self._variance, self._extra = (
+                _mean(each[whole], shrunk) for each in (self._light, self._variance, self._extra)
+            )
         self._narrow = _narrowest(lens)
 
     def look(self, rows: int, first: int, last: int, samples: int) -> Sight | None:
@@ -75,14 +96,15 @@ class SeenView:
         if not front.any():
             return None
         place = np.full((*front.shape, 2), -2.0, np.float32)
-        place[front] = project(self.lens, ahead[front]) - 0.5
+        place[front] = project(self.lens, ahead[front]) / self._shrunk - 0.5
         x, y = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
-        light = _mean(_looked_up(self._light, x, y, np.nan), samples)
+        angles = solid_angles(rows * samples)[first * samples : last * samples]
+        light = _mean(_looked_up(self._light, x, y, np.nan), samples, angles)
         with np.errstate(invalid="ignore"):
-            variance = _mean(_looked_up(self._variance, x, y, np.inf), samples)
+            variance = _mean(_looked_up(self._variance, x, y, np.inf), samples, angles)
         # Infinity times a weight of nothing between two pixels is no number.
         variance = np.where(np.isnan(variance), np.float32(np.inf), variance)
-        extra = _mean(_looked_up(self._extra, x, y, 0.0), samples)
+        extra = _mean(_looked_up(self._extra, x, y, 0.0), samples, angles)
         light[~np.isfinite(light).all(axis=-1)] = np.nan
         return Sight(light, variance, extra[..., 0], np.asarray(extra[..., 1] > 0))
 
@@ -100,11 +122,14 @@ def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array
     return np.concatenate(drawn, axis=1)
 
 
-def _mean(fine: Array32, samples: int) -> Array32:
-    """Means over samples x samples places, [B, W, C]."""
+def _mean(fine: Array32, samples: int, weights: Array | None = None) -> Array32:
+    """Means over samples x samples places, [B, W, C]; weights: of the rows of places, [B * samples, 1]."""
     height, width, channels = fine.shape
-    parts = fine.reshape(height // samples, samples, width // samples, samples, channels)
-    return np.asarray(parts.mean(axis=(1, 3)), np.float32)
+    rows = fine.reshape(height // samples, samples, width // samples, samples, channels).mean(axis=3)
+    if weights is None:
+        return np.asarray(rows.mean(axis=1), np.float32)
+    shares = weights.reshape(-1, samples, 1, 1)
+    return np.asarray((rows * (shares / shares.sum(axis=1, keepdims=True))).sum(axis=1), np.float32)
 
 
 def _averaged(variance: Array32) -> Array32:

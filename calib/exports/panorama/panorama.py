@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.exports.merge_session import current_calibration
-from calib.exports.panorama.gathering import Gathering, Map, SeenView
+from calib.exports.panorama.gathering import Gathering, Map, SeenView, sampling
 from calib.exports.panorama.layout import header, solid_angles
 from calib.exports.panorama.seams import Seam, seams
 from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
@@ -28,9 +28,10 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import read_points
 from imaging.files.exr.writing import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
+from imaging.files.photo import read_metadata
 from imaging.merge.picture import BITS, NOTHING
-from imaging.optics.pose import upwards
-from imaging.plates.merged_view import UNIT, view_light
+from imaging.optics.pose import as_held, on_their_side, upwards
+from imaging.plates.merged_view import CAMERA_RGB, UNIT, view_light
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
 from imaging.session.records import ShotRecord
@@ -58,9 +59,10 @@ class Panorama:
         known: Share of all directions that a view shows, 0..1.
         seams: Views that overlap, and their differences.
         clipped: Regions that every exposure clips, the brightest first.
-        parallax: Degrees by which near things stand elsewhere in another view; None: unknown.
+        parallax: Degrees by which things at a usual distance stand elsewhere in another view.
         unseen: Share of the light on a card facing the sun that no view shows, were it alike; 0 without.
-        warnings: Of the merged brackets.
+        camera_rgb: Cameras whose colour is not known; with any, the file is camera RGB.
+        warnings: Of the merged brackets, and on which way is up.
     """
 
     file: Path
@@ -71,8 +73,9 @@ class Panorama:
     known: float
     seams: tuple[Seam, ...]
     clipped: tuple[ClippedRegion, ...]
-    parallax: float | None
+    parallax: float
     unseen: float
+    camera_rgb: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -130,8 +133,8 @@ def merge_panorama(
             "--sun is an illuminance, and needs the light in cd/m2: leave --exposure out, and run "
             "`rig calibrate --luminance` with a reading of a spot meter first."
         )
-    parallax = _parallax(session, calibration, views)
-    if parallax is not None and parallax > MOST_PARALLAX:
+    parallax = _parallax(session, views)
+    if parallax > MOST_PARALLAX:
         raise InputError(
             f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
             "one than in another: turn the camera about its entrance pupil, name one --frame of a rig, or "
@@ -144,20 +147,28 @@ def merge_panorama(
     elif scale is not None and absolute:
         factor = scale.value
     rows = _rows(calibration, views, request.width)
-    axes = _axes([view.cam_from_world.matrix() for view in views])
+    upright = [_as_held(opened, view, shots) for view, shots in chosen]
+    axes = _axes(upright)
 
     # Every view is laid into the map, which keeps light, deviation and mask of each direction.
-    gathering, warnings, coloured = Gathering(rows), list[str](), True
+    gathering, warnings, uncoloured = Gathering(rows), list[str](), dict[str, None]()
+    if on_their_side(upright):
+        warnings.append(
+            "The pictures stand on their side, and their files do not state which side is up, so that up and "
+            "down of the panorama may be exchanged."
+        )
     for done, (view, shots) in enumerate(chosen):
         on_progress("merging", done, len(chosen))
         merged = view_light(opened, view.id, shots, calibration, space)
         warnings += [f"{view.id}: {warning}" for warning in merged.warnings]
-        coloured &= merged.picture.known_colour
+        if not merged.picture.known_colour:
+            uncoloured[view.camera] = None
         lens = calibration.camera(view.camera).lens
         assert lens is not None  # of every camera with a view
         turn = view.cam_from_world.matrix()[:3, :3] @ axes.T
-        samples = int(np.clip(np.ceil(1.5 * lens.fx * np.pi / rows), 2, 16))
-        gathering.add(SeenView(merged.picture, lens, turn), samples, noise=merged.picture.sigma is not None)
+        samples, shrunk = sampling(lens, rows)
+        sight = SeenView(merged.picture, lens, turn, shrunk)
+        gathering.add(sight, samples, noise=merged.picture.sigma is not None)
     on_progress("merging", len(chosen), len(chosen))
     gathered = _brighter(gathering.result(), factor)
     if gathered.mask.all():
@@ -168,27 +179,27 @@ def merge_panorama(
 
     # What every exposure clips has the light that is missing on a card, if that was measured.
     luminance = XYZ_FROM_REC709[1] @ np.linalg.inv(space_from_rec709(space))
-    regions = clipped_regions(gathered, luminance)
-    clipped, unseen = [region for region, _ in regions], 0.0
+    clipped, brightest = clipped_regions(gathered, luminance)
+    unseen = 0.0
     if request.sun is not None:
-        if not regions:
+        if not clipped:
             raise InputError(
                 f"--sun {request.sun:g}: nothing is clipped in the shortest exposures of {session}, so that "
                 "all light is measured: leave --sun out."
             )
         unseen = share_unseen(gathered, clipped[0])
-        gathered, clipped[0] = with_sun(gathered, regions, request.sun, luminance)
+        gathered, clipped[0] = with_sun(gathered, (clipped[0], brightest), request.sun, luminance)
     known = float(((gathered.mask != NOTHING) * solid_angles(rows)).sum() / (4 * np.pi))
     panorama = Panorama(
         out, 2 * rows, len(chosen), factor, absolute and request.exposure is None, known,
         seams([view.id for view in views], gathering.compared, luminance), tuple(clipped), parallax, unseen,
-        tuple(warnings),
+        tuple(uncoloured), tuple(warnings),
     )  # fmt: skip
-    attributes = _attributes(panorama, SPACE_NAMES[space] if coloured else "camera RGB")
+    attributes = _attributes(panorama, CAMERA_RGB if uncoloured else SPACE_NAMES[space])
     attributes |= header(axes)
-    if scale is not None and absolute and coloured:
+    if scale is not None and absolute and not uncoloured:
         attributes |= white_luminance(scale.value / factor, scale.error / factor)
-    _write(out, gathered, attributes, SPACE_PRIMARIES[space] if coloured else None, request.exr)
+    _write(out, gathered, attributes, None if uncoloured else SPACE_PRIMARIES[space], request.exr)
     return panorama
 
 
@@ -260,6 +271,15 @@ def _require_one_band(session: Path, chosen: Sequence[tuple[ViewCalibration, lis
     raise InputError(f"{session} was shot through filters: {fix} its bands without --panorama.")
 
 
+def _as_held(session: Session, view: ViewCalibration, shots: Sequence[ShotRecord]) -> Array:
+    """Motion of a view into the axes of its upright picture, as far as its file states how it was held."""
+    try:
+        orientation = read_metadata(session.file(shots[0])).orientation
+    except InputError:  # no header that can be read
+        orientation = 1
+    return as_held(view.cam_from_world.matrix(), orientation)
+
+
 def _axes(motions: Sequence[Array]) -> Array:
     """Axes of the map in the world, as rows: level, with its middle where the first view looks."""
     up = upwards(motions)
@@ -282,18 +302,19 @@ def _rows(calibration: CalibrationRecord, views: Sequence[ViewCalibration], widt
     return width // 2
 
 
-def _parallax(
-    session: Path, calibration: CalibrationRecord, views: Sequence[ViewCalibration]
-) -> float | None:
-    """Degrees by which a point at the median distance moves between views; None if unknown."""
+def _parallax(session: Path, views: Sequence[ViewCalibration]) -> float:
+    """Degrees by which a point at the median distance moves between views; InputError if unknown."""
     motions = [view.cam_from_world.matrix() for view in views]
     centres: Array = np.array([-motion[:3, :3].T @ motion[:3, 3] for motion in motions])
     middle = centres.mean(axis=0)
     apart = 2 * float(np.linalg.norm(centres - middle, axis=1).max())
-    if apart == 0:
+    if apart <= 1e-9 * float(np.abs(centres).max()):  # one place, but for rounding
         return 0.0
     colmap = session / "calibration" / "colmap"
     points = read_points(colmap).xyz if colmap.is_dir() else np.empty((0, 3))
     if not len(points):
-        return None
+        raise InputError(
+            f"{session}: nothing says how far away things are, so that the views, whose positions differ, "
+            "may stand apart: name one --frame and one --camera, or run `rig calibrate`."
+        )
     return float(np.degrees(apart / np.median(np.linalg.norm(points - middle, axis=1))))

@@ -35,39 +35,46 @@ class ClippedRegion:
         return float(2 * np.degrees(np.arccos(max(1 - self.solid_angle / (2 * np.pi), -1.0))))
 
 
-def clipped_regions(gathered: Map, luminance: Array) -> list[tuple[ClippedRegion, Mask]]:
-    """The regions that every exposure clips, the one that faces most light first, each with its texels.
+def clipped_regions(gathered: Map, luminance: Array) -> tuple[list[ClippedRegion], Mask]:
+    """The regions that every exposure clips, the one that faces most light first, and its texels.
 
     luminance: weights [3] of the luminance.
     """
     rows = len(gathered.mask)
     clipped = gathered.mask == CLIPPED
     labels, count = ndimage.label(clipped, np.ones((3, 3)))
+    if not count:
+        return [], clipped
+    joined = np.arange(count + 1)
     for west, east in zip(labels[:, 0], labels[:, -1], strict=True):  # the ends are neighbours
-        if west and east and west != east:
-            labels[labels == east] = west
-    every, angle = directions(rows, 0, rows), np.broadcast_to(solid_angles(rows), clipped.shape)
-    light = gathered.light @ luminance
-    regions = []
-    for number in range(1, count + 1):
-        inside = labels == number
-        if inside.any():
-            middle = (every[inside] * angle[inside][:, None]).sum(axis=0)
-            facing = np.clip(every[inside] @ (middle / np.linalg.norm(middle)), 0, None)
-            energy = float((light[inside] * angle[inside] * facing).sum())
-            region = ClippedRegion(*degrees(middle), float(angle[inside].sum()), energy)
-            regions.append((region, np.asarray(inside)))
-    return sorted(regions, key=lambda item: -item[0].illuminance)
+        if west and east:
+            joined[joined == joined[east]] = joined[west]
+
+    # Sums over the texels of each region, without a mask of each: thousands of highlights may be clipped.
+    of = np.unique(joined[labels[clipped]], return_inverse=True)[1]
+    ahead = directions(rows, 0, rows)[clipped]
+    angle = np.broadcast_to(solid_angles(rows), clipped.shape)[clipped]
+    middles = np.stack([np.bincount(of, ahead[:, axis] * angle) for axis in range(3)], axis=-1)
+    towards = middles / np.linalg.norm(middles, axis=-1, keepdims=True)
+    facing = np.clip((ahead * towards[of]).sum(axis=-1), 0, None)
+    energy = np.bincount(of, gathered.light[clipped] @ luminance * angle * facing)
+    order, wide = np.argsort(-energy, kind="stable"), np.bincount(of, angle)
+    regions = [
+        ClippedRegion(*degrees(towards[one]), float(wide[one]), float(energy[one])) for one in order.tolist()
+    ]
+    brightest = np.zeros_like(clipped)
+    brightest[clipped] = of == order[0]
+    return regions, brightest
 
 
 def with_sun(
-    gathered: Map, regions: list[tuple[ClippedRegion, Mask]], lux: float, luminance: Array
+    gathered: Map, brightest: tuple[ClippedRegion, Mask], lux: float, luminance: Array
 ) -> tuple[Map, ClippedRegion]:
     """The map, whose light is in cd/m2, with the light of its brightest clipped region recovered.
 
     Args:
         gathered: The map.
-        regions: As of `clipped_regions`, at least one.
+        brightest: The first region of `clipped_regions`, and its texels.
         lux: Illuminance of a card that faces that region, of all light that falls on it.
         luminance: Weights [3] of the luminance.
 
@@ -77,7 +84,7 @@ def with_sun(
     Raises:
         InputError: The rest of the map gives the card as much light already.
     """
-    region, inside = regions[0]
+    region, inside = brightest
     rows = len(gathered.mask)
     every, angle = directions(rows, 0, rows), solid_angles(rows)
     middle = (every[inside] * np.broadcast_to(angle, inside.shape)[inside][:, None]).sum(axis=0)

@@ -2,23 +2,32 @@
 
 import shutil
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from calib.luminance.area import LUMINANCE
+from calib.luminance.area import LUMINANCE, area_light
 from calib.luminance.measure import FALLOFF_UNKNOWN
-from imaging.colour.spaces import REC709_FROM_XYZ
+from imaging.colour.spaces import REC709_FROM_XYZ, srgb_encode
 from imaging.errors import CalibrationError, PartialError
 from imaging.optics.exposure import Exposure
+from imaging.optics.pose import Pose
+from imaging.plates.merged_view import view_light
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import as_matrix
-from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Response,
+    ViewCalibration,
+    read_calibration,
+)
 from imaging.session.luminance import LuminanceReading
 from imaging.session.records import ShotRecord
-from imaging.session.session import Session
+from imaging.session.session import Session, brackets
 from tests.calib.colour.charts import photograph
 from tests.calib.conftest import make_session
 
@@ -176,3 +185,30 @@ def test_a_camera_of_unknown_colour_has_no_luminance(tmp_path: Path) -> None:
     with pytest.raises(PartialError, match=r"response is calibrated.* the colour of camera cam is not known"):
         calibrate(folder, only="response", luminance=[spot(next(iter(CARDS)))])
     assert read_calibration(folder).luminance is None
+
+
+def test_the_white_balance_of_a_photograph_changes_no_reading(tmp_path: Path) -> None:
+    balances, light = [(1.0, 1.0, 1.0), (1.35, 1.0, 0.6)], np.array([0.4, 0.3, 0.2])
+    exposure = Exposure(time=1.0, f_number=1.0, iso=100.0)
+    photographs = [
+        np.rint(255 * srgb_encode(np.ones((80, 120, 1)) * light * gains)).astype(np.uint8)
+        for gains in balances
+    ]
+    session = Session.open(make_session(tmp_path / "session", [[(one, exposure)] for one in photographs]))
+    still = Pose(quaternion=(1.0, 0.0, 0.0, 0.0), translation=(0.0, 0.0, 0.0))
+    record = CalibrationRecord(
+        created=datetime.now(UTC),
+        versions={},
+        shots_sha256="",
+        cameras=(CameraCalibration(name="cam", serial="cam", response=Response(kind="srgb", evidence="")),),
+        views=tuple(
+            ViewCalibration(camera="cam", frame=frame, cam_from_world=still, white_balance=gains, points=9)
+            for frame, gains in enumerate(balances)
+        ),
+        exposure_scale={shot.file: 1.0 for shot in session.shots("scene")},
+    )
+    for view, shots in brackets(session.shots("scene")).items():
+        written = view_light(session, view, shots, record).picture.light[30:54, 40:64].mean(axis=(0, 1))
+        read = area_light(session, record, view, (40, 30, 24, 24)).light
+        assert read == pytest.approx(float(LUMINANCE @ light), rel=0.02)
+        assert read == pytest.approx(float(LUMINANCE @ written), rel=1e-4)

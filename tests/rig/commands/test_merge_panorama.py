@@ -1,6 +1,7 @@
 """`rig merge --panorama` of what is no panorama, or a part of one: a sentence, or right light."""
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 from calib.exports.panorama import panorama
+from calib.exports.panorama.sun import ClippedRegion
 from capture.simulated import capture_simulated
 from imaging.files import store
 from imaging.files.exr.reading import read_exr
 from imaging.merge.picture import CLIPPED, DARK, NOTHING
 from imaging.plates.merged_view import ViewLight
-from imaging.session.calibration import TURNED
+from imaging.sensor.mosaic import FrameMetadata
+from imaging.session.calibration import TURNED, read_calibration
 from imaging.session.records import Rung
+from rig.terminal.panorama_result import panorama_result
 from tests.rig.conftest import calibrated_from_truth
 
 Run = Callable[..., tuple[int, str, str]]
@@ -38,6 +42,66 @@ def test_what_cannot_be_a_panorama_is_refused_in_a_sentence(
     assert cause in err
     assert err.count("\n") == 1
     assert not list(tmp_path.glob("sky*"))
+
+
+def test_views_apart_are_refused_where_nothing_says_how_far_away_things_are(
+    rig: Run, toy: Path, tmp_path: Path
+) -> None:
+    shutil.rmtree(toy / "calibration" / "colmap")
+    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), "--frame", "0")
+    assert (code, "nothing says how far away things are" in err) == (2, True), err
+    chosen = ("--frame", "0", "--camera", "cam0", "--width", "64", "--json")
+    code, out, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *chosen)
+    assert (code, json.loads(out)["parallax_degrees"]) == (0, 0.0), err
+
+
+def test_up_is_where_the_file_of_a_view_says_so(
+    rig: Run, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (view, *_) = read_calibration(toy).views
+    right, down = view.cam_from_world.matrix()[:2, :3]
+    chosen = ("--frame", str(view.frame), "--camera", view.camera, "--width", "64")
+    asked = ("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *chosen)
+    for orientation, up in ((1, -down), (6, -right), (8, right)):
+        metadata = FrameMetadata(orientation=orientation)
+        monkeypatch.setattr(panorama, "read_metadata", lambda _, metadata=metadata: metadata)
+        code, out, err = rig(*asked)
+        assert (code, "stand on their side" in out) == (0, False), err
+        stated = str(read_exr(tmp_path / "sky.exr").attributes["rig:up"]).split()
+        np.testing.assert_allclose([float(part) for part in stated], up, atol=1e-6)
+    monkeypatch.setattr(panorama, "on_their_side", lambda _: True)
+    assert "up and down of the panorama may be exchanged" in rig(*asked)[1]
+
+
+def test_camera_rgb_is_said(rig: Run, toy: Path, tmp_path: Path) -> None:
+    path = toy / "calibration" / "calibration.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    for camera in record["cameras"]:
+        camera["camera_from_rec709"] = None
+    path.write_text(json.dumps(record), encoding="utf-8")
+    asked = ("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), "--frame", "0", "--camera", "cam0")
+    code, out, err = rig(*asked, "--width", "64")
+    assert code == 0, err
+    assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
+    assert f"and `rig merge {toy} --panorama {tmp_path / 'sky.exr'}` again" in out
+    assert json.loads(rig(*asked, "--width", "64", "--json")[1])["camera_rgb"] == ["cam0"]
+
+
+def test_the_brightest_of_many_saturated_places_are_named(
+    rig: Run, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    regions = [ClippedRegion(step, 0.0, 1e-5, 1.0) for step in range(500)]
+    nothing = np.zeros((32, 64), bool)
+    monkeypatch.setattr(panorama, "clipped_regions", lambda *_: (regions, nothing))
+    chosen = ("--frame", "0", "--camera", "cam0", "--width", "64")
+    code, out, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *chosen)
+    assert code == 0, err
+    assert out.count("A disc of") == 3
+    assert "497 dimmer places besides" in out
+    assert "--sun" not in out
+    made = panorama.merge_panorama(toy, tmp_path / "sky.exr", frame=0, camera="cam0", width=64)
+    said = panorama_result(toy, replace(made, absolute=True), "rec709").lines
+    assert any("give --sun the lux of a card that faces the first" in line for line in said)
 
 
 def test_the_file_and_the_options_of_a_panorama_belong_to_it(rig: Run, toy: Path, tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
 """Views gathered on a map, against light in closed form: right light, right error, and what is not shown."""
 
+import tracemalloc
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from calib.exports.panorama.gathering import Gathering, SeenView
+from calib.exports.panorama.gathering import Gathering, Map, SeenView, sampling
 from calib.exports.panorama.layout import directions, solid_angles
 from calib.exports.panorama.seams import seams
 from calib.exports.panorama.sun import RECOVERED, clipped_regions, share_unseen, with_sun
@@ -123,6 +124,37 @@ def test_a_row_of_many_columns_is_looked_up_in_parts() -> None:
     np.testing.assert_allclose(sight.light[shown], light_of(directions(rows, 600, 601))[shown], atol=5e-3)
 
 
+@pytest.mark.parametrize("rows", [12, 32])
+@pytest.mark.parametrize("offset", [(0, 0), (4, 3), (11, -7)], ids=str)
+def test_a_small_lamp_has_its_energy_on_a_coarse_map(rows: int, offset: tuple[int, int]) -> None:
+    height, width, focal = 400, 600, 480.0
+    lens = Lens(model="PINHOLE", width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
+    light = np.full((height, width, 3), 1e-6, np.float32)
+    x, y = 300 + offset[0], 200 + offset[1]
+    light[y : y + 4, x : x + 4] = 1e6
+    raised = cv2.Rodrigues(np.array([0.9, 0.0, 0.0]))[0]  # where texels are narrower at their upper end
+    view = Picture(light, np.ones_like(light), np.zeros((height, width), np.intp), True)
+    gathering = Gathering(rows)
+    samples, shrunk = sampling(lens, rows)
+    gathering.add(SeenView(view, lens, TURNS[0] @ raised, shrunk), samples, noise=True)
+    energy = float((gathering.result().light[..., 1] * solid_angles(rows)).sum())
+    assert energy == pytest.approx(1e6 * 16 / focal**2, rel=0.1)
+
+
+def test_what_is_averaged_first_stays_saturated_and_shows_the_same() -> None:
+    clipped = picture_of(TURNS[0])
+    clipped.mask[79, 79], clipped.light[79, 79] = CLIPPED, 900.0
+    maps = []
+    for shrunk in (1, 3):
+        gathering = Gathering(20)
+        gathering.add(SeenView(clipped, LENS, TURNS[0], shrunk), 12, noise=True)
+        maps.append(gathering.result())
+    assert [(one.mask == CLIPPED).sum() > 0 for one in maps] == [True, True]
+    both = (maps[0].mask == 0) & (maps[1].mask == 0)
+    assert both.mean() > 0.2
+    np.testing.assert_allclose(maps[1].light[both], maps[0].light[both], atol=0.02)
+
+
 def test_seams_are_differences_in_stops() -> None:
     brighter = picture_of(TURNS[1])
     brighter.light[:] *= np.float32(2**0.05)
@@ -147,13 +179,14 @@ def test_the_sun_has_what_a_card_gets_beside_the_rest(at: float) -> None:
     every, inside = sunny(at)
     result = gathered([picture_of(turn) for turn in TURNS], TURNS).result()
     result.light[inside], result.mask[inside] = 50.0, CLIPPED
-    regions = clipped_regions(result, LUMINANCE)
+    regions, brightest = clipped_regions(result, LUMINANCE)
     assert len(regions) == 1
-    region = regions[0][0]
+    assert (brightest == inside).all()
+    region = regions[0]
     assert np.cos(np.radians(region.longitude - at)) > 0.9999
     assert region.latitude == pytest.approx(30, abs=0.5)
     assert region.width == pytest.approx(8, abs=0.5)
-    lit, recovered = with_sun(result, regions, 200.0, LUMINANCE)
+    lit, recovered = with_sun(result, (region, brightest), 200.0, LUMINANCE)
     card = np.array(
         [
             np.cos(np.radians(region.latitude)) * np.sin(np.radians(region.longitude)),
@@ -166,7 +199,7 @@ def test_the_sun_has_what_a_card_gets_beside_the_rest(at: float) -> None:
     assert recovered.luminance == pytest.approx(float(lit.light[inside][0, 1]))
     assert (lit.mask[inside] == CLIPPED | RECOVERED).all()
     with pytest.raises(InputError, match=r"gets .* lx already"):
-        with_sun(result, regions, 5.0, LUMINANCE)
+        with_sun(result, (region, brightest), 5.0, LUMINANCE)
 
 
 def test_what_no_view_shows_of_the_light_on_a_card_is_said() -> None:
@@ -177,3 +210,23 @@ def test_what_no_view_shows_of_the_light_on_a_card_is_said() -> None:
     assert share_unseen(result, region) == 0
     result.mask[ROWS // 2 :] = NOTHING  # below the horizon: of a card that is tilted by 30 degrees a quarter
     assert share_unseen(result, region) == pytest.approx(0.25, abs=0.01)
+
+
+def test_many_saturated_places_take_no_mask_each() -> None:
+    rows, rng = 256, np.random.default_rng(0)
+    result = Map(np.ones((rows, 2 * rows, 3), np.float32), None, np.zeros((rows, 2 * rows), np.int64))
+    places = np.zeros_like(result.mask)
+    places[::2, ::2] = rng.uniform(size=(rows // 2, rows)) < 0.3
+    result.mask[places > 0], result.light[places > 0] = CLIPPED, 50.0
+    result.light[100, 200], result.mask[100, 200] = 900.0, CLIPPED
+    tracemalloc.start()
+    regions, brightest = clipped_regions(result, LUMINANCE)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(regions) >= places.sum() > 5000
+    assert peak < 100 * result.mask.size
+    assert np.argwhere(brightest).tolist() == [[100, 200]]
+    energies = [region.illuminance for region in regions]
+    assert energies == sorted(energies, reverse=True)
+    angles = np.broadcast_to(solid_angles(rows), places.shape)
+    assert sum(region.solid_angle for region in regions) == pytest.approx(angles[result.mask > 0].sum())
