@@ -3,7 +3,7 @@
 It is built here from its source: `git clone` of the newest release, cmake, libtorch of the installed torch,
 and OpenCV's headers (`apt install libopencv-dev`). It knows no budget of time, so its number of iterations is
 found that takes as many processor seconds as rig is given, and its schedule, which is meant for 30,000, is
-shortened in proportion; it grows fifteen times in the time that it grows, or every 500 iterations.
+shortened in proportion; it grows four times, or every 500 iterations.
 """
 
 import math
@@ -24,6 +24,8 @@ SOURCE = "https://github.com/WebODM/OpenSplat"
 RELEASE = "v1.2.0"
 BACKGROUND = (0.0, 0.0, 0.0)
 """Background behind its Gaussians: a constant of its source."""
+INTERVALS = 5
+"""Parts of the time in which it grows, between which it does."""
 FIRST_GROWTH = 16
 """Step before which it cannot grow: it ends with a fault until its harmonics had their first step."""
 WHOLE = 30_000
@@ -133,9 +135,9 @@ def _iterated(
         "num-downscales": variant.downscales,
         "resolution-schedule": max(1, round(3000 * share)),
         "sh-degree-interval": max(1, round(1000 * share)),
-        "densify-from": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / 15))),
+        "densify-from": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / INTERVALS))),
         "densify-until": round(variant.growing * iterations),
-        "refine-every": max(5, round(min(500, variant.growing * iterations / 15))),
+        "refine-every": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / INTERVALS))),
     }
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
     before = _children()
