@@ -30,6 +30,7 @@ export async function viewer(canvas) {
       mesh.scaling.set(1, 1, 1); // Babylon turns what is not glTF: the axes of the file instead
       mesh.rotation.set(0, 0, 0);
     }
+    await scene.whenReadyAsync(); // a worker sorts splats before any is drawn, however long it takes
     let picture = "";
     for (let same = 0; same < 3; ) {
       for (let frame = 0; frame < 4; frame++) {

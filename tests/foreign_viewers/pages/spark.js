@@ -27,7 +27,8 @@ export async function viewer(canvas) {
         await new Promise((resolve) => setTimeout(resolve, 50));
       }
       const now = canvas.toDataURL();
-      same = now === picture ? same + 1 : 0;
+      const sorted = spark.activeSplats > 0 && !spark.sorting && !spark.sortDirty; // by a worker
+      same = sorted && now === picture ? same + 1 : 0;
       picture = now;
     }
     scene.remove(splats, eye);
