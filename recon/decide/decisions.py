@@ -13,6 +13,7 @@ from imaging.arrays import Array
 from imaging.session.records import Rung
 from recon.data.overruled import asked_parts, overruled
 from recon.decide.cost.countdown import MOST_OF_START
+from recon.decide.cost.duration import far_trial
 from recon.decide.cost.prediction import enough, predicted
 from recon.decide.cost.probe import FEWEST, GROWTH, Probe, has_time_for_trials, pace_at_once, probe
 from recon.decide.evidence import Evidence, Run
@@ -28,6 +29,8 @@ from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import FEWEST_POINTS, Start, points_of_poses, scattered, start_points
 
+MOST_OF_FAR_TRIAL = 0.15
+"""Share of the time left that the trial of a far field may take."""
 NO_TIME = "not tried, since a trial would take its time from the budget"
 
 
@@ -87,7 +90,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
 
     # The most Gaussians, by preset, budget and samples of the views.
     decided = _with(decided, degree=degree, max_gaussians=most_for(dataset, asked, degree))
-    _require_room(run, evidence, decided)
+    pace = _require_room(run, evidence, decided)
 
     # The starting points, and whether short trainings from them may decide what follows.
     points = _start(run, evidence, decided, first)
@@ -95,7 +98,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     against_trials = _reason_against_trials(run, evidence, plan)
 
     # Light from far away behind the Gaussians: by views that look through the points, and a trial.
-    environment, points, far = _far_field(run, evidence, decided, points, against_trials)
+    environment, points, far = _far_field(run, evidence, decided, points, pace)
     if far is not None:
         decided = _with(decided, environment=True)
 
@@ -131,14 +134,17 @@ def _with(settings: Settings, **decided: float | None) -> Settings:
     return settings.model_copy(update=decided)
 
 
-def _require_room(run: Run, evidence: Evidence, settings: Settings) -> None:
+def _require_room(run: Run, evidence: Evidence, settings: Settings) -> float:
     """Raise TooShort if the time has no room for the fewest iterations.
 
     Measures the speed over a few iterations. If a smaller size is available, time for initialisation is
     reserved as well.
+
+    Returns:
+        Seconds of an iteration; 0 without a budget of time.
     """
     if run.countdown is None:
-        return
+        return 0.0
     dataset = evidence.dataset
     points = scattered(dataset, int(settings.start_share * settings.max_gaussians), settings.seed)
     plan = TrainingPlan(settings, evidence.light, points=points)
@@ -147,6 +153,7 @@ def _require_room(run: Run, evidence: Evidence, settings: Settings) -> None:
     started = 1.0 if run.smaller is None else 1 - MOST_OF_START
     least = Probe(0, pace * GROWTH, None).seconds_for(min(FEWEST, settings.iterations))
     run.countdown.require(least / started, FEWEST)
+    return pace
 
 
 def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None) -> Start:
@@ -166,15 +173,19 @@ def _start(run: Run, evidence: Evidence, settings: Settings, first: Array | None
 
 
 def _far_field(
-    run: Run, evidence: Evidence, settings: Settings, points: Start, against_trials: str | None
+    run: Run, evidence: Evidence, settings: Settings, points: Start, pace: float
 ) -> tuple[Rung, Start, Environment | None]:
     """Decide on an environment: its rung, the starting points that stay before it, and its light if it is
     taken.
+
+    pace: seconds of an iteration, where there is a budget of time.
     """
     dataset, images = evidence.dataset, evidence.images
     units = settings.composed(dataset, evidence.light).observation.units
     # The trial is short enough for a draft, and does not depend on what was set by hand.
-    against = against_trials if run.countdown else None
+    trial = pace * far_trial(dataset.train, int(settings.start_share * settings.max_gaussians))
+    left = run.seconds_left()
+    against = NO_TIME if left is not None and trial > MOST_OF_FAR_TRIAL * left else None
     rung = environment_for(dataset, settings, images, points, units, against, run.progress, run.device)
     if not rung.taken:
         return rung, points, None

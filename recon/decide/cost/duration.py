@@ -125,9 +125,7 @@ class Work:
         )
         small = self._step(self.small, corrections.TRIAL_GAUSSIANS)
         trials = pace * self.trials + small * self.small_trials
-        tiny = self.view * min(1.0, far_field.TRIAL_WIDTH / self.width) ** 2
-        looks = min(far_field.MOST_ITERATIONS, far_field.TRIAL_LOOKS * self.train)
-        far = 2 * looks * self._step(tiny, far_field.TRIAL_GAUSSIANS)
+        far = _far_trial(self.train, self.view, self.planes, self.width)
         return plain, plain + far + min(trials, MOST_TRIALS * pace * self.iterations)
 
     def clock_seconds(self, cores: int) -> tuple[float, float]:
@@ -165,6 +163,20 @@ def slowdown(views: Sequence[View], gaussians: int) -> float:
         return 1.0
     view, planes = fmean(map(pixels_of, views)) / 1e6, fmean(map(_planes, views))
     return step(view, planes, gaussians) / step(view / 4, planes, gaussians)
+
+
+def far_trial(views: Sequence[View], gaussians: int) -> float:
+    """Iterations of a training of that many Gaussians that take as long as the trial of a far field."""
+    view, planes = fmean(map(pixels_of, views)) / 1e6, fmean(map(_planes, views))
+    width = max(one.lens.width for one in views)
+    return _far_trial(len(views), view, planes, width) / step(view, planes, gaussians)
+
+
+def _far_trial(train: int, view: float, planes: float, width: int) -> float:
+    """Processor seconds of the trial of a far field; arguments as those of `Work`."""
+    tiny = view * min(1.0, far_field.TRIAL_WIDTH / width) ** 2
+    looks = min(far_field.MOST_ITERATIONS, far_field.TRIAL_LOOKS * train)
+    return 2 * looks * step(tiny, planes, far_field.TRIAL_GAUSSIANS)
 
 
 def _planes(view: View) -> int:

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from imaging.progress import unreported
+from imaging.session.records import Rung
 from recon.decide import decisions
 from recon.decide.cost.countdown import Countdown
 from recon.decide.cost.prediction import enough
@@ -15,6 +16,7 @@ from recon.decide.decisions import NO_TIME, decide
 from recon.decide.evidence import Evidence, Run
 from recon.decide.overrides import Overrides
 from recon.decide.plan import TrainingPlan
+from recon.start.initialisation import Start
 from recon.train.devices.ranks import Ranks
 
 from .steps.test_corrections import settings
@@ -70,6 +72,21 @@ def test_a_budget_of_time_decides_whether_trials_may(toy_long, monkeypatch, fits
     reason = decisions._reason_against_trials(run, evidence, plan)
     assert reason == (None if fits else NO_TIME)
     assert bool(said) != fits
+
+
+@pytest.mark.parametrize(("pace", "against"), [(0.001, None), (1.0, NO_TIME)])
+def test_far_light_is_tried_within_a_budget_whatever_was_set_by_hand(toy_long, monkeypatch, pace, against):
+    reasons = []
+
+    def without(dataset, settings, images, points, units, reason, *_):
+        reasons.append(reason)
+        return Rung(name="environment", taken=False, reason="")
+
+    monkeypatch.setattr(decisions, "environment_for", without)
+    by_hand = settings(budget=60.0, overrides=Overrides(width=32, gaussians=400), quality="draft")
+    run = run_of(toy_long, by_hand, Countdown(60.0, time.monotonic()))
+    decisions._far_field(run, Evidence.of(run), by_hand, Start(np.zeros((0, 3)), np.zeros((0, 3)), 0), pace)
+    assert reasons == [against]
 
 
 def test_a_training_of_the_decisions_begins_anew_each_time(toy_dataset):
