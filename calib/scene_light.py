@@ -9,7 +9,7 @@ from calib.evidence import Evidence
 from calib.light import each_photograph, tracks, vignetting
 from calib.light.constant_settings import stated_by
 from calib.light.each_photograph import Development
-from calib.light.photograph_sights import sights_of
+from calib.light.photograph_observations import photograph_observations
 from calib.light.vignetting import Falloff
 from calib.place_views import Placement
 from calib.request import ASKED
@@ -57,8 +57,8 @@ def measure_scene_light(evidence: Evidence, placement: Placement, progress: Prog
     photographs = {camera.name for camera in cameras if camera.kind == "ldr"}
     stated, development = stated_by(evidence.session, evidence.views), None
     if photographs:
-        sights = sights_of(model, colours, photographs, None)
-        development = each_photograph.estimate(*sights, stated, without)
+        observations = photograph_observations(model, colours, photographs, None)
+        development = each_photograph.estimate(*observations, stated, without)
         brightness = development.brightness(brightness)
 
     # Light through different filters is compared only with its like.
@@ -79,8 +79,8 @@ def measure_scene_light(evidence: Evidence, placement: Placement, progress: Prog
 
     # The first estimate took the falloff for part of what photographs differ by.
     if development is not None and development.differs:
-        sights = sights_of(model, colours, photographs, falloff)
-        development = each_photograph.estimate(*sights, stated, without)
+        observations = photograph_observations(model, colours, photographs, falloff)
+        development = each_photograph.estimate(*observations, stated, without)
 
     white = Balance({}, {}, (Rung(name="white_balance", taken=False, reason=ASKED),))
     if "white_balance" not in without:

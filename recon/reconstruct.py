@@ -20,7 +20,7 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.decoded import FOLDER
 from recon.data.load import load
-from recon.data.overruled import overruled
+from recon.data.stated_factors import overruled
 from recon.decide.cost.countdown import Countdown, TooShort
 from recon.decide.cost.duration import how_long, slowdown
 from recon.decide.cost.gpu_memory import exceeded, require_room

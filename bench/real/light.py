@@ -99,12 +99,12 @@ def scaled(name: str, folder: Path) -> None:
 _estimate = each_photograph.estimate
 
 
-def _all_rules(by_rule: dict[str, Development], sights: Any, views: Any, *evidence: Any) -> Development:
+def _all_rules(by_rule: dict[str, Development], observations: Any, views: Any, *evidence: Any) -> Development:
     """Return what calibration takes; by_rule: what each rule would, of its last estimate."""
     with patch.object(each_photograph, "MOST_REMAINING", np.inf):
-        by_rule["points"] = _estimate(sights, views, NOTHING)
+        by_rule["points"] = _estimate(observations, views, NOTHING)
     by_rule["off"] = Development({}, {})
-    by_rule["taken"] = _estimate(sights, views, *evidence)
+    by_rule["taken"] = _estimate(observations, views, *evidence)
     return by_rule["taken"]
 
 

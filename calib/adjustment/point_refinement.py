@@ -37,7 +37,7 @@ _WEIGHT /= _WEIGHT.sum()
 
 
 @dataclass(frozen=True, eq=False)
-class _Sights:
+class _Observations:
     """Observations, in order of points: image and feature, by COLMAP's numbers, point by order, int64 [N];
     place: px [N, 2]; world: the point [N, 3]."""
 
@@ -54,38 +54,42 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
     pictures: of views, as 8-bit grey PNGs, by whose pixels the model counts; other views stay as they are, as
     does one of each track: the one that looks from the middle of all. Those unlike it are dropped.
     """
-    sights = _gather(reconstruction, pictures)
-    if not len(sights.image):
+    observations = _gather(reconstruction, pictures)
+    if not len(observations.image):
         return
-    slopes, middle = _slopes(reconstruction, sights)
-    reference = _references(sights, middle)[sights.point]
+    slopes, middle = _slopes(reconstruction, observations)
+    reference = _references(observations, middle)[observations.point]
     with np.errstate(all="ignore"):
         warps = slopes @ np.linalg.pinv(slopes[reference])
     usable = np.isfinite(warps).all((1, 2)) & (np.abs(np.linalg.det(warps)) > 0.1)
-    images = np.unique(sights.image)
+    images = np.unique(observations.image)
     names = {image: ViewId.of_image(reconstruction.image(int(image)).name) for image in images}
-    templates = np.zeros((int(sights.point.max()) + 1, len(_GRID)), np.float32)
+    templates = np.zeros((int(observations.point.max()) + 1, len(_GRID)), np.float32)
     for image in images:
-        rows = np.unique(reference[sights.image[reference] == image])
+        rows = np.unique(reference[observations.image[reference] == image])
         picture = _decoded(pictures[names[image]])
         still = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
-        templates[sights.point[rows]] = _unit(_sample(picture, still, sights.place[rows]))
+        templates[observations.point[rows]] = _unit(_sample(picture, still, observations.place[rows]))
 
     def matched(number: int) -> tuple[Integers, Array, Array]:
-        """The sights of an image, where they belong, and how much that looks like their points."""
+        """The observations of an image, where they belong, and how much that looks like their points."""
         image = images[number]
-        rows = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
+        rows = np.flatnonzero(
+            (observations.image == image) & usable & (reference != np.arange(len(reference)))
+        )
         picture = _decoded(pictures[names[image]])
-        return rows, *_search(picture, templates[sights.point[rows]], warps[rows], sights.place[rows])
+        return rows, *_search(
+            picture, templates[observations.point[rows]], warps[rows], observations.place[rows]
+        )
 
     for done, (rows, places, likeness) in enumerate(in_turn(len(images), matched)):
         progress("aligning patches", done, len(images))
         image = int(images[done])
         view = reconstruction.image(image)
-        moved = np.linalg.norm(places - sights.place[rows], axis=1)
+        moved = np.linalg.norm(places - observations.place[rows], axis=1)
         good = (likeness > LEAST_LIKENESS) & (moved < FARTHEST)
         for feature, place, accepted in zip(
-            sights.feature[rows].tolist(), places, good.tolist(), strict=True
+            observations.feature[rows].tolist(), places, good.tolist(), strict=True
         ):
             if accepted:
                 view.point2D(feature).xy = place
@@ -94,48 +98,48 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
     progress("aligning patches", len(images), len(images))
 
 
-def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Sights:
+def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Observations:
     every = observations(reconstruction)
     shown = [index for index in reconstruction.reg_image_ids()
              if ViewId.of_image(reconstruction.image(index).name) in pictures]  # fmt: skip
     rows = np.lexsort([every.feature, every.image, every.point])
     rows = rows[np.isin(every.image[rows], shown)]
     point = np.unique(every.point[rows], return_inverse=True)[1]
-    return _Sights(
+    return _Observations(
         every.image[rows], every.feature[rows], point, every.observed[rows], every.world[every.point[rows]]
     )
 
 
-def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
+def _slopes(reconstruction: Any, observations: _Observations) -> tuple[Array, Array]:
     """Derivatives of pixels by a point on a plane that faces its cameras, [N, 2, 2]; and the cosine between
     each camera's direction and the mean of all that see the point, [N].
     """
-    toward = np.empty_like(sights.world)
+    toward = np.empty_like(observations.world)
     motions = {}
-    for image in np.unique(sights.image):
+    for image in np.unique(observations.image):
         motion = reconstruction.image(int(image)).cam_from_world().matrix()
         motions[image] = motion
-        in_image = sights.image == image
-        toward[in_image] = -motion[:, :3].T @ motion[:, 3] - sights.world[in_image]
+        in_image = observations.image == image
+        toward[in_image] = -motion[:, :3].T @ motion[:, 3] - observations.world[in_image]
     distance = np.linalg.norm(toward, axis=1, keepdims=True)
     toward /= distance
-    normal = np.zeros((int(sights.point.max()) + 1, 3))
-    np.add.at(normal, sights.point, toward)
+    normal = np.zeros((int(observations.point.max()) + 1, 3))
+    np.add.at(normal, observations.point, toward)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
-    facing = normal[sights.point]
+    facing = normal[observations.point]
     axis = np.where(np.abs(facing[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     across = np.cross(facing, axis)
     across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-12
     sides = (across, np.cross(facing, across))
-    slopes = np.empty((len(sights.image), 2, 2))
+    slopes = np.empty((len(observations.image), 2, 2))
     for image, motion in motions.items():
-        in_image = sights.image == image
+        in_image = observations.image == image
         camera = reconstruction.cameras[reconstruction.image(int(image)).camera_id]
         step = 1e-4 * float(np.median(distance[in_image]))
         for column, side in enumerate(sides):
             ends = [
                 camera.img_from_cam(
-                    (sights.world[in_image] + way * side[in_image]) @ motion[:, :3].T + motion[:, 3]
+                    (observations.world[in_image] + way * side[in_image]) @ motion[:, :3].T + motion[:, 3]
                 )
                 for way in (step, -step)
             ]
@@ -143,10 +147,10 @@ def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
     return slopes, (toward * facing).sum(1)
 
 
-def _references(sights: _Sights, middle: Array) -> Integers:
+def _references(observations: _Observations, middle: Array) -> Integers:
     """Reference observation of each point, with which all others are compared."""
-    order = np.lexsort((-middle, sights.point))
-    first = np.concatenate([[True], np.diff(sights.point[order]) > 0])
+    order = np.lexsort((-middle, observations.point))
+    first = np.concatenate([[True], np.diff(observations.point[order]) > 0])
     return np.asarray(order[first], np.int64)
 
 

@@ -38,7 +38,7 @@ DRAWS = 100
 FEWEST_POINTS = 60
 CELLS = 20
 """Across a picture; points that are first seen in the same cell of it err together."""
-FEWEST_SIGHTS = 6
+FEWEST_OBSERVATIONS = 6
 """Points that a frame has to see for a stated error: of two or three the pose follows so closely that no
 residual is left to say how sure it is."""
 _RIDGE = 1e-9
@@ -52,9 +52,9 @@ class StandardErrors:
     """Standard errors of poses and lenses.
 
     rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
-    not of a view whose frame sees fewer than FEWEST_SIGHTS points and has no stated place. lenses: by camera
-    and term, in the pixels of the model. mounted: the same two of each camera in its rig, the reference
-    excepted.
+    not of a view whose frame sees fewer than FEWEST_OBSERVATIONS points and has no stated place. lenses: by
+    camera and term, in the pixels of the model. mounted: the same two of each camera in its rig, the
+    reference excepted.
     """
 
     rotation: dict[ViewId, float]
@@ -188,11 +188,11 @@ def drawn_moves(
 def _hardly_seen(reconstruction: Any, free: Free) -> list[ViewId]:
     """Views whose pose no residual can say the error of."""
     images = [reconstruction.image(number) for number in reconstruction.reg_image_ids()]
-    sights = Counter[int]()
+    observations = Counter[int]()
     for image in images:
-        sights[image.frame_id] += image.num_points3D
+        observations[image.frame_id] += image.num_points3D
     stated = {reconstruction.image(number).frame_id for number in free.places}
-    few = {frame for frame, count in sights.items() if count < FEWEST_SIGHTS} - stated
+    few = {frame for frame, count in observations.items() if count < FEWEST_OBSERVATIONS} - stated
     return [ViewId.of_image(image.name) for image in images if image.frame_id in few]
 
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calib.colour.measure import Charts
-from calib.colour.white_balance import Balance, Sights, estimate, folded
+from calib.colour.white_balance import Balance, ColourObservations, estimate, folded
 from calib.data.views import View
 from calib.light.each_photograph import Development
 from calib.light.falloff import DARKEST, light_left
-from calib.light.tracks import sightings
+from calib.light.tracks import point_observations
 from calib.light.vignetting import Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
@@ -51,7 +51,7 @@ def balance(
         view: np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in known)
         for view, colour in colours.items()
     }
-    observations = sightings(model, usable)
+    observations = point_observations(model, usable)
     camera = np.array(
         [known.index(view.camera) if view.camera in known else -1 for view in observations.views]
     )
@@ -59,8 +59,8 @@ def balance(
     fall = light_left(terms, observations.radius)
     light = observations.values({view: colour[:, :3] for view, colour in colours.items()})
     colour = light - np.log(np.maximum(fall, DARKEST))[:, None]
-    sights = Sights(observations.point, camera[observations.view], colour)
-    return estimate(sights, known, [np.array(matrices[name])[:3] for name in known], anchors)
+    coloured = ColourObservations(observations.point, camera[observations.view], colour)
+    return estimate(coloured, known, [np.array(matrices[name])[:3] for name in known], anchors)
 
 
 def with_balance(record: CalibrationRecord, balance_of: Balance) -> CalibrationRecord:

@@ -17,7 +17,7 @@ from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import Rung
 
 FEWEST_TRACKS = 100
-FEWEST_SIGHTS = 30
+FEWEST_OBSERVATIONS = 30
 """Fewest observations of a camera, below which its channels stay as they are."""
 LEAST = 0.005
 """Relative; channels that differ by less are left alone: points that lie side by side err alike, and on a rig
@@ -29,7 +29,7 @@ UNIT = "robust whitened loss per held-out track"
 
 
 @dataclass(frozen=True, eq=False)
-class Sights:
+class ColourObservations:
     """Colours of scene points in the views that see them; rows are observations.
 
     point: int [N], which scene point; camera: int [N]; colour: float64 [N, 3], natural log of camera RGB,
@@ -40,9 +40,9 @@ class Sights:
     camera: Integers
     colour: Array
 
-    def part(self, keep: Mask) -> "Sights":
+    def part(self, keep: Mask) -> "ColourObservations":
         """The observations that `keep` [N] names."""
-        return Sights(self.point[keep], self.camera[keep], self.colour[keep])
+        return ColourObservations(self.point[keep], self.camera[keep], self.colour[keep])
 
 
 @dataclass(frozen=True)
@@ -58,30 +58,33 @@ class Balance:
 
 
 def estimate(
-    sights: Sights, cameras: Sequence[str], matrices: Sequence[Array], anchors: Sequence[str] = ()
+    observations: ColourObservations,
+    cameras: Sequence[str],
+    matrices: Sequence[Array],
+    anchors: Sequence[str] = (),
 ) -> Balance:
     """Sensitivities of channels that held-out tracks ask for.
 
     Args:
-        sights: Colours of scene points in the views that see them.
-        cameras: Names, in the order of `Sights.camera`.
+        observations: Colours of scene points in the views that see them.
+        cameras: Names, in the order of `ColourObservations.camera`.
         matrices: camera_from_rec709 [3, 3] of each camera, in the same order.
         anchors: Names of cameras whose white is known, as from a chart: theirs stays in the mean. Without any
             the rig's does.
 
     Returns:
-        Sensitivities and their errors, of cameras with `FEWEST_SIGHTS` observations or more; empty where
-        held-out tracks do not ask for them.
+        Sensitivities and their errors, of cameras with `FEWEST_OBSERVATIONS` or more; empty where held-out
+        tracks do not ask for them.
     """
-    _, track = np.unique(sights.point, return_inverse=True)
-    shared = np.isin(np.arange(len(cameras)), sights.camera)
+    _, track = np.unique(observations.point, return_inverse=True)
+    shared = np.isin(np.arange(len(cameras)), observations.camera)
     if len(np.unique(track)) < FEWEST_TRACKS or shared.sum() < 2:
         reason = (
             f"fewer than {FEWEST_TRACKS} scene points are seen well, in every channel, by several cameras"
         )
         return Balance({}, {}, (Rung(name="white_balance", taken=False, reason=reason),))
     stack = np.array(matrices)
-    gain, error = _gain(sights, stack)
+    gain, error = _gain(observations, stack)
     rung = Rung.judged(
         "white_balance",
         gain,
@@ -91,7 +94,7 @@ def estimate(
     )
     if not rung.taken:
         return Balance({}, {}, (rung,))
-    logs, covariance = _solve(sights, stack)
+    logs, covariance = _solve(observations, stack)
     uneven = float(np.abs(logs - logs.mean(axis=1, keepdims=True)).max())
     if uneven < LEAST:
         reason = f"no channel of a camera differs from its others by more than {100 * uneven:.2g} %"
@@ -103,8 +106,8 @@ def estimate(
     to_gauge = np.eye(len(cameras)) - np.outer(np.ones(len(cameras)), fixed / fixed.sum())
     logs = to_gauge @ logs
     errors = np.sqrt(np.maximum(np.einsum("ij,cjk,ik->ic", to_gauge, covariance, to_gauge), 0.0))
-    count = np.bincount(sights.camera, minlength=len(cameras))
-    known = [i for i in range(len(cameras)) if count[i] >= FEWEST_SIGHTS]
+    count = np.bincount(observations.camera, minlength=len(cameras))
+    known = [i for i in range(len(cameras)) if count[i] >= FEWEST_OBSERVATIONS]
     return Balance(
         {cameras[i]: triple(np.exp(logs[i])) for i in known},
         {cameras[i]: triple(errors[i]) for i in known},
@@ -123,13 +126,13 @@ def folded(
     return balance[:, None] * camera_from_rec709, triple(balance), channels[1]
 
 
-def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
+def _gain(observations: ColourObservations, matrices: Array) -> tuple[float, float]:
     """Gain of three sensitivities a camera over one in predicting held-out tracks, and its error."""
-    _, number = np.unique(sights.point, return_inverse=True)
+    _, number = np.unique(observations.point, return_inverse=True)
     fold = number % FOLDS
     differences = []
     for held in range(FOLDS):
-        rest, test = sights.part(fold != held), sights.part(fold == held)
+        rest, test = observations.part(fold != held), observations.part(fold == held)
         logs, _ = _solve(rest, matrices)
         one = np.repeat(logs.mean(axis=1, keepdims=True), 3, axis=1)
         low, high = (_residual(test, matrices, each) for each in (one, logs))
@@ -141,19 +144,19 @@ def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
-def _solve(sights: Sights, matrices: Array) -> tuple[Array, Array]:
+def _solve(observations: ColourObservations, matrices: Array) -> tuple[Array, Array]:
     """Log sensitivities [C, 3], zero in the mean of every channel, and their covariances [3, C, C]."""
     count = len(matrices)
     logs = np.zeros((count, 3))
     covariance = np.zeros((3, count, count))
-    _, track = np.unique(sights.point, return_inverse=True)
-    weight = np.ones(sights.colour.shape)
-    columns = (sights.camera[:, None] == np.arange(count)).astype(np.float64)
+    _, track = np.unique(observations.point, return_inverse=True)
+    weight = np.ones(observations.colour.shape)
+    columns = (observations.camera[:, None] == np.arange(count)).astype(np.float64)
     for _ in range(ROUNDS):
-        target = _as_one_camera(sights, matrices, logs)
+        target = _as_one_camera(observations, matrices, logs)
         for channel in range(3):
             residual = demeaned(
-                (target[:, channel] - logs[sights.camera, channel])[:, None], weight[:, channel], track
+                (target[:, channel] - logs[observations.camera, channel])[:, None], weight[:, channel], track
             )
             scale = max(robust_scale(residual), 1e-6)
             weight[:, channel] = huber_weight(residual[:, 0], HUBER * scale)
@@ -168,31 +171,31 @@ def _solve(sights: Sights, matrices: Array) -> tuple[Array, Array]:
     return logs, covariance
 
 
-def _as_one_camera(sights: Sights, matrices: Array, logs: Array) -> Array:
+def _as_one_camera(observations: ColourObservations, matrices: Array, logs: Array) -> Array:
     """ln rgb [N, 3] as a camera of the rig's mean matrix would have seen each point."""
-    return np.asarray(sights.colour - _predicted(sights, matrices, logs))
+    return np.asarray(observations.colour - _predicted(observations, matrices, logs))
 
 
-def _residual(sights: Sights, matrices: Array, logs: Array) -> Array:
+def _residual(observations: ColourObservations, matrices: Array, logs: Array) -> Array:
     """Return what the sensitivities leave between the views of each track, [N, 3]."""
-    _, track = np.unique(sights.point, return_inverse=True)
-    residual = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
+    _, track = np.unique(observations.point, return_inverse=True)
+    residual = _as_one_camera(observations, matrices, logs) - logs[observations.camera]
     return np.stack(
         [demeaned(residual[:, [c]], np.ones(len(residual)), track)[:, 0] for c in range(3)], axis=1
     )
 
 
-def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
+def _predicted(observations: ColourObservations, matrices: Array, logs: Array) -> Array:
     """ln of what each point becomes in its camera, over what it becomes in the mean camera, [N, 3]."""
-    _, track = np.unique(sights.point, return_inverse=True)
-    scene = np.linalg.solve(matrices[sights.camera], np.exp(sights.colour - logs[sights.camera])[..., None])[
-        ..., 0
-    ]
+    _, track = np.unique(observations.point, return_inverse=True)
+    scene = np.linalg.solve(
+        matrices[observations.camera], np.exp(observations.colour - logs[observations.camera])[..., None]
+    )[..., 0]
     # The brightness of a point drops out, so its views count alike whatever their exposure says.
     scene /= np.maximum(np.abs(scene).sum(axis=1, keepdims=True), 1e-12)
     mean = np.stack([np.bincount(track, column) for column in scene.T], axis=1) / np.bincount(track)[:, None]
     point = mean[track]
-    here = np.einsum("nij,nj->ni", matrices[sights.camera], point)
+    here = np.einsum("nij,nj->ni", matrices[observations.camera], point)
     there = point @ matrices.mean(axis=0).T
     floor = 1e-3 * np.abs(point).sum(axis=1, keepdims=True)
     return np.asarray(np.log(np.maximum(here, floor) / np.maximum(there, floor)))

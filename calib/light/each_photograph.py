@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.light.constant_settings import NOTHING, Stated
-from calib.light.photograph_sights import HUBER, PhotographSights, residual_of, shared, solved
+from calib.light.photograph_observations import HUBER, PhotographObservations, residual_of, shared, solved
 from calib.light.tracks import LUMINANCE
 from calib.light.vignetting import NOTICED_IN_SHEEN, by_side
 from calib.request import ASKED, LightPart
@@ -30,7 +30,7 @@ from imaging.session.view_id import ViewId
 _Reading = Callable[[Array], Array]
 
 FEWEST_POINTS = 100
-FEWEST_SIGHTS = 30
+FEWEST_OBSERVATIONS = 30
 """Fewest observations of a photograph, below which it stays as its label has it."""
 FEWEST_OF_REGION = 5
 """Points of a region in a photograph, whose median counts."""
@@ -77,7 +77,7 @@ class Development:
 
 
 def estimate(
-    sights: PhotographSights,
+    observations: PhotographObservations,
     views: list[ViewId],
     stated: Stated = NOTHING,
     without: Collection[LightPart] = (),
@@ -85,8 +85,8 @@ def estimate(
     """Estimate exposure and white balance of each photograph, each as far as held-out regions ask for it.
 
     Args:
-        sights: Colours of scene points in the photographs.
-        views: Views, in the order of `PhotographSights.view`.
+        observations: Colours of scene points in the photographs.
+        views: Views, in the order of `PhotographObservations.view`.
         stated: Settings that the files state as constant for a camera, which stay, with the factors that
             regions ask for beside them.
         without: Parts to leave out.
@@ -94,14 +94,14 @@ def estimate(
     Returns:
         The development of the photographs, with a rung for each of the two parts.
     """
-    sights = shared(sights)
-    points = np.unique(sights.point)
+    observations = shared(observations)
+    points = np.unique(observations.point)
     if len(points) < FEWEST_POINTS:
         reason = f"fewer than {FEWEST_POINTS} points are seen well, in every channel, by several photographs"
         return Development({}, {}, (_not_taken(EXPOSURE, reason), _not_taken(WHITE_BALANCE, reason)))
     count = len(views)
-    known = np.bincount(sights.view, minlength=count) >= FEWEST_SIGHTS
-    logs = np.where(known[:, None], solved(sights, count), 0.0)
+    known = np.bincount(observations.view, minlength=count) >= FEWEST_OBSERVATIONS
+    logs = np.where(known[:, None], solved(observations, count), 0.0)
     for camera in {view.camera for view in views}:
         # What all photographs of a camera have in common is its gain, which the falloff comes with.
         taken_by = known & np.array([view.camera == camera for view in views])
@@ -112,7 +112,7 @@ def estimate(
         EXPOSURE: ASKED if "exposure" in without else stated.of_all("exposure", views),
         WHITE_BALANCE: ASKED if "white_balance" in without else stated.of_all("white_balance", views),
     }
-    trial = _Trial.of(sights, count)
+    trial = _Trial.of(observations, count)
     rungs = [
         trial.judged(EXPOSURE, f"an exposure {EACH}", np.zeros_like, _one_exposure),
         trial.judged(WHITE_BALANCE, f"a white balance {EACH}", _one_exposure, _as_is),
@@ -178,23 +178,23 @@ def _as_is(logs: Array) -> Array:
 class _Trial:
     """Regions held out in turn: their points, and the numbers that the others give.
 
-    folds: for each the sights of held-out regions, those of them that nearly the same side shows, and ln d
-    [count, 3] of the rest.
+    folds: for each the observations of held-out regions, those of them that nearly the same side shows, and
+    ln d [count, 3] of the rest.
     """
 
-    folds: Sequence[tuple[PhotographSights, PhotographSights, Array]]
+    folds: Sequence[tuple[PhotographObservations, PhotographObservations, Array]]
     count: int
 
     @classmethod
-    def of(cls, sights: PhotographSights, count: int) -> "_Trial":
+    def of(cls, observations: PhotographObservations, count: int) -> "_Trial":
         """Hold out one fold of the regions after the other."""
-        fold = np.unique(sights.region, return_inverse=True)[1] % FOLDS
-        near = replace(sights, point=by_side(sights.point, sights.direction))
+        fold = np.unique(observations.region, return_inverse=True)[1] % FOLDS
+        near = replace(observations, point=by_side(observations.point, observations.direction))
         folds = []
         for held in range(FOLDS):
-            rest = shared(sights.part(fold != held))
+            rest = shared(observations.part(fold != held))
             if (fold == held).any() and len(rest.point):
-                test = (sights.part(fold == held), shared(near.part(fold == held)))
+                test = (observations.part(fold == held), shared(near.part(fold == held)))
                 folds.append((*test, solved(rest, count)))
         return cls(folds, count)
 
@@ -244,9 +244,9 @@ class _Trial:
         return None, ""
 
 
-def _medians(sights: PhotographSights, residual: Array, count: int) -> list[Array]:
+def _medians(observations: PhotographObservations, residual: Array, count: int) -> list[Array]:
     """The median residual [3] of every region in every photograph that shows enough points of it."""
-    cell = sights.region * count + sights.view
+    cell = observations.region * count + observations.view
     order = np.argsort(cell, kind="stable")
     starts = np.flatnonzero(np.diff(cell[order])) + 1
     return [

@@ -135,7 +135,7 @@ def _sites(
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class Observations:
     """Observations of scene points; rows are observations, in order of points and views.
 
     point: int [N], which scene point; view: int [N], of `views`; feature: int [N], of that view; radius:
@@ -164,7 +164,7 @@ class Sightings:
         return values
 
 
-def sightings(model: SceneModel, usable: Mapping[ViewId, Mask]) -> Sightings:
+def point_observations(model: SceneModel, usable: Mapping[ViewId, Mask]) -> Observations:
     """Collect the observations of all scene points that two views or more see; usable: bool [K], which
     features of a view count.
     """
@@ -192,7 +192,7 @@ def sightings(model: SceneModel, usable: Mapping[ViewId, Mask]) -> Sightings:
     shared, place_of = np.unique(point[shared_rows], return_inverse=True)
     places = np.array([model.reconstruction.points3D[index].xyz for index in order])[shared]
     region = regions_of(places.reshape(-1, 3))[place_of]
-    return Sightings(
+    return Observations(
         views,
         point[shared_rows],
         view[shared_rows],
@@ -209,7 +209,9 @@ def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Se
     brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
     `Tracks.camera` counts.
     """
-    observations = sightings(model, {view: np.isfinite(values) for view, values in brightness.items()})
+    observations = point_observations(
+        model, {view: np.isfinite(values) for view, values in brightness.items()}
+    )
     camera = np.array([cameras.index(view.camera) for view in observations.views], np.int64)
     return Tracks(
         observations.point,

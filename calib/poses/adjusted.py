@@ -12,8 +12,8 @@ from calib.poses.first_model import NO_START, FirstModels, camera_numbers, first
 from calib.poses.focal import focal_priors, settle_focal
 from calib.poses.places import align_to_places
 from calib.poses.pose_inputs import PoseInputs
-from calib.poses.rigs.apart import Joined, join, unjoined
 from calib.poses.rigs.known_rig import camera_of, to_metres
+from calib.poses.rigs.non_overlapping import Joined, join, unjoined
 from calib.poses.rigs.tied_model import TiedModel, polish, tied_model
 from calib.poses.steps import Done, Steps
 from calib.poses.turning.turned_views import TurnedViews, turned_views

@@ -18,7 +18,7 @@ from calib.poses.resolution import (
     ResolvedModel,
     resolve_contradictions,
 )
-from calib.poses.rigs.apart import cameras_apart, unjoined
+from calib.poses.rigs.non_overlapping import cameras_apart, unjoined
 from calib.poses.rigs.rig_twins import twins
 from calib.poses.steps import Steps
 from imaging.errors import CalibrationError

@@ -7,7 +7,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraNotFound, CameraProtocol, CameraRefused
 from drivers.genicam.archive import LARGEST_XML, parse_url, unzipped
 from drivers.genicam.chunks import ByteOrder
-from drivers.genicam.elsewhere import read_url
+from drivers.genicam.external_description import read_url
 from drivers.genicam.nodemap import NodeMap
 from drivers.gentl.abi import CONTROL, Library
 from drivers.gentl.producer import ListedCamera, Producer

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.archive import LARGEST_XML, parse_url, unzipped
-from drivers.genicam.elsewhere import read_url
+from drivers.genicam.external_description import read_url
 from imaging.and_list import and_list
 
 URL_SIZE = 512

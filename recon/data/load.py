@@ -20,12 +20,12 @@ from imaging.session.session import SPLIT, Session, brackets
 from imaging.session.view_id import ViewId
 from recon.data.dataset import COLMAP, Dataset, Sensor, View
 from recon.data.decoded import FOLDER, read_stored, require_room
+from recon.data.downsampling import Falloffs, narrower
 from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.measured_depth import DepthMapFile, scaled
-from recon.data.narrower import Falloffs, narrower
-from recon.data.overruled import overruled
 from recon.data.pixels import ShotSource, read_shot
 from recon.data.resident import too_large
+from recon.data.stated_factors import overruled
 from recon.data.world import WorldTransform
 from recon.splat import SplatCamera
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from imaging.arrays import Array
 from imaging.session.records import Rung
-from recon.data.overruled import asked_parts, overruled
+from recon.data.stated_factors import asked_parts, overruled
 from recon.decide.cost.countdown import MOST_OF_START
 from recon.decide.cost.duration import far_trial
 from recon.decide.cost.prediction import enough, predicted

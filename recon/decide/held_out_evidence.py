@@ -14,7 +14,7 @@ from torch import Tensor
 
 from recon.data.dataset import View
 from recon.observe.refinement import Refined, camera_delta
-from recon.splat.moved import moved
+from recon.splat.corrected_camera import moved
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.training import Training

@@ -20,7 +20,7 @@ from recon.observe.glare import scattered
 from recon.scene.appearance import Rate
 from recon.scene.checkpoint import Checkpoint
 from recon.splat import SplatCamera
-from recon.splat.moved import DELTA, moved
+from recon.splat.corrected_camera import DELTA, moved
 
 Refined = Literal["poses", "exposures", "vignetting", "glare"]
 

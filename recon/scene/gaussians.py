@@ -11,8 +11,8 @@ from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.environment import Environment
 from recon.scene.sampling import Sampling, away_from
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
+from recon.splat.corrected_camera import moved
 from recon.splat.limits import CHANNELS_MOST
-from recon.splat.moved import moved
 
 GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
 

@@ -90,7 +90,7 @@ class SplatStats:
 class RasterInputs(NamedTuple):
     """Inputs of every implementation: the arguments of `rasterize`, checked.
 
-    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
+    view: the camera's numbers where they are to be differentiated (see `recon.splat.corrected_camera`).
     """
 
     means: torch.Tensor

@@ -10,8 +10,8 @@ import torch
 from torch.utils.checkpoint import checkpoint
 
 from recon.splat.camera import SplatCamera
+from recon.splat.corrected_camera import view_of
 from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST, Limits
-from recon.splat.moved import view_of
 from recon.splat.raster_types import RasterInputs, Render
 
 _CHUNK = 1 << 20

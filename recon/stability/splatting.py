@@ -17,7 +17,7 @@ from imaging.compute import threads
 from imaging.progress import Progress, unreported
 from imaging.stress_case import StressCase
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
-from recon.splat.moved import DELTA
+from recon.splat.corrected_camera import DELTA
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.stability.scenes import Case, cases, contrast
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from statistics import fmean
 
 from recon.data.dataset import View
-from recon.data.narrower import Falloffs, narrower
+from recon.data.downsampling import Falloffs, narrower
 from recon.data.resident import pixels_of
 
 UNTIL = 0.5

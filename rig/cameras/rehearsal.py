@@ -11,7 +11,7 @@ from capture.bracket import automatic
 from capture.record import shooting
 from capture.request import RigRequest
 from capture.rigfile import rigfile
-from rig.cameras import focusing, foretelling
+from rig.cameras import focusing, forecast_in_words
 from rig.cameras.usb_bus import source_of
 from rig.terminal import tables
 from rig.terminal.progress import StatusLine
@@ -55,7 +55,7 @@ def rehearse(
         "pending": done.forecast.shots,
         "width": width,
         "height": height,
-        "forecast": foretelling.forecast_data(done.forecast, record),
+        "forecast": forecast_in_words.forecast_data(done.forecast, record),
         "focus": focusing.focus_data(focus),
     }
     lines = [
@@ -66,7 +66,10 @@ def rehearse(
     if request.resume:
         lines.append(f"{done.forecast.shots} of {counted(shots, 'shot')} still to take")
     pause = 0.0 if rig is None or sim is not None else rig.tables.pause
-    lines += [foretelling.forecast_line(done.forecast, pause), *foretelling.view_lines(done.forecast, record)]
+    lines += [
+        forecast_in_words.forecast_line(done.forecast, pause),
+        *forecast_in_words.view_lines(done.forecast, record),
+    ]
     if record.kind != "scene":
         return CommandResult(data, lines)
     lines += focusing.focus_lines(focus, rig is not None)

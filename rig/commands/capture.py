@@ -17,7 +17,7 @@ from imaging import choices
 from imaging.errors import InputError
 from imaging.session import session as sessions
 from imaging.session.paths import has_shots
-from rig.cameras import foretelling, rehearsal
+from rig.cameras import forecast_in_words, rehearsal
 from rig.cameras.usb_bus import source_of
 from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.options.defaults import is_typed, is_users, without_users
@@ -196,7 +196,7 @@ def run_capture(
     def announce(forecast: Forecast) -> None:
         if announced or not forecast.fits:
             pause = 0.0 if rig is None or sim is not None else rig.tables.pause
-            status.say(foretelling.forecast_line(forecast, pause))
+            status.say(forecast_in_words.forecast_line(forecast, pause))
 
     with (
         removed_on_failure(out, unless=has_shots),
@@ -206,7 +206,7 @@ def run_capture(
     there = result.taken + result.earlier
     earlier = f", {result.earlier} of them taken before" if result.earlier else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{earlier}"]
-    lines += [] if result.run is None else [foretelling.outcome_line(result.run)]
+    lines += [] if result.run is None else [forecast_in_words.outcome_line(result.run)]
     lines += [f"  {problem}" for problem in (*result.problems, *result.unknown)]
     missing = missing_parts(result.require_complete)
     if missing is None and (session := sessions.Session.open(out)).shots("scene"):

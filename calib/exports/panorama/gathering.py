@@ -31,7 +31,7 @@ _COLUMNS = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Strip:
     """One view on some rows of the map: float32 [B, 2 * rows, 3] and [B, 2 * rows].
 
     light: NaN where the view shows nothing. variance: infinite where the light is a bound, 0 where it is not
@@ -86,7 +86,7 @@ class SeenView:
             )
         self._narrow = _narrowest(lens)
 
-    def look(self, rows: int, first: int, last: int, samples: int) -> Sight | None:
+    def look(self, rows: int, first: int, last: int, samples: int) -> Strip | None:
         """Return what the view shows of rows `first` to `last` of a map of `rows` rows; None if nothing.
 
         samples: looked up along either side of a texel.
@@ -106,7 +106,7 @@ class SeenView:
         variance = np.where(np.isnan(variance), np.float32(np.inf), variance)
         extra = _mean(_looked_up(self._extra, x, y, 0.0), samples, angles)
         light[~np.isfinite(light).all(axis=-1)] = np.nan
-        return Sight(light, variance, extra[..., 0], np.asarray(extra[..., 1] > 0))
+        return Strip(light, variance, extra[..., 0], np.asarray(extra[..., 1] > 0))
 
 
 def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array32:
@@ -194,35 +194,35 @@ class Gathering:
         variance = np.full(light.shape, np.inf, np.float32)
         for first in range(0, self.rows, BAND):
             last = min(first + BAND, self.rows)
-            sight = view.look(self.rows, first, last, samples)
-            if sight is None:
+            strip = view.look(self.rows, first, last, samples)
+            if strip is None:
                 continue
-            self._add(slice(first, last), sight, None if noise else self._unsure)
+            self._add(slice(first, last), strip, None if noise else self._unsure)
             for row in range(first + -first % self.every, last, self.every):
-                light[row // self.every] = sight.light[row - first, :: self.every]
-                variance[row // self.every] = sight.variance[row - first, :: self.every]
+                light[row // self.every] = strip.light[row - first, :: self.every]
+                variance[row // self.every] = strip.variance[row - first, :: self.every]
         self.compared.append((light, variance))
 
-    def _add(self, band: slice, sight: Sight, unsure: Array32 | None) -> None:
+    def _add(self, band: slice, strip: Strip, unsure: Array32 | None) -> None:
         """Add rows of a view; unsure: what they are added to if their noise is unknown."""
-        shown: Mask = np.asarray(np.isfinite(sight.light).all(axis=-1))
-        noise = sight.variance.sum(axis=-1)
-        measured: Mask = shown & np.isfinite(noise) & ~sight.clipped
-        light = np.where(shown[..., None], sight.light, 0)
+        shown: Mask = np.asarray(np.isfinite(strip.light).all(axis=-1))
+        noise = strip.variance.sum(axis=-1)
+        measured: Mask = shown & np.isfinite(noise) & ~strip.clipped
+        light = np.where(shown[..., None], strip.light, 0)
         if unsure is not None:
-            weight = np.where(measured, sight.weight, 0)[..., None]
+            weight = np.where(measured, strip.weight, 0)[..., None]
             unsure[band] += np.concatenate([weight * light, weight], axis=-1)
         else:
             unit = self._usual[0] if self._usual else 1.0
-            weight = np.where(measured, sight.weight / np.maximum(noise / unit, 1e-12), 0).astype(np.float32)
+            weight = np.where(measured, strip.weight / np.maximum(noise / unit, 1e-12), 0).astype(np.float32)
             self._weight[band] += weight
             self._light[band] += weight[..., None] * light
-            self._variance[band] += (weight**2)[..., None] * np.where(measured[..., None], sight.variance, 0)
+            self._variance[band] += (weight**2)[..., None] * np.where(measured[..., None], strip.variance, 0)
         bound = shown & ~measured
         self._bound[band] = np.maximum(
-            self._bound[band], np.where(bound[..., None], sight.light, np.float32(-np.inf))
+            self._bound[band], np.where(bound[..., None], strip.light, np.float32(-np.inf))
         )
-        self._clipped[band] |= bound & sight.clipped
+        self._clipped[band] |= bound & strip.clipped
 
     def result(self) -> Map:
         """The map of all views that were added."""

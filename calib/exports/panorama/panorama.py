@@ -167,8 +167,8 @@ def merge_panorama(
         assert lens is not None  # of every camera with a view
         turn = view.cam_from_world.matrix()[:3, :3] @ axes.T
         samples, shrunk = sampling(lens, rows)
-        sight = SeenView(merged.picture, lens, turn, shrunk)
-        gathering.add(sight, samples, noise=merged.picture.sigma is not None)
+        rotated = SeenView(merged.picture, lens, turn, shrunk)
+        gathering.add(rotated, samples, noise=merged.picture.sigma is not None)
     on_progress("merging", len(chosen), len(chosen))
     gathered = _brighter(gathering.result(), factor)
     if gathered.mask.all():

@@ -6,8 +6,8 @@ from typing import Any
 from calib.adjustment.bundle_adjustment import Free, adjust, drop_outliers, misses
 from calib.adjustment.lens_ladder import sees_wide
 from calib.poses.pose_inputs import PoseInputs
-from calib.poses.rigs.apart import Joined
 from calib.poses.rigs.known_rig import tie_rigs
+from calib.poses.rigs.non_overlapping import Joined
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.records import Rung

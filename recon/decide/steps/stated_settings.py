@@ -15,7 +15,7 @@ from imaging.session.calibration import StatedPart
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 from recon.data.dataset import Dataset
 from recon.data.load import again
-from recon.data.overruled import PARTS, asked_parts, overruled
+from recon.data.stated_factors import PARTS, asked_parts, overruled
 from recon.decide.held_out_evidence import STEPS, robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT

@@ -36,7 +36,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True, eq=False)
-class DarkSights:
+class DarkObservations:
     """Observations of dark points [N] by cameras [N]: light and halo [N] there, and the standard deviation of
     the light by noise and displacement.
     """
@@ -46,9 +46,9 @@ class DarkSights:
     light: Array
     halo: Array
 
-    def part(self, keep: Mask) -> "DarkSights":
-        """The sights that `keep` [N] names."""
-        return DarkSights(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
+    def part(self, keep: Mask) -> "DarkObservations":
+        """The observations that `keep` [N] names."""
+        return DarkObservations(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
 
 
 def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], Rung]:
@@ -61,13 +61,15 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
     nothing = [0.0] * len(cameras)
     if dataset.bands:
         return nothing, Rung(name=name, taken=False, reason="views of one band each are not compared")
-    sights = dark_sights(dataset, images, cameras)
-    points, fold = np.unique(sights.point, return_inverse=True)
+    observations = dark_observations(dataset, images, cameras)
+    points, fold = np.unique(observations.point, return_inverse=True)
     if len(points) < FEWEST_POINTS:
         reason = f"fewer than {FEWEST_POINTS} dark scene points are seen by {FEWEST_VIEWS} training views"
         return nothing, Rung(name=name, taken=False, reason=reason)
-    gains = np.concatenate([_gains(sights, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)])
-    shares = _solved(sights, len(cameras)).clip(0.0).tolist()
+    gains = np.concatenate(
+        [_gains(observations, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)]
+    )
+    shares = _solved(observations, len(cameras)).clip(0.0).tolist()
     share = float(np.median(shares))
     what = f"{len(points)} dark scene points show that {100 * share:.2g} % of the light is scattered"
     error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
@@ -76,7 +78,7 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
 
 
 @torch_on_one_thread()
-def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSights:
+def dark_observations(dataset: Dataset, images: Images, cameras: list[str]) -> DarkObservations:
     """Every training view at every dark point that calibration saw in it; cameras: as they are numbered."""
     xyz, tracks = dataset.tracks(MOST_TRACKED)
     light, halo, slope = np.full((3, len(dataset.train), len(xyz)), np.nan)
@@ -105,28 +107,28 @@ def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSig
     light, halo = light[:, dark] / unit, halo[:, dark] / unit
     view_of, point = np.nonzero(np.isfinite(light))
     numbers = np.array([cameras.index(view.camera) for view in dataset.train])
-    return DarkSights(point, numbers[view_of], light[view_of, point], halo[view_of, point])
+    return DarkObservations(point, numbers[view_of], light[view_of, point], halo[view_of, point])
 
 
-def _gains(sights: DarkSights, held: Mask, cameras: int) -> Array:
+def _gains(observations: DarkObservations, held: Mask, cameras: int) -> Array:
     """Gains in the prediction of each held-out point with the shares from the other points."""
-    shares, test = _solved(sights.part(~held), cameras), sights.part(held)
+    shares, test = _solved(observations.part(~held), cameras), observations.part(held)
     after = _residual(test, shares)
     scale = max(robust_scale(after), 1e-6)
     # As if errors were of a Cauchy distribution: where something stands before a point, it shows nothing.
     less = [np.log1p((one / scale) ** 2) for one in (_residual(test, np.zeros(cameras)), after)]
-    sights_of = np.bincount(test.point)
-    return np.asarray((np.bincount(test.point, less[0] - less[1]) / np.maximum(sights_of, 1))[sights_of > 0])
+    counts_of = np.bincount(test.point)
+    return np.asarray((np.bincount(test.point, less[0] - less[1]) / np.maximum(counts_of, 1))[counts_of > 0])
 
 
-def _solved(sights: DarkSights, cameras: int) -> Array:
-    """The shares, by robust least squares in what sights of a point differ by."""
-    columns = np.zeros((len(sights.light), cameras))
-    columns[np.arange(len(sights.light)), sights.camera] = sights.halo
-    weight, shares = np.ones(len(sights.light)), np.zeros(cameras)
+def _solved(observations: DarkObservations, cameras: int) -> Array:
+    """The shares, by robust least squares in what observations of a point differ by."""
+    columns = np.zeros((len(observations.light), cameras))
+    columns[np.arange(len(observations.light)), observations.camera] = observations.halo
+    weight, shares = np.ones(len(observations.light)), np.zeros(cameras)
     for _ in range(ROUNDS):
-        slopes = columns - _mean(sights.point, columns, weight)
-        light = sights.light - _mean(sights.point, sights.light[:, None], weight)[:, 0]
+        slopes = columns - _mean(observations.point, columns, weight)
+        light = observations.light - _mean(observations.point, observations.light[:, None], weight)[:, 0]
         normal = slopes.T @ (weight[:, None] * slopes)
         shares = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (slopes.T @ (weight * light))
         residuals = light - slopes @ shares
@@ -134,13 +136,13 @@ def _solved(sights: DarkSights, cameras: int) -> Array:
     return np.asarray(shares)
 
 
-def _residual(sights: DarkSights, shares: Array) -> Array:
-    """Return what the shares leave unexplained between the sights of each point, [N]."""
-    unexplained = (sights.light - shares[sights.camera] * sights.halo)[:, None]
-    return np.asarray((unexplained - _mean(sights.point, unexplained, np.ones(len(unexplained))))[:, 0])
+def _residual(observations: DarkObservations, shares: Array) -> Array:
+    """Return what the shares leave unexplained between the observations of each point, [N]."""
+    unexplained = (observations.light - shares[observations.camera] * observations.halo)[:, None]
+    return np.asarray((unexplained - _mean(observations.point, unexplained, np.ones(len(unexplained))))[:, 0])
 
 
 def _mean(point: Integers, values: Array, weight: Array) -> Array:
-    """Weighted means of the sights [N, C] of each point, at each sight."""
+    """Weighted means of the observations [N, C] of each point, at each observation."""
     total = np.maximum(np.bincount(point, weight), 1e-12)
     return np.stack([(np.bincount(point, weight * column) / total)[point] for column in values.T], axis=1)

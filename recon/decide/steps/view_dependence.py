@@ -115,18 +115,18 @@ def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> Integers:
     return np.asarray(rows[depth[rows] <= (1 + BEHIND) * nearest[cells(pixels[rows])]], np.int64)
 
 
-def gains(sights: Looks) -> Gains | None:
+def gains(looks: Looks) -> Gains | None:
     """Return what each degree gains; None if fewer than 50 points are seen by 8 views or more.
 
     Points count by how little noise and a misplaced look would change them; errors are over points.
     """
-    views = np.isfinite(sights.light).sum(0)
+    views = np.isfinite(looks.light).sum(0)
     chosen = np.argsort(-views, kind="stable")[:MOST_POINTS]
     chosen = chosen[views[chosen] >= FEWEST_VIEWS]
     if len(chosen) < FEWEST_POINTS:
         return None
-    light, towards = sights.light[:, chosen].T, sights.towards[:, chosen].transpose(1, 0, 2)
-    slope = np.nanmedian(sights.slope[:, chosen], axis=0)
+    light, towards = looks.light[:, chosen].T, looks.towards[:, chosen].transpose(1, 0, 2)
+    slope = np.nanmedian(looks.slope[:, chosen], axis=0)
     weight = 1 / (NOISE**2 + (SHIFT * slope) ** 2)
     missed = weight * np.stack([_missed(light, towards, degree) for degree in range(DEGREE + 1)])
     total = missed.sum(1).clip(1e-30)

@@ -8,6 +8,7 @@ import numpy as np
 
 from imaging.compute.jit import inlined, kernel
 from imaging.compute.threads import take_number
+from recon.splat.corrected_camera import VIEW
 from recon.splat.cpu.composite_backward import MOMENTS, slot_size
 from recon.splat.cpu.formulas import (
     axes_gradient,
@@ -24,7 +25,6 @@ from recon.splat.cpu.lanes import above, choose, load, minimum, store
 from recon.splat.cpu.project import INPUTS, read_eight
 from recon.splat.cpu.project_view import add_view, clear_view, finish_view
 from recon.splat.cpu.tiles import TASK, TILE
-from recon.splat.moved import VIEW
 from recon.splat.parameters import LIMITS
 
 _OUTPUTS = 11

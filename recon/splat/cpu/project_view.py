@@ -6,9 +6,9 @@ A = J(lens, P) W of its ellipse. Computed beside the gradients of the Gaussians,
 """
 
 from imaging.compute.jit import inlined
+from recon.splat.corrected_camera import VIEW
 from recon.splat.cpu.formulas import lens_gradient, motion_gradient
 from recon.splat.cpu.lanes import above, choose, load, store, total
-from recon.splat.moved import VIEW
 from recon.splat.parameters import LENS
 
 

@@ -9,13 +9,13 @@ import torch
 
 from imaging.arrays import AnyArray, Bytes
 from imaging.compute.threads import share, thread_count
+from recon.splat.corrected_camera import VIEW
 from recon.splat.cpu import tiles
 from recon.splat.cpu.composite import CHUNK, PIXELS, composite
 from recon.splat.cpu.composite_backward import composite_backward, slot_size
 from recon.splat.cpu.project import project
 from recon.splat.cpu.project_backward import project_backward
 from recon.splat.limits import T_LEAST
-from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
 from recon.splat.raster_types import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD, Entries, Lists, Projected, shape_size

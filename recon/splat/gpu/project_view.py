@@ -8,9 +8,9 @@ P), P = W mean + t, and through the axes A = J(lens, P) W of its ellipse.
 import triton
 import triton.language as tl
 
+from recon.splat.corrected_camera import VIEW as _VIEW
 from recon.splat.gpu.formulas import lens_gradient, motion_gradient
 from recon.splat.gpu.inputs import LENS
-from recon.splat.moved import VIEW as _VIEW
 
 VIEW = tl.constexpr(_VIEW)
 

@@ -24,8 +24,8 @@ from imaging.errors import InputError, ReconstructionError, StorageError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.splat import Limits, Render, SplatCamera, SplatStats
+from recon.splat.corrected_camera import DELTA, moved
 from recon.splat.cpu.rasterizer import rasterize_cpu
-from recon.splat.moved import DELTA, moved
 from recon.splat.raster_types import RasterInputs
 from recon.train.devices.training_device import device_name
 

@@ -98,16 +98,20 @@ def _of_poses(views: Sequence[ViewCalibration], total: int) -> Iterator[Part]:
         return
     by_rig = sum(view.by_rig for view in views)
     weak = sum(view.points < FEW_POINTS for view in views) - by_rig
-    sight = (
+    confirmed = (
         f"{weak} of them from fewer than {FEW_POINTS} scene points"
         if weak
         else f"each from {min((v.points for v in views if not v.by_rig), default=0)} scene points or "
         f"more (at least {FEW_POINTS})"
     )
     if by_rig:
-        sight = f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(views) else ''}{sight}"
+        others = "the others: " if by_rig < len(views) else ""
+        confirmed = f"{by_rig} of them by the rig alone, {others}{confirmed}"
     doubtful = total > len(views) or weak or by_rig
-    yield "warn" if doubtful else "pass", f"{len(views)} of {counted(total, 'image')} with a pose, {sight}"
+    yield (
+        "warn" if doubtful else "pass",
+        f"{len(views)} of {counted(total, 'image')} with a pose, {confirmed}",
+    )
 
 
 def _of_residual(camera: CameraCalibration, residuals: Residuals) -> Iterator[Part]:

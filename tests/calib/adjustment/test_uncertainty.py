@@ -197,7 +197,10 @@ def test_a_frame_that_few_points_hold_has_no_error(model: Any) -> None:
     images = [image for image in few.images.values() if image.frame_id == lost]
     for image in images:
         for place, point in enumerate(image.points2D):
-            if point.has_point3D() and sum(one.num_points3D for one in images) >= uncertainty.FEWEST_SIGHTS:
+            if (
+                point.has_point3D()
+                and sum(one.num_points3D for one in images) >= uncertainty.FEWEST_OBSERVATIONS
+            ):
                 few.delete_observation(image.image_id, place)
     stated = uncertainty.standard_errors(few, RADIAL, NOISE, unreported)
     assert stated is not None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.colour.white_balance import Sights, estimate, folded
+from calib.colour.white_balance import ColourObservations, estimate, folded
 
 NAMES = ["a", "b", "c", "d"]
 BASE = np.array([[0.72, 0.24, 0.04], [0.16, 0.72, 0.12], [0.03, 0.21, 0.76]])
@@ -21,7 +21,7 @@ def made(
     points: int = 1200,
     noise: float = 0.03,
     seed: int = 0,
-) -> Sights:
+) -> ColourObservations:
     """Colourful points of many brightnesses, each seen by four views, a tenth of them wrongly."""
     random = np.random.default_rng(seed)
     scene = np.exp(random.normal(0, 1.5, (points, 1)) + random.normal(0, 0.5, (points, 3)))
@@ -31,7 +31,7 @@ def made(
     colour = np.log(rgb) + random.normal(0, noise, rgb.shape)
     wrong = random.random(len(point)) < 0.1
     colour[wrong] += random.normal(0, 1, (int(wrong.sum()), 3))
-    return Sights(point, camera, colour)
+    return ColourObservations(point, camera, colour)
 
 
 def logs(table: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def test_too_few_points_and_lonely_cameras_stay_as_they_are() -> None:
     assert set(balance.channels) == {"a", "b", "c"}
     relative = np.array([balance.channels[name] for name in "abc"])
     assert logs(relative) == pytest.approx(logs(CHANNELS[:3]), abs=0.006)
-    empty = Sights(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))
+    empty = ColourObservations(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))
     assert estimate(empty, NAMES, drawn).channels == {}
 
 

@@ -21,7 +21,7 @@ from recon.result.model import read_model
 from recon.result.opened import open_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
-from recon.splat.moved import moved
+from recon.splat.corrected_camera import moved
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train

@@ -8,7 +8,7 @@ import torch
 
 import recon.splat as splat
 from recon.splat import SplatCamera, SplatStats, rasterize
-from recon.splat.moved import DELTA
+from recon.splat.corrected_camera import DELTA
 from tests.recon.splat.conftest import BACK, LENS, Scene, camera, cloud
 from tests.recon.splat.test_gpu import NAMES, loss, same_gradient, same_image
 

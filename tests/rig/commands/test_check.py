@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from capture.record.forecast import Forecast
-from rig.cameras.foretelling import forecast_line
+from rig.cameras.forecast_in_words import forecast_line
 
 
 def test_a_problem_of_many_shots_is_one_line_and_each_is_in_the_record(rig, toy: Path) -> None:

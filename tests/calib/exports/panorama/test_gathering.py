@@ -117,11 +117,11 @@ def test_a_view_without_a_known_noise_counts_as_the_others_do(blind: int) -> Non
 
 def test_a_row_of_many_columns_is_looked_up_in_parts() -> None:
     rows, samples = 1200, 16  # 38400 columns, more than OpenCV draws at once
-    sight = SeenView(picture_of(TURNS[0], None), LENS, TURNS[0]).look(rows, 600, 601, samples)
-    assert sight is not None
-    shown = np.isfinite(sight.light).all(axis=-1)
+    strip = SeenView(picture_of(TURNS[0], None), LENS, TURNS[0]).look(rows, 600, 601, samples)
+    assert strip is not None
+    shown = np.isfinite(strip.light).all(axis=-1)
     assert 0.2 < shown.mean() < 0.6
-    np.testing.assert_allclose(sight.light[shown], light_of(directions(rows, 600, 601))[shown], atol=5e-3)
+    np.testing.assert_allclose(strip.light[shown], light_of(directions(rows, 600, 601))[shown], atol=5e-3)
 
 
 @pytest.mark.parametrize("rows", [12, 32])

@@ -14,7 +14,7 @@ from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
 from recon.data.load import again, load
-from recon.data.overruled import asked_parts
+from recon.data.stated_factors import asked_parts
 from recon.decide import decisions
 from recon.decide.decisions import with_light_of_photographs
 from recon.decide.evidence import Evidence

@@ -41,8 +41,8 @@ def made(gloss: float = 0.0, bend: float = 0.0, noise: float = 0.02, views: int 
     return Looks(light + noise * rng.standard_normal(along.shape), towards, np.full(along.shape, 0.1))
 
 
-def chosen(sights: Looks) -> int:
-    estimated = gains(sights)
+def chosen(looks: Looks) -> int:
+    estimated = gains(looks)
     assert estimated is not None
     return lowest(estimated)
 
@@ -71,8 +71,8 @@ def test_errors_shrink_with_more_points():
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_a_look_is_predicted_by_a_fit_to_all_others(degree):
     """Against ridge regressions that never saw the look; their constant is not held back."""
-    sights = made(0.2, 0.3)
-    light, towards = sights.light[:, 0].copy(), sights.towards[:, 0]
+    looks = made(0.2, 0.3)
+    light, towards = looks.light[:, 0].copy(), looks.towards[:, 0]
     light[[2, 5]] = np.nan
     there = np.flatnonzero(np.isfinite(light))
     columns = basis(from_numpy(towards), degree).numpy()
@@ -90,12 +90,12 @@ def test_a_look_is_predicted_by_a_fit_to_all_others(degree):
 
 @pytest.mark.parametrize("short", ["views", "points"])
 def test_too_few_looks_tell_nothing(short):
-    sights = made(1.0)
+    looks = made(1.0)
     if short == "views":
-        sights.light[FEWEST_VIEWS - 1 :] = np.nan
+        looks.light[FEWEST_VIEWS - 1 :] = np.nan
     else:
-        sights.light[:, FEWEST_POINTS - 1 :] = np.nan
-    assert gains(sights) is None
+        looks.light[:, FEWEST_POINTS - 1 :] = np.nan
+    assert gains(looks) is None
 
 
 def test_looks_are_where_calibration_saw_a_point_and_light_is_a_number(toy):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import imaging.compute.threads as threads
 from imaging.errors import InputError
 from recon.splat import Limits, Render, rasterize
-from recon.splat.moved import DELTA, moved
+from recon.splat.corrected_camera import DELTA, moved
 
 SMOOTH = Limits(alpha_min=1e-18, t_min=0.0, near=1e-3, tangent_margin=1e3)
 """Nothing is cut off and no Jacobian is clamped, so the render is a smooth function of the camera."""

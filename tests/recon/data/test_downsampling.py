@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from imaging.sensor.cfa import Cfa
+from recon.data.downsampling import narrower
 from recon.data.geometry import project
 from recon.data.load import load
-from recon.data.narrower import narrower
 from recon.data.shot import HeldPlanes, Shot
 
 

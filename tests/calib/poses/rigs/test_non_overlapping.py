@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.data.features import Features, MatchedPair
 from calib.poses.pose_inputs import PoseInputs
-from calib.poses.rigs.apart import cameras_apart
+from calib.poses.rigs.non_overlapping import cameras_apart
 from calib.poses.sfm import SceneModel, centres, solve
 from imaging.optics.lens import Lens
 from imaging.session.calibration import MOTION
