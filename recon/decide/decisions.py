@@ -184,8 +184,8 @@ def _far_field(
     units = settings.composed(dataset, evidence.light).observation.units
     # The trial is short enough for a draft, and does not depend on what was set by hand.
     trial = pace * far_trial(dataset.train, int(settings.start_share * settings.max_gaussians))
-    left = run.seconds_left()
-    against = NO_TIME if left is not None and trial > MOST_OF_FAR_TRIAL * left else None
+    seconds = run.seconds_left()
+    against = NO_TIME if seconds is not None and trial > MOST_OF_FAR_TRIAL * seconds else None
     rung = environment_for(dataset, settings, images, points, units, against, run.progress, run.device)
     if not rung.taken:
         return rung, points, None

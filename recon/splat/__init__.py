@@ -52,8 +52,8 @@ def rasterize(
         limits: Cut-offs of near Gaussians, footprints and opacities.
         stats: Counts for density control, which the render adds to; None: not counted.
         camera_delta: [14], float32 or float64, for pose and lens refinement: the movement of the camera, in
-            the units and the order of `recon.splat.corrected_camera.moved`; zeros are the camera as it is. The
-            gradient is that of the projection; the cut-offs that depend on the lens follow it without one.
+            the units and the order of `recon.splat.corrected_camera.moved`; zeros are the camera as it is.
+            The gradient is that of the projection; the cut-offs that depend on the lens follow without one.
 
     Returns:
         Image [H, W, C], alpha [H, W] and the depth that was requested.
