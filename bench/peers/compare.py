@@ -11,7 +11,7 @@ is calibrated by rig once, and both train on that. One view in eight is held out
 rig: `reconstruct` with nothing but the budget, which counts from the first file it reads. OpenSplat: see
 `bench/peers/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. Each
 is measured by what it draws itself: rig by its renderer, OpenSplat, whose pictures are not kept, by ours with
-the constants of 3DGS (`bench/peers/neutral.py`). Finished rows are kept in FOLDER.
+the constants of 3DGS (`bench/peers/neutral.py`). rig's rows and OpenSplat's runs are kept in FOLDER.
 """
 
 import argparse
@@ -137,7 +137,8 @@ def peer_rows(
 ) -> list[dict[str, Any]]:
     """Rows of each variant of OpenSplat, of runs of their own for each seed, which it does not take."""
     dataset = load(session, max_width=width)
-    folder = work / f"{session.name}-{width}-peer"
+    behind = "-".join(f"{level:g}" for level in opensplat.BACKGROUND)
+    folder = work / f"{session.name}-{width}-peer-{behind}"
     if not (folder / "transforms.json").is_file():
         _write_folder(dataset, folder)
     rows = []
@@ -206,10 +207,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             for seed in range(options.seeds):
                 key = f"{name} {width} {budget:g} {seed}"
                 ours = cache.get(f"rig {key}", partial(rig_row, session, width, budget, seed))
-                theirs = cache.get(
-                    f"OpenSplat {program.parent.name} {key}",
-                    partial(peer_rows, session, width, budget, program, options.work, seed),
-                )
+                theirs = peer_rows(session, width, budget, program, options.work, seed)
                 best = max(theirs, key=lambda row: row["gained"])
                 what = {"set": name, "width": width, "budget": budget, "seed": seed}
                 rows.append(what | {"rig": ours, "OpenSplat": best})

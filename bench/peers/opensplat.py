@@ -3,7 +3,8 @@
 It is built here from its source: `git clone` of the newest release, cmake, libtorch of the installed torch,
 and OpenCV's headers (`apt install libopencv-dev`). It knows no budget of time, so its number of iterations is
 found that takes as many processor seconds as rig is given, and its schedule, which is meant for 30,000, is
-shortened in proportion; it grows four times, or every 500 iterations.
+shortened in proportion. It grows four times, or every 500 iterations where that is more often; fewer times
+only where the part of its run in which it may grow ends by the 20th iteration.
 """
 
 import math
@@ -24,10 +25,12 @@ SOURCE = "https://github.com/WebODM/OpenSplat"
 RELEASE = "v1.2.0"
 BACKGROUND = (0.0, 0.0, 0.0)
 """Background behind its Gaussians: a constant of its source."""
-INTERVALS = 5
-"""Parts of the time in which it grows, between which it does."""
-FIRST_GROWTH = 16
-"""Step before which it cannot grow: it ends with a fault until its harmonics had their first step."""
+GROWTHS = 4
+"""Times that a short run grows."""
+INTERVAL = 500
+"""Iterations from one growth to the next in its own schedule, which begins after as many."""
+NO_GROWTH = 16
+"""Step up to which it cannot grow: it ends with a fault until its harmonics had their first step."""
 WHOLE = 30_000
 """Iterations that its schedule is made for."""
 
@@ -71,7 +74,7 @@ def built(work: Path, source: Path | None = None) -> Path:
     if program.is_file():
         return program
     if source is None:
-        source = work / "source"
+        source = work / f"source-{RELEASE}"
         if not source.is_dir():
             _run(["git", "clone", "--depth", "1", "--branch", RELEASE, SOURCE, str(source)])
     options = [
@@ -92,12 +95,16 @@ def version(program: Path) -> str:
 
 
 def trained(program: Path, folder: Path, budget: float, variant: Variant, out: Path) -> Outcome:
-    """The run of a nerfstudio folder that takes about `budget` processor seconds; kept once it is done."""
+    """The run of a nerfstudio folder that takes about `budget` processor seconds; kept once it is done, until
+    `schedule` has other options for it.
+    """
     record = out / f"{variant.name.replace(', ', '-').replace(' ', '-')}-{budget:g}.json"
     ply = record.with_suffix(".ply")
     if record.is_file():
         finished = store.read_json(record)
-        return Outcome(ply, finished["iterations"], finished["seconds"])
+        if finished.get("options") == schedule(variant, finished["iterations"]):
+            return Outcome(ply, finished["iterations"], finished["seconds"])
+        record.unlink()
     out.mkdir(parents=True, exist_ok=True)
     fewest, most, iterations, seconds = 0, 0, 30, 0.0
     best: tuple[int, float] | None = None
@@ -119,8 +126,32 @@ def trained(program: Path, folder: Path, budget: float, variant: Variant, out: P
             iterations = round((fewest * most) ** 0.5)
     if best is None:
         raise SystemExit(f"OpenSplat makes no {iterations} iterations of {folder} in {budget:g} s")
-    store.write_json(record, {"iterations": best[0], "seconds": best[1]})
+    options = schedule(variant, best[0])
+    store.write_json(record, {"iterations": best[0], "seconds": best[1], "options": options})
     return Outcome(ply, *best)
+
+
+def schedule(variant: Variant, iterations: int) -> dict[str, int]:
+    """Options of a run's command line, each by its name.
+
+    It grows in the multiples of refine-every that lie after densify-from and before densify-until.
+    """
+    share = min(iterations / WHOLE, 1.0)
+    until = round(variant.growing * iterations)
+    # As in its own schedule it first grows after two intervals, and one follows its last growth; in a short
+    # run the four growths have to fit behind the step up to which it cannot grow.
+    parts = math.ceil(until / (GROWTHS + 2))
+    every = max(1, min(INTERVAL, parts, (until - 1 - NO_GROWTH) // GROWTHS))
+    start = every * ((until - 1) // every - GROWTHS)
+    return {
+        "num-iters": iterations,
+        "num-downscales": variant.downscales,
+        "resolution-schedule": max(1, round(3000 * share)),
+        "sh-degree-interval": max(1, round(1000 * share)),
+        "densify-from": max(NO_GROWTH, min(INTERVAL, start)),
+        "densify-until": until,
+        "refine-every": every,
+    }
 
 
 def _iterated(
@@ -129,17 +160,9 @@ def _iterated(
     """Processor seconds of one run from start to end, and the iterations that it came to: fewer than asked
     for where it would have taken more than `most` seconds and was killed.
     """
-    share = min(iterations / WHOLE, 1.0)
-    options = {
-        "num-iters": iterations,
-        "num-downscales": variant.downscales,
-        "resolution-schedule": max(1, round(3000 * share)),
-        "sh-degree-interval": max(1, round(1000 * share)),
-        "densify-from": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / INTERVALS))),
-        "densify-until": round(variant.growing * iterations),
-        "refine-every": max(FIRST_GROWTH, round(min(500, variant.growing * iterations / INTERVALS))),
-    }
-    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    words = [
+        word for name, value in schedule(variant, iterations).items() for word in (f"--{name}", str(value))
+    ]
     before = _children()
     command = [str(program), str(folder), "--cpu", "-o", str(ply), *words]
     limit = math.ceil(most)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from bench.peers import opensplat
 from bench.peers.neutral import PlySplats, basis, measured
 from imaging import metrics
 from recon.scene.appearance import PlainHarmonics
@@ -70,24 +69,3 @@ def test_figures_are_of_what_is_seen_and_forgive_one_gain_a_channel():
     figures = measured([view], [true], lambda _: shown)
     assert figures.psnr == pytest.approx(metrics.psnr(shown[8:].clip(0, 1), true[8:]))
     assert figures.gained > 100 > figures.psnr
-
-
-def test_a_run_is_found_that_takes_the_budget(tmp_path, monkeypatch):
-    """Try a program whose pace falls as its scene grows."""
-    tried = []
-
-    def iterated(program, folder, iterations, variant, ply, most):
-        tried.append(iterations)
-        spent = 3 + 0.05 * np.arange(1, iterations + 1) + 1e-4 * np.arange(1, iterations + 1) ** 2
-        reached = int((spent <= most).sum())
-        if reached == iterations:
-            ply.write_bytes(b"%d" % iterations)
-        return min(spent[-1], most), reached
-
-    monkeypatch.setattr(opensplat, "_iterated", iterated)
-    run = opensplat.trained(tmp_path, tmp_path, 60.0, opensplat.VARIANTS[0], tmp_path / "runs")
-    assert abs(run.seconds / 60 - 1) < opensplat.CLOSE
-    assert run.ply.read_bytes() == b"%d" % run.iterations
-    before = len(tried)
-    assert opensplat.trained(tmp_path, tmp_path, 60.0, opensplat.VARIANTS[0], tmp_path / "runs") == run
-    assert len(tried) == before
