@@ -1,6 +1,7 @@
 """Nodes that compute: SwissKnife, IntSwissKnife, Converter, IntConverter."""
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import CameraProtocol
@@ -49,29 +50,42 @@ class Computing(Node):
         return parse(text, whole=self.whole_numbers)
 
     def variable(self, name: str) -> Number:
-        """The value of a variable's node, or the limit or step of it that the name ends in, as in X.Max.
+        """The value of a variable's node, or what its name asks of that: a limit or the step, as X.Max and
+        X.Inc do, or the number of an entry, as X.Entry.Mono8 does.
 
-        CameraProtocol if the node has no such limit or step.
+        CameraProtocol if the node has no such step or entry.
         """
-        node, ending = self.around.find(self.variables[name]), name.rpartition(".")[2]
+        node = self.around.find(self.variables[name])
+        if entry := name.partition(".Entry.")[2]:
+            return node.entry(entry)
+        ending = name.rpartition(".")[2]
         if "." not in name or ending not in ("Min", "Max", "Inc"):
             return numeric(node.value())
-        values = self.around.values
-        if (node, ending) not in values:
-            limits = node.limits()
-            step = limits.step or (1 if node.whole else None)
-            asked = {"Min": limits.low, "Max": limits.high, "Inc": step}[ending]
-            if asked is None or not math.isfinite(asked):
-                raise CameraProtocol(
-                    f"a formula needs the {ending} of {node.element.name}, which has none: update the "
-                    "firmware"
-                )
-            values[node, ending] = asked
-        return numeric(values[node, ending])
+        whole = self.whole_numbers or node.whole
+        values, key = self.around.values, (node, ending, whole)
+        if key not in values:
+            values[key] = _step(node, whole) if ending == "Inc" else _limit(node, ending, whole)
+        return numeric(values[key])
 
     def compute(self, formula: Formula, **given: Number) -> Number:
         """The value of a formula."""
         return formula(_Variables(self, given))
+
+
+def _limit(node: Node, ending: str, whole: bool) -> Number:
+    """Min or Max of a node; one that is not stated is that of the numbers of its kind, as in GenICam."""
+    limits = node.limits()
+    low, high = (-(1 << 63), (1 << 63) - 1) if whole else (-sys.float_info.max, sys.float_info.max)
+    return min(max(limits.low if ending == "Min" else limits.high, low), high)
+
+
+def _step(node: Node, whole: bool) -> Number:
+    step = node.limits().step or (1 if whole else None)
+    if step is None:
+        raise CameraProtocol(
+            f"a formula needs the Inc of {node.element.name}, which has none: update the firmware"
+        )
+    return step
 
 
 class SwissKnife(Computing):
@@ -120,7 +134,10 @@ class Converter(Computing):
         """Set the node behind; where that takes whole numbers or goes in steps, to the nearest."""
         there = self.compute(self._there, FROM=numeric(value))
         target = self._target()
-        limits = target.limits()
+        try:
+            limits = target.limits()
+        except CameraProtocol:  # the formula of a converter need not have a value at its ends
+            limits = Limits(-UNLIMITED, UNLIMITED)
         if not target.whole:
             drawn_in = min(max(there, limits.low), limits.high)
             # Beyond the ends it is refused; an end that went through both formulas may miss it by rounding.

@@ -67,7 +67,7 @@ class Surroundings:
     find: Callable[[str], "Node"]
     memory: Memory
     chunks: dict[int, bytes] = field(default_factory=dict)
-    values: dict["Node | tuple[Node, str]", Value] = field(default_factory=dict)
+    values: dict["Node | tuple[Node, str, bool]", Value] = field(default_factory=dict)
     """Cache of the node values, and of their limits in formulas, for the current feature, until something is
     written.
 
@@ -108,6 +108,13 @@ class Node:
     def limits(self) -> Limits:
         """Return where the value may be."""
         return Limits(-UNLIMITED, UNLIMITED)
+
+    def entry(self, name: str) -> int:
+        """The number of the entry of that name, available or not. CameraProtocol without such an entry."""
+        raise CameraProtocol(
+            f"a formula needs the entry {name} of {self.element.name}, which has no such entry: update the "
+            "firmware"
+        )
 
     def target_access(self) -> str:
         """Return what the register or the node behind lets one do: RW, RO or WO."""

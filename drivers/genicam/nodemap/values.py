@@ -152,6 +152,14 @@ class Enumeration(Holder):
                 entries[self._symbolic(element)] = value
         return entries
 
+    def entry(self, name: str) -> int:
+        """The number of the entry of that name, available or not."""
+        for element in self.element.all("EnumEntry"):
+            number = Node(element, self.around).integer("Value")
+            if number is not None and self._symbolic(element) == name:
+                return number
+        return super().entry(name)
+
     def get(self) -> int:
         """The number."""
         return integral(self.raw())
@@ -163,7 +171,9 @@ class Enumeration(Holder):
         named = [entry for entry in entries if entry.integer("Value") == number]
         if not named:
             raise CameraProtocol(f"its value {number} has no name")
-        return self._symbolic(next((entry for entry in named if entry.available()), named[0]).element)
+        if len(named) > 1:  # else it has the name even where its availability cannot be read
+            named.sort(key=lambda entry: not entry.available())
+        return self._symbolic(named[0].element)
 
     def set(self, value: Value) -> None:
         """Choose an entry by its name or number."""

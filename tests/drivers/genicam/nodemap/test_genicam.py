@@ -108,6 +108,15 @@ def test_entries_go_by_their_symbolic_names_and_of_one_number_the_available_one_
     assert nodes.text("E") == "Mono8"
 
 
+def test_the_only_entry_of_a_number_has_its_name_though_its_availability_cannot_be_read() -> None:
+    nodes = node_map(
+        '<Enumeration Name="E"><EnumEntry Name="A"><pIsAvailable>No</pIsAvailable><Value>2</Value>'
+        "</EnumEntry><Value>2</Value></Enumeration>"
+        '<IntSwissKnife Name="No"><Formula>1 / 0</Formula></IntSwissKnife>'
+    )
+    assert nodes.text("E") == "A"
+
+
 def test_booleans_and_commands() -> None:
     memory = Bytes()
     nodes = node_map(
@@ -164,6 +173,20 @@ def test_converters_take_their_ends(to: str, back: str) -> None:
         assert nodes.number("F") == pytest.approx(end, rel=1e-12)
         with pytest.raises(CameraRefused, match=r"K: .* is not in 1 to "):
             nodes.set("K", nodes.limits("K").high * 1.0001)
+
+
+def test_converters_of_converters_are_set_though_an_end_has_no_value() -> None:
+    """LG(0) has none; genicam 1.6.0 sets the register to 2 here too."""
+    nodes = node_map(
+        '<Converter Name="K"><FormulaTo>FROM</FormulaTo><FormulaFrom>TO</FormulaFrom><pValue>P</pValue>'
+        '</Converter><Converter Name="P"><FormulaTo>10 ** (FROM / 20)</FormulaTo>'
+        "<FormulaFrom>20 * LG(TO)</FormulaFrom><pValue>R</pValue></Converter>"
+        + register("IntReg", "<Length>1</Length>")
+    )
+    nodes.set("K", 6.0)
+    assert nodes.number("R") == 2
+    with pytest.raises(CameraRefused, match=r"K: 1000 is not in 0 to 255"):
+        nodes.set("K", 60.0)
 
 
 def test_values_chosen_by_an_index() -> None:
