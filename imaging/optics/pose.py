@@ -15,9 +15,10 @@ _QUARTER = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0
 """Axes of a picture after a quarter turn to the left, from those before it: its right becomes its top."""
 _GRIP_UP = 8
 """The orientation of EXIF that such a turn shows upright."""
-_ALL_ROUND = 0.5
-"""Length of the mean of unit vectors that go round by more than 220 degrees. What is down in pictures held
-level has a longer one, since no camera tilts beyond straight up or down."""
+_ASKEW = np.sin(np.radians(10.0))
+"""Sine of the angle by which cameras that are held level may miss it."""
+_STRAYS = 0.1
+"""Share of the views that may be turned anyhow: those that are placed wrong, or were held otherwise."""
 _FLATTER = 0.1
 """Difference of `_flatness` that is no chance."""
 
@@ -56,9 +57,15 @@ def as_held(cam_from_world: Array, orientation: int) -> Array:
 
 
 def on_their_side(motions: Sequence[Array]) -> bool:
-    """True for views whose columns, and not their rows, lie in one plane, nearly all round."""
+    """True for views whose columns, and not their rows, lie in one plane, all round.
+
+    Columns of level cameras, which none tilts beyond straight up or down, leave half of any plane empty.
+    """
     rows, columns = (np.array([motion[axis, :3] for motion in motions]) for axis in (0, 1))
-    around = float(np.linalg.norm(columns.mean(axis=0))) < _ALL_ROUND
+    plane = np.linalg.eigh(columns.T @ columns)[1][:, 1:]
+    turns = np.radians(np.arange(0, 360, 5))
+    heights = columns @ plane @ np.stack([np.cos(turns), np.sin(turns)])
+    around = bool(((heights > _ASKEW).mean(axis=0) > _STRAYS).all())
     return around and _flatness(columns) > _flatness(rows) + _FLATTER
 
 
@@ -71,8 +78,10 @@ def _flatness(axes: Array) -> float:
 def upwards(motions: Sequence[Array]) -> Array:
     """A unit vector: what is square to the rows of all pictures, as photographers hold cameras level.
 
-    Where their headings hardly differ, the mean of what is up in the pictures decides. Of pictures that stand
-    on their side it is square to their columns, and on their right: most cameras are turned with the grip up.
+    Where their headings hardly differ, the mean of what is up in the pictures decides. Motions are those of
+    upright pictures (`as_held`) where files state how they were held. Pictures that stand on their side all
+    the same are taken to have their right side up, as of a camera whose grip is up; of most telephones it is
+    the left.
     """
     if on_their_side(motions):
         motions = [as_held(motion, _GRIP_UP) for motion in motions]

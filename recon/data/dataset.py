@@ -67,6 +67,8 @@ class View:
     """Channels of the scene's light: Rec.709's, or the bands of the session."""
     depth: DepthMapFile | None = None
     """Measured depth of the view."""
+    orientation: int = 1
+    """Orientation that EXIF states of its first file, 1 to 8; pixels are as stored."""
 
     @property
     def id(self) -> ViewId:
@@ -185,9 +187,19 @@ class Dataset:
 
     @property
     def photographs_sha256(self) -> str:
-        """Hash of the shots of all views, with their masks and depth maps, as they were read."""
+        """Hash of the shots of all views, with their masks, as they were read."""
+        return photographs_sha256(self._shots())
+
+    @property
+    def depths_sha256(self) -> str:
+        """Hash of the depth maps of all views and of their units, in use or not; empty without any."""
+        lines = [f"{shot.file} {shot.depth_sha256} {shot.depth_unit}" for shot in self._shots() if shot.depth]
+        return _sha256(lines) if lines else ""
+
+    def _shots(self) -> Iterable[ShotRecord]:
+        """Records of the shots of all views."""
         files = {shot.file for view in self.views for shot in view.shots}
-        return photographs_sha256(shot for shot in self.records if shot.file in files)
+        return (shot for shot in self.records if shot.file in files)
 
     def with_depths(self, scale: float | None) -> "Dataset":
         """Multiply the depth maps of all views by a scale; None drops them."""
@@ -233,11 +245,9 @@ class Dataset:
 
 
 def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
-    """Hash of the names and hashes of shots, their masks and depth maps, in order of name."""
-    lines = sorted(
-        f"{shot.file} {shot.sha256} {shot.mask_sha256}"
-        + ("" if shot.depth is None else f" {shot.depth_sha256} {shot.depth_unit}")
-        + "\n"
-        for shot in shots
-    )
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
+    """Hash of the names and hashes of shots and their masks, in order of name."""
+    return _sha256(f"{shot.file} {shot.sha256} {shot.mask_sha256}" for shot in shots)
+
+
+def _sha256(lines: Iterable[str]) -> str:
+    return hashlib.sha256("".join(f"{line}\n" for line in sorted(lines)).encode()).hexdigest()

@@ -9,6 +9,7 @@ from imaging.arrays import Array32
 from imaging.colour.spaces import of_channels
 from imaging.compute.threads import in_turn
 from imaging.errors import ReconstructionError
+from imaging.files.photo import read_metadata
 from imaging.optics.lens import Lens
 from imaging.progress import Progress, unreported
 from imaging.sensor.cfa import Cfa
@@ -281,6 +282,7 @@ def _view(
         shots=tuple(sorted(shots, key=lambda shot: (shot.band or 0, shot.k))),
         channels=len(session.record.bands) or 3,
         depth=_depth(session, group),
+        orientation=read_metadata(session.file(group[0])).orientation,
     )
 
 

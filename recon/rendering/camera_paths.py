@@ -55,7 +55,7 @@ def orbit(scene: Scene, frames: int) -> list[SplatCamera]:
     """
     motions = [view.cam_from_world.matrix() for view in scene.views]
     centres, target = _centres(motions), _looked_at(motions)
-    up = upwards(motions)
+    up = upwards([view.upright for view in scene.views])
     away = centres - target
     height = float(np.median(away @ up))
     level = away - np.outer(away @ up, up)
@@ -177,7 +177,7 @@ def level_axes(views: Sequence[SceneView]) -> Array:
     """World axes of a level map, float64 [3, 3], rows of unit length: left of where the views look, up, and
     where they look, as far as that is level; right-handed."""
     motions = [view.cam_from_world.matrix() for view in views]
-    up = upwards(motions)
+    up = upwards([view.upright for view in views])
     ahead = np.sum([motion[2, :3] for motion in motions], axis=0)
     ahead = ahead - (ahead @ up) * up
     if np.linalg.norm(ahead) < 1e-6 * len(motions):  # all round

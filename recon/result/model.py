@@ -6,10 +6,11 @@ from typing import Literal
 
 from pydantic import Field
 
+from imaging.arrays import Array
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.optics.lens import Lens
-from imaging.optics.pose import Pose
+from imaging.optics.pose import Pose, as_held
 from imaging.record import Record, parse
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Band, Name, Rung
@@ -66,6 +67,8 @@ class SceneView(Record):
     """Shots in use, darkest first."""
     cfa: tuple[str, ...] = ()
     """Rows of the tile of its colour filters (`imaging.sensor.cfa`); empty: not trained as a mosaic."""
+    orientation: int = Field(default=1, ge=1, le=8)
+    """Orientation that EXIF states of its first photograph; lens and pose are of the picture as stored."""
 
     @property
     def id(self) -> ViewId:
@@ -76,6 +79,11 @@ class SceneView(Record):
     def name(self) -> str:
         """`frame/camera`."""
         return str(self.id)
+
+    @property
+    def upright(self) -> Array:
+        """The motion from the world into the axes of the upright picture, float64 [4, 4]."""
+        return as_held(self.cam_from_world.matrix(), self.orientation)
 
     @property
     def splat_camera(self) -> SplatCamera:
@@ -107,7 +115,7 @@ class ModelRecord(Record):
     session: str
     """Name of the session that it was trained on."""
     photographs_sha256: str
-    """Hash of the names and hashes of the shots of all views, their masks and depth maps
+    """Hash of the names and hashes of the shots of all views and of their masks
     (`dataset.photographs_sha256`)."""
     calibration_sha256: str
     """Hash of the session's calibration.json (and split.json) as it was trained on."""

@@ -197,6 +197,7 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
             for shot in view.shots
         ),
         cfa=() if view.sensor.cfa is None else view.sensor.cfa.rows,
+        orientation=view.orientation,
     )
 
 

@@ -16,7 +16,7 @@ from rig.options.defaults import without_users
 from rig.options.request import Asked, Shown
 from rig.terminal import panorama_result as results
 from rig.terminal.result import CommandResult, removed_on_failure, running
-from rig.terminal.text import command_line, counted, number
+from rig.terminal.text import counted, number
 
 NO_OPTIONS = PanoramaRequest()
 OPTIONS = Asked(
@@ -86,8 +86,8 @@ def _merge_result(
     lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
     uncoloured = _camera_rgb(merged)
     if uncoloured:
-        again, known = command_line("rig", "merge", session, out), calibration is not None
-        lines.append(results.camera_rgb_line(session, uncoloured, request.space, again, calibrated=known))
+        known = calibration is not None
+        lines.append(results.camera_rgb_line(session, uncoloured, request.space, calibrated=known))
     data = {
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",

@@ -32,20 +32,17 @@ def panorama_result(session: Path, made: "panoramas.Panorama", space: Space) -> 
     }
     lines = list(_lines(made))
     if made.camera_rgb:
-        again = command_line("rig", "merge", session, "--panorama", made.file)
-        lines.append(camera_rgb_line(session, made.camera_rgb, space, again, calibrated=True))
+        lines.append(camera_rgb_line(session, made.camera_rgb, space, calibrated=True))
     return CommandResult(data, lines)
 
 
-def camera_rgb_line(
-    session: Path, cameras: Sequence[str], space: Space, again: str, *, calibrated: bool
-) -> str:
+def camera_rgb_line(session: Path, cameras: Sequence[str], space: Space, *, calibrated: bool) -> str:
     """Files that are in no known space, and what gives them one."""
     how = command_line("rig", "calibrate", session)
     chart = " --only colour --chart` with a view of a ColorChecker in it" if calibrated else "`"
     return (
         f"The colours of {', '.join(cameras)} are camera RGB, and no {SPACE_NAMES[space]}: run "
-        f"`{how}{chart}, and `{again}` again for {SPACE_NAMES[space]}."
+        f"`{how}{chart}, and merge the session again for {SPACE_NAMES[space]}."
     )
 
 

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from calib.exports.panorama.layout import directions, solid_angles
-from imaging.arrays import Array, Array32, Integers, Mask
+from imaging.arrays import AnyArray, Array, Array32, Integers, Mask
 from imaging.merge.picture import CLIPPED, DARK, HIDDEN, NOTHING, Picture
-from imaging.optics.lens import Lens, project, rays
+from imaging.optics.lens import Lens, covers, project, rays
 
 BAND = 16
 """Rows of the map that are worked on at a time."""
@@ -26,6 +26,8 @@ MOST_SAMPLES = 16
 """Along either side of a texel, for the sake of time; more is averaged in the picture first."""
 COARSE = 256
 """Rows of the map on which views are compared."""
+_STEP = 1e-6
+"""Part of a unit vector by which a direction is moved to see how far its pixel moves."""
 _COLUMNS = 1 << 14
 """Columns that are looked up at a time: cv2.remap draws fewer than 32767."""
 
@@ -47,10 +49,22 @@ class Strip:
 def sampling(lens: Lens, rows: int) -> tuple[int, int]:
     """Places along either side of a texel that a view is looked up at, and px of it that are averaged first.
 
-    Together they miss no pixel of the view, and so no small lamp, however coarse the map is.
+    They lie no farther apart than px do where the lens draws largest, so that no small lamp is missed,
+    however coarse the map is, but for those in a texel that the border of the view crosses.
     """
-    wanted = math.ceil(1.5 * lens.fx * np.pi / rows)
+    wanted = math.ceil(_density(lens) * np.pi / rows)
     return min(max(wanted, 2), MOST_SAMPLES), -(-wanted // MOST_SAMPLES)
+
+
+def _density(lens: Lens) -> float:
+    """Largest number of px to a radian that the lens has in its picture."""
+    x, y = np.meshgrid(np.linspace(0, lens.width, 33), np.linspace(0, lens.height, 33))
+    places = np.stack([x, y], axis=-1)
+    ahead = rays(lens, places[covers(lens, places)])
+    # What is projected does not depend on its distance, so that the slopes are those across the ray.
+    steps = _STEP * np.eye(3)
+    slopes = np.stack([project(lens, ahead + step) - project(lens, ahead - step) for step in steps], axis=-1)
+    return float(np.linalg.norm(slopes, ord=2, axis=(-2, -1)).max()) / (2 * _STEP)
 
 
 class SeenView:
@@ -91,7 +105,11 @@ class SeenView:
 
         samples: looked up along either side of a texel.
         """
-        ahead = directions(rows * samples, first * samples, last * samples) @ self.turn.T
+        # Only columns that the view comes near are looked up: most views are narrow.
+        narrow = np.cos(np.arccos(self._narrow) + np.pi / rows)
+        near = (directions(rows, first, last) @ self.turn[2] > narrow).any(axis=0)
+        fine = np.repeat(near, samples)
+        ahead = directions(rows * samples, first * samples, last * samples)[:, fine] @ self.turn.T
         front = ahead[..., 2] > self._narrow
         if not front.any():
             return None
@@ -106,7 +124,17 @@ class SeenView:
         variance = np.where(np.isnan(variance), np.float32(np.inf), variance)
         extra = _mean(_looked_up(self._extra, x, y, 0.0), samples, angles)
         light[~np.isfinite(light).all(axis=-1)] = np.nan
-        return Strip(light, variance, extra[..., 0], np.asarray(extra[..., 1] > 0))
+        return Strip(
+            _spread(light, near, np.nan), _spread(variance, near, np.inf),
+            _spread(extra[..., 0], near, 0.0), _spread(np.asarray(extra[..., 1] > 0), near, False),
+        )  # fmt: skip
+
+
+def _spread(part: AnyArray, columns: Mask, beyond: float) -> AnyArray:
+    """Columns of some rows of the map as all of them, with a value beyond."""
+    whole = np.full((len(part), len(columns), *part.shape[2:]), beyond, part.dtype)
+    whole[:, columns] = part
+    return whole
 
 
 def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array32:
@@ -125,7 +153,8 @@ def _looked_up(picture: Array32, x: Array32, y: Array32, beyond: float) -> Array
 def _mean(fine: Array32, samples: int, weights: Array | None = None) -> Array32:
     """Means over samples x samples places, [B, W, C]; weights: of the rows of places, [B * samples, 1]."""
     height, width, channels = fine.shape
-    rows = fine.reshape(height // samples, samples, width // samples, samples, channels).mean(axis=3)
+    places = fine.reshape(height // samples, samples, width // samples, samples, channels)
+    rows = np.einsum("bswtc->bswc", places) / samples  # as mean(axis=3), in a fifth of the time
     if weights is None:
         return np.asarray(rows.mean(axis=1), np.float32)
     shares = weights.reshape(-1, samples, 1, 1)

@@ -17,20 +17,18 @@ from calib.exports.merge_session import current_calibration
 from calib.exports.panorama.gathering import Gathering, Map, SeenView, sampling
 from calib.exports.panorama.layout import header, solid_angles
 from calib.exports.panorama.seams import Seam, seams
+from calib.exports.panorama.standpoint import map_axes, parallax_of, upright_motion
 from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
 from calib.exports.request import PanoramaRequest
 from imaging.arguments import checked
-from imaging.arrays import Array
 from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage
 from imaging.colour.spaces import XYZ_FROM_REC709, space_from_rec709
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.colmap import read_points
 from imaging.files.exr.writing import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
-from imaging.files.photo import read_metadata
-from imaging.merge.picture import BITS, NOTHING
-from imaging.optics.pose import as_held, on_their_side, upwards
+from imaging.merge.picture import BITS, CLIPPED, DARK, HIDDEN, NOTHING
+from imaging.optics.pose import on_their_side
 from imaging.plates.merged_view import CAMERA_RGB, UNIT, view_light
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
@@ -43,6 +41,8 @@ WIDEST = 4096
 """Columns of a map whose width is not given, at most."""
 _BYTES = 80
 """Memory for each of its texels."""
+_BY_CHANCE = 0.2
+"""Share of the pixels of a view that may be measured, each for itself, without a texel that is."""
 _DEFAULTS = PanoramaRequest()
 
 
@@ -59,10 +59,10 @@ class Panorama:
         known: Share of all directions that a view shows, 0..1.
         seams: Views that overlap, and their differences.
         clipped: Regions that every exposure clips, the brightest first.
-        parallax: Degrees by which things at a usual distance stand elsewhere in another view.
+        parallax: Degrees by which things at a usual distance stand elsewhere in another view; None: unknown.
         unseen: Share of the light on a card facing the sun that no view shows, were it alike; 0 without.
         camera_rgb: Cameras whose colour is not known; with any, the file is camera RGB.
-        warnings: Of the merged brackets, and on which way is up.
+        warnings: Of the merged brackets, on which way is up, and on positions that differ.
     """
 
     file: Path
@@ -73,7 +73,7 @@ class Panorama:
     known: float
     seams: tuple[Seam, ...]
     clipped: tuple[ClippedRegion, ...]
-    parallax: float
+    parallax: float | None
     unseen: float
     camera_rgb: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -112,7 +112,7 @@ def merge_panorama(
 
     Raises:
         InputError: There are no poses, the views stand apart, an option cannot be used, a file is damaged,
-            light is too bright for the storage.
+            nothing is measured, light is too bright for the storage.
         StorageError: The disk refuses.
     """
     session, out, space = Path(session), Path(out), request.space
@@ -133,8 +133,8 @@ def merge_panorama(
             "--sun is an illuminance, and needs the light in cd/m2: leave --exposure out, and run "
             "`rig calibrate --luminance` with a reading of a spot meter first."
         )
-    parallax = _parallax(session, views)
-    if parallax > MOST_PARALLAX:
+    apart, parallax = parallax_of(session, views)
+    if parallax is not None and parallax > MOST_PARALLAX:
         raise InputError(
             f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
             "one than in another: turn the camera about its entrance pupil, name one --frame of a rig, or "
@@ -147,11 +147,17 @@ def merge_panorama(
     elif scale is not None and absolute:
         factor = scale.value
     rows = _rows(calibration, views, request.width)
-    upright = [_as_held(opened, view, shots) for view, shots in chosen]
-    axes = _axes(upright)
+    upright = [upright_motion(opened, view, shots) for view, shots in chosen]
+    axes = map_axes(upright)
 
     # Every view is laid into the map, which keeps light, deviation and mask of each direction.
-    gathering, warnings, uncoloured = Gathering(rows), list[str](), dict[str, None]()
+    gathering, warnings, uncoloured, measured = Gathering(rows), list[str](), dict[str, None](), 0.0
+    if parallax is None:
+        warnings.append(
+            f"The positions of the views differ by at most {apart:.2g} units of the calibration, and no "
+            "scene points say how far away things are: near things may stand elsewhere in one view than in "
+            "another."
+        )
     if on_their_side(upright):
         warnings.append(
             "The pictures stand on their side, and their files do not state which side is up, so that up and "
@@ -163,6 +169,8 @@ def merge_panorama(
         warnings += [f"{view.id}: {warning}" for warning in merged.warnings]
         if not merged.picture.known_colour:
             uncoloured[view.camera] = None
+        unmeasured = merged.picture.mask & (CLIPPED | DARK | NOTHING | HIDDEN)
+        measured = max(measured, float((unmeasured == 0).mean()))
         lens = calibration.camera(view.camera).lens
         assert lens is not None  # of every camera with a view
         turn = view.cam_from_world.matrix()[:3, :3] @ axes.T
@@ -171,6 +179,11 @@ def merge_panorama(
         gathering.add(rotated, samples, noise=merged.picture.sigma is not None)
     on_progress("merging", len(chosen), len(chosen))
     gathered = _brighter(gathering.result(), factor)
+    if gathered.mask.all() and measured > _BY_CHANCE:
+        raise InputError(
+            f"{session}: --width {2 * rows} is too coarse for these views, none of which fills a texel with "
+            "light that is measured: give more columns."
+        )
     if gathered.mask.all():
         raise InputError(
             f"{session}: no exposure of any view measures light, all is saturated or black: take shorter or "
@@ -271,25 +284,6 @@ def _require_one_band(session: Path, chosen: Sequence[tuple[ViewCalibration, lis
     raise InputError(f"{session} was shot through filters: {fix} its bands without --panorama.")
 
 
-def _as_held(session: Session, view: ViewCalibration, shots: Sequence[ShotRecord]) -> Array:
-    """Motion of a view into the axes of its upright picture, as far as its file states how it was held."""
-    try:
-        orientation = read_metadata(session.file(shots[0])).orientation
-    except InputError:  # no header that can be read
-        orientation = 1
-    return as_held(view.cam_from_world.matrix(), orientation)
-
-
-def _axes(motions: Sequence[Array]) -> Array:
-    """Axes of the map in the world, as rows: level, with its middle where the first view looks."""
-    up = upwards(motions)
-    side = np.cross(up, motions[0][2, :3])
-    if np.linalg.norm(side) < 1e-3:  # it looks straight up or down
-        side = -motions[0][0, :3] - (-motions[0][0, :3] @ up) * up
-    side /= np.linalg.norm(side)
-    return np.stack([side, up, np.cross(side, up)])
-
-
 def _rows(calibration: CalibrationRecord, views: Sequence[ViewCalibration], width: int | None) -> int:
     """Rows of the map. InputError for a width that is no map's, or that the memory does not hold."""
     if width is not None and (width < 4 or width % 2 or width > 1 << 15):
@@ -300,21 +294,3 @@ def _rows(calibration: CalibrationRecord, views: Sequence[ViewCalibration], widt
         width = min(2 * round(np.pi * focal), WIDEST)
     memory.check(f"a panorama of {width} columns", _BYTES * width * width // 2)
     return width // 2
-
-
-def _parallax(session: Path, views: Sequence[ViewCalibration]) -> float:
-    """Degrees by which a point at the median distance moves between views; InputError if unknown."""
-    motions = [view.cam_from_world.matrix() for view in views]
-    centres: Array = np.array([-motion[:3, :3].T @ motion[:3, 3] for motion in motions])
-    middle = centres.mean(axis=0)
-    apart = 2 * float(np.linalg.norm(centres - middle, axis=1).max())
-    if apart <= 1e-9 * float(np.abs(centres).max()):  # one place, but for rounding
-        return 0.0
-    colmap = session / "calibration" / "colmap"
-    points = read_points(colmap).xyz if colmap.is_dir() else np.empty((0, 3))
-    if not len(points):
-        raise InputError(
-            f"{session}: nothing says how far away things are, so that the views, whose positions differ, "
-            "may stand apart: name one --frame and one --camera, or run `rig calibrate`."
-        )
-    return float(np.degrees(apart / np.median(np.linalg.norm(points - middle, axis=1))))

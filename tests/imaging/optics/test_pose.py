@@ -48,10 +48,21 @@ def test_the_orientation_of_the_file_says_which_side_of_a_picture_is_up(
     [
         [(0, pitch, 0) for pitch in range(-90, 91, 30)],  # up and down from one heading
         [(yaw, -75, 0) for yaw in RING],  # an orbit from far above
+        [(yaw, -65, 0) for yaw in (0, 180)] * 6,  # the lines of a drone, to and fro
+        [(yaw, 65, 0) for yaw in (0, 180)],
+        [(yaw, pitch, 0) for yaw in (0, 180) for pitch in (-90, -80, -70, -60, -50)],  # an arc overhead
     ],
-    ids=["tilted", "steep"],
+    ids=["tilted", "steep", "to and fro", "two opposite", "arc"],
 )
 def test_a_level_camera_that_tilts_is_not_on_its_side(angles: list[tuple[float, float, float]]) -> None:
     motions = [view(*one) for one in angles]
     assert not on_their_side(motions)
     np.testing.assert_allclose(upwards(motions), UP, atol=1e-3)
+
+
+def test_one_view_that_stands_wrong_does_not_count() -> None:
+    level = [view(yaw, -65, 0) for yaw in (0, 180)] * 6
+    aside = [view(yaw, -20, 90) for yaw in RING]
+    for wrong in (view(0, 0, 180), view(0, -65, 130), view(0, -65, 230)):
+        assert not on_their_side([*level, wrong])
+        assert on_their_side([*aside, wrong])

@@ -1,6 +1,7 @@
 """Cameras that move through a scene: where they have to be."""
 
 import itertools
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -59,6 +60,22 @@ def test_an_orbit_goes_round_what_the_views_surround() -> None:
         assert camera.cam_from_world[0, 2] == pytest.approx(0, abs=1e-6)  # level
         assert camera.cam_from_world[1, 2] < 0  # and not upside down
         assert np.linalg.det(camera.cam_from_world[:3, :3]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("degrees", [range(0, 320, 40), (170, 185, 200)], ids=["ring", "one side"])
+@pytest.mark.parametrize(("orientation", "roll"), [(6, 90), (8, -90), (3, 180)])
+def test_an_orbit_is_upright_however_the_camera_was_held(
+    degrees: Iterable[float], orientation: int, roll: float
+) -> None:
+    views, aside = [], Rotation.from_euler("z", -roll, degrees=True)
+    for one in ring(degrees):
+        turn = aside * Rotation.from_quat(one.cam_from_world.quaternion, scalar_first=True)
+        w, x, y, z = turn.as_quat(scalar_first=True)
+        a, b, c = aside.apply(one.cam_from_world.translation)
+        pose = Pose(quaternion=(w, x, y, z), translation=(a, b, c))
+        views.append(one.model_copy(update={"cam_from_world": pose, "orientation": orientation}))
+    for camera, level in zip(path(tuple(views), "orbit:12"), path(ring(degrees), "orbit:12"), strict=True):
+        np.testing.assert_allclose(camera.cam_from_world, level.cam_from_world, atol=1e-9)
 
 
 def test_an_orbit_of_views_from_one_side_stays_there() -> None:

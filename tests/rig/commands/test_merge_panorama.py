@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.exports.panorama import panorama
+from calib.exports.panorama import panorama, standpoint
 from calib.exports.panorama.sun import ClippedRegion
 from capture.simulated import capture_simulated
 from imaging.files import store
@@ -44,15 +44,19 @@ def test_what_cannot_be_a_panorama_is_refused_in_a_sentence(
     assert not list(tmp_path.glob("sky*"))
 
 
-def test_views_apart_are_refused_where_nothing_says_how_far_away_things_are(
+def test_views_apart_are_merged_with_a_warning_where_nothing_says_how_far_away_things_are(
     rig: Run, toy: Path, tmp_path: Path
 ) -> None:
     shutil.rmtree(toy / "calibration" / "colmap")
-    code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), "--frame", "0")
-    assert (code, "nothing says how far away things are" in err) == (2, True), err
-    chosen = ("--frame", "0", "--camera", "cam0", "--width", "64", "--json")
-    code, out, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *chosen)
-    assert (code, json.loads(out)["parallax_degrees"]) == (0, 0.0), err
+    asked = ("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), "--frame", "0", "--width", "64")
+    code, out, err = rig(*asked)
+    places = [view.cam_from_world.matrix() for view in read_calibration(toy).views if view.frame == 0]
+    one, other = (-motion[:3, :3].T @ motion[:3, 3] for motion in places)
+    assert (code, f"differ by at most {np.linalg.norm(one - other):.2g} units" in out) == (0, True), err
+    data = json.loads(rig(*asked, "--json")[1])
+    assert (data["parallax_degrees"], len(data["warnings"])) == (None, 1)
+    data = json.loads(rig(*asked, "--camera", "cam0", "--json")[1])
+    assert (data["parallax_degrees"], data["warnings"]) == (0.0, [])
 
 
 def test_up_is_where_the_file_of_a_view_says_so(
@@ -64,7 +68,7 @@ def test_up_is_where_the_file_of_a_view_says_so(
     asked = ("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *chosen)
     for orientation, up in ((1, -down), (6, -right), (8, right)):
         metadata = FrameMetadata(orientation=orientation)
-        monkeypatch.setattr(panorama, "read_metadata", lambda _, metadata=metadata: metadata)
+        monkeypatch.setattr(standpoint, "read_metadata", lambda _, metadata=metadata: metadata)
         code, out, err = rig(*asked)
         assert (code, "stand on their side" in out) == (0, False), err
         stated = str(read_exr(tmp_path / "sky.exr").attributes["rig:up"]).split()
@@ -83,7 +87,8 @@ def test_camera_rgb_is_said(rig: Run, toy: Path, tmp_path: Path) -> None:
     code, out, err = rig(*asked, "--width", "64")
     assert code == 0, err
     assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
-    assert f"and `rig merge {toy} --panorama {tmp_path / 'sky.exr'}` again" in out
+    assert "and merge the session again for Rec.709" in out
+    assert "`rig merge" not in out  # which, without the frame and the camera, would be refused
     assert json.loads(rig(*asked, "--width", "64", "--json")[1])["camera_rgb"] == ["cam0"]
 
 
@@ -156,6 +161,13 @@ def test_views_of_several_bands_are_not_mixed(
     one = ("--camera", "cam1", "--frame", "0", "--width", "64")
     code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *one)
     assert code == 0, err
+
+
+def test_texels_that_are_wider_than_the_views_are_said(rig: Run, toy: Path, tmp_path: Path) -> None:
+    asked = ("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), "--frame", "0", "--camera", "cam0")
+    code, _, err = rig(*asked, "--width", "16")
+    assert (code, "--width 16 is too coarse for these views" in err) == (2, True), err
+    assert rig(*asked, "--width", "32")[0] == 0
 
 
 @pytest.mark.parametrize("bit", [CLIPPED, DARK], ids=["saturated", "black"])

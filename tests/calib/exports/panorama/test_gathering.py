@@ -141,6 +141,22 @@ def test_a_small_lamp_has_its_energy_on_a_coarse_map(rows: int, offset: tuple[in
     assert energy == pytest.approx(1e6 * 16 / focal**2, rel=0.1)
 
 
+@pytest.mark.parametrize(("fx", "fy", "column"), [(92, 92, 298), (92, 92, 303), (120, 240, 270)], ids=str)
+@pytest.mark.parametrize("rows", [64, 250])
+def test_a_small_lamp_has_its_energy_off_the_axis(fx: float, fy: float, column: int, rows: int) -> None:
+    height, width = 180, 320
+    lens = Lens(model="PINHOLE", width=width, height=height, fx=fx, fy=fy, cx=width / 2, cy=height / 2)
+    light = np.full((height, width, 3), 1e-6, np.float32)
+    light[height // 2 + 3, column] = 1e6
+    tangents = np.array([(column + 0.5 - width / 2) / fx, 3.5 / fy])
+    view = Picture(light, np.ones_like(light), np.zeros((height, width), np.intp), True)
+    gathering = Gathering(rows)
+    samples, shrunk = sampling(lens, rows)
+    gathering.add(SeenView(view, lens, TURNS[0], shrunk), samples, noise=True)
+    energy = float((gathering.result().light[..., 1] * solid_angles(rows)).sum())
+    assert energy == pytest.approx(1e6 / (fx * fy) * (1 + tangents @ tangents) ** -1.5, rel=0.15)
+
+
 def test_what_is_averaged_first_stays_saturated_and_shows_the_same() -> None:
     clipped = picture_of(TURNS[0])
     clipped.mask[79, 79], clipped.light[79, 79] = CLIPPED, 900.0
