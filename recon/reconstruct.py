@@ -149,7 +149,7 @@ def reconstruct(
         chosen, reasons = method_for(dataset, request.method)
         asked = asked_for(dataset, chosen, request, processes=ranks.count)
         name = request.name or default_name(chosen, quality, budget)
-        folder = store.inside(session, f"{shelf}/{name}")
+        folder = store.inside(session / shelf, name)  # the shelf may be a link to a larger disk
         # What is there decides where the training goes, so no other may begin until this one ends.
         ranks.decided(lambda: stack.enter_context(sole_maker(folder)))
         place, checkpoint = place_for(folder, asked, dataset, request.replace)

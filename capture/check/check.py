@@ -14,7 +14,7 @@ from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, S
 from capture.check.picture_warnings import warnings
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
-from capture.pictures.read import PictureFacts
+from capture.pictures.read import PictureFacts, is_one_colour
 from capture.record.capture_result import span
 from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers
@@ -82,7 +82,7 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     problems.extend(_missing(plans, shots, again))
     problems.extend(companion_problems(opened, shots, again))
     problems.extend(developed_problems(opened, shots))
-    problems.extend(_duplicates(shots, failed, imported=opened.record.origin == "import"))
+    problems.extend(_duplicates(opened, shots, failed))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
@@ -205,25 +205,28 @@ def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: st
                 )
 
 
-def _duplicates(shots: Sequence[ShotRecord], failed: Collection[str], *, imported: bool) -> Iterator[Problem]:
-    """Files that two shots share, by name or by content; failed: those that are missing or torn."""
-    by_file: dict[str, ShotRecord] = {}
-    by_content: dict[str, ShotRecord] = {}
+def _duplicates(session: Session, shots: Sequence[ShotRecord], failed: Collection[str]) -> Iterator[Problem]:
+    """Files that two shots share, by name or by content; failed: those that are missing or torn.
+
+    Several exposures may be equally black or white all over.
+    """
+    files: set[str] = set()
+    by_content: dict[str, list[ShotRecord]] = {}
     for shot in shots:
-        if shot.file in by_file:
+        if shot.file in files:
             yield _problem(
                 "duplicate", shot, f"{shot.file} is recorded for two shots: rig check --repair keeps one."
             )
-        elif shot.file not in failed and shot.sha256 in by_content:
-            first = by_content[shot.sha256].file
+        elif shot.file not in failed:
+            by_content.setdefault(shot.sha256, []).append(shot)
+        files.add(shot.file)
+    for first, *others in by_content.values():
+        for shot in others if others and not is_one_colour(session.file(first)) else ():
             fix = "move the wrong one away"
-            if imported:
+            if session.record.origin == "import":
                 name = shot.file if shot.source is None else Path(shot.source).name
                 fix = f"take {name} out of the photographs and import them again into a new folder"
-            yield _problem("duplicate", shot, f"{shot.file} is the same file as {first}: {fix}.")
-        by_file.setdefault(shot.file, shot)
-        if shot.file not in failed:
-            by_content.setdefault(shot.sha256, shot)
+            yield _problem("duplicate", shot, f"{shot.file} is the same file as {first.file}: {fix}.")
 
 
 def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:

@@ -83,13 +83,17 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
         else:
             if not path.is_file():
                 message = f"{name} is missing: restore it from a copy."
-            elif store.sha256(path) != digest:
-                kind = "altered"
-                message = (
-                    f"{name} is not the file that was recorded (its SHA-256 differs): restore it from a copy."
-                )
             else:
-                continue
+                try:
+                    if store.sha256(path) == digest:
+                        continue
+                    kind = "altered"
+                    message = (
+                        f"{name} is not the file that was recorded (its SHA-256 differs): restore it from a "
+                        "copy."
+                    )
+                except InputError as error:
+                    kind, message = "torn", str(error)
         yield Problem(
             kind=kind,
             file=file,

@@ -160,6 +160,8 @@ def _look(shot: ShotRecord, picture: PictureFacts) -> ShotLook:
         camera=shot.camera,
         frame=shot.frame,
         step=shot.step,
+        width=picture.width,
+        height=picture.height,
         requested=shot.requested,
         reported=shot.reported or picture.metadata.exposure,
         clipped=picture.clipped,

@@ -80,6 +80,8 @@ class ShotLook(FindingModel):
     camera: str
     frame: int
     step: int
+    width: int
+    height: int
     requested: Exposure | None
     reported: Exposure | None
     estimated: Exposure | None = None

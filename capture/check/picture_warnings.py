@@ -177,12 +177,17 @@ def _step(look: ShotLook) -> tuple[str, str, int]:
 def _soft_cameras(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]:
     """Cameras that are less sharp in all frames than others of their make and model in the same frames.
 
-    Other frames may show something else, at another size or focal length.
+    Other frames may show something else, at another focal length; and a picture that a camera made smaller
+    has finer detail for its size.
     """
     models = {camera.name: (camera.make, camera.model, camera.kind) for camera in cameras}
     ratios: dict[str, list[float]] = {}
     sharp = [look for look in looks if look.sharpness is not None and look.camera in models]
-    for group in _grouped(sharp, lambda look: (look.kind, look.step, models[look.camera])).values():
+
+    def like(look: ShotLook) -> tuple[object, ...]:
+        return look.kind, look.step, models[look.camera], tuple(sorted((look.width, look.height)))
+
+    for group in _grouped(sharp, like).values():
         by_camera = _grouped(group, lambda look: look.camera)
         frames = {camera: {look.frame for look in mine} for camera, mine in by_camera.items()}
         for camera, mine in by_camera.items():

@@ -74,7 +74,10 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
             _set_aside(session, file)
         strays = [file for file in strays if file not in aside]
         lost = _without(shots, [shot for shot in sound if shot.file not in altered])
-        wanted = {shot.sha256: shot.file for shot in reversed(lost) if is_named_for(shot)}
+        wanted: dict[str, list[str]] = {}
+        for shot in _one_a_file(lost):
+            if is_named_for(shot):
+                wanted.setdefault(shot.sha256, []).append(shot.file)
         renamed, unrepaired = rename_back(session, wanted, strays, altered)
         places = set(renamed.values())
         remaining = _one_a_file([*sound, *(shot for shot in lost if shot.file in places)])
@@ -96,12 +99,12 @@ def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) 
             try:
                 shot = _shot_of(opened, file, identities)
                 identities.add(shot.identity)
-                added.append(_with_developed(opened, shot, developed))
+                added.append(_with_developed(opened, shot, developed, unrepaired))
             except InputError as error:
                 unrepaired[file] = str(error)
         on_progress("read", len(strays), len(strays))
         dropped = [shot.file for shot in _without(shots, sound)]
-        whole = [_with_developed(opened, shot, developed) for shot in sound]
+        whole = [_with_developed(opened, shot, developed, unrepaired) for shot in sound]
         changed = dropped or damaged or added or whole != sound
         backup = _rewrite(session, [*whole, *added]) if changed else None
     return RepairReport(
@@ -127,11 +130,20 @@ def _developed_of(files: list[str]) -> dict[str, str]:
     return {raws[stem]: file for file in photos if (stem := Path(file).with_suffix("")) in raws}
 
 
-def _with_developed(session: Session, shot: ShotRecord, developed: dict[str, str]) -> ShotRecord:
-    """The record with the photograph beside its RAW file if it had none; without one that is not there."""
+def _with_developed(
+    session: Session, shot: ShotRecord, developed: dict[str, str], unrepaired: dict[str, str]
+) -> ShotRecord:
+    """The record with the photograph beside its RAW file if it had none; without one that is not there.
+
+    One that cannot be read goes into `unrepaired`.
+    """
     companion = developed.get(shot.file)
     if companion is not None and shot.developed is None:
-        digest = store.sha256(store.inside(session.folder, companion))
+        try:
+            digest = store.sha256(store.inside(session.folder, companion))
+        except InputError as error:
+            unrepaired[companion] = str(error)
+            return shot
         return shot.model_copy(update={"developed": companion, "developed_sha256": digest})
     if shot.developed is not None and not (session.folder / shot.developed).is_file():
         return shot.model_copy(update={"developed": None, "developed_sha256": None})

@@ -98,6 +98,14 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
     return Examined(picture, small, of_light(light))
 
 
+def is_one_colour(path: Path) -> bool:
+    """Return whether all pixels of a picture are equal, as where an exposure is black or white all over;
+    InputError if it cannot be read.
+    """
+    pixels = _content(path).pixels
+    return bool((pixels == pixels[0, 0]).all())
+
+
 def _fitting(counts: Mask | None, picture: PictureFacts) -> Mask | None:
     return None if counts is None or counts.shape != (picture.height, picture.width) else counts
 

@@ -18,20 +18,27 @@ def sole_writer(folder: Path) -> Iterator[None]:
     A file system without locks is used without, and so is Windows, which cannot lock a folder.
     """
     says = f"{folder} is being written by another rig: wait for it to end, or name another folder."
-    with _held_as_it_is(folder, says):
+    descriptor = _locked(folder, os.O_RDONLY, says)
+    try:
         yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 @contextmanager
 def sole_calibrator(session: Path) -> Iterator[None]:
-    """Hold the calibration of a session, which is made or replaced in the block; InputError if another
-    process does.
+    """Hold the calibration of a session, as `sole_maker` does.
 
-    The lock is that of `session.json`, which stays as it is: the session itself may be read-only where its
-    calibration is not. Systems and file systems without locks go without it.
+    Where the session itself is read-only, only parts of the calibration can be made, inside its folder, which
+    then holds the lock.
+
+    Raises:
+        InputError: another process holds the calibration.
+        StorageError: the disk refuses.
     """
-    says = f"{session / 'calibration'} is being made by another rig: wait for it to end, or stop it."
-    with _held_as_it_is(session / "session.json", says):
+    folder = session / "calibration"
+    with _held_by_file(session if os.access(session, os.W_OK) else folder, folder):
         yield
 
 
@@ -46,9 +53,16 @@ def sole_maker(folder: Path) -> Iterator[None]:
         InputError: another process holds that folder.
         StorageError: the disk refuses.
     """
-    lock = folder.with_name(f".{folder.name}.lock")
+    with _held_by_file(folder.parent, folder):
+        yield
+
+
+@contextmanager
+def _held_by_file(place: Path, folder: Path) -> Iterator[None]:
+    """Hold `folder` by a file in `place`, which is made for that: NFS locks only what can be written."""
+    lock = place / f".{folder.name}.lock"
     says = f"{folder} is being made by another rig: wait for it to end, or stop it."
-    store.make_folder(folder.parent)
+    store.make_folder(place)
     try:
         descriptor = _locked(lock, os.O_RDWR | os.O_CREAT, says)
         while descriptor is not None and not _is_there(descriptor, lock):
@@ -62,19 +76,6 @@ def sole_maker(folder: Path) -> Iterator[None]:
         if descriptor is not None:
             with suppress(OSError):
                 lock.unlink()
-            os.close(descriptor)
-
-
-@contextmanager
-def _held_as_it_is(path: Path, says: str) -> Iterator[None]:
-    """Hold an existing file or folder, which may be read-only; InputError with `says` if another process
-    does.
-    """
-    descriptor = _locked(path, os.O_RDONLY, says)
-    try:
-        yield
-    finally:
-        if descriptor is not None:
             os.close(descriptor)
 
 

@@ -11,7 +11,7 @@ from imaging.errors import InputError
 from imaging.record import Record
 
 if TYPE_CHECKING:
-    from recon.data.dataset import Dataset
+    from recon.data.dataset import Dataset, View
     from recon.data.shot import Shot
     from recon.methods.method import Method
 
@@ -84,9 +84,13 @@ class Overrides(Record):
     def subset(self, dataset: "Dataset") -> "Dataset":
         """The training views and exposures of a data set that are used; held-out views stay as they are."""
         train = dataset.train if self.views is None else _evenly(dataset.train, self.views)
-        if self.exposures is not None:
-            train = tuple(replace(view, shots=_of_each_band(view.shots, self.exposures)) for view in train)
-        return replace(dataset, train=train)
+        return replace(dataset, train=tuple(map(self.bracket, train)))
+
+    def bracket(self, view: "View") -> "View":
+        """A training view with those of its exposures that are used."""
+        if self.exposures is None:
+            return view
+        return replace(view, shots=_of_each_band(view.shots, self.exposures))
 
     def composed(self, method: "Method") -> "Method":
         """A method with the loss and the harmonics that are set."""

@@ -64,7 +64,8 @@ def read_camera_path(
         The cameras, with a note on which camera of the file they are, and on the coordinates.
 
     Raises:
-        InputError: A file cannot be read, or has no cameras or too many; the message names the place in it.
+        InputError: A file cannot be read, or has no cameras or too many, and the message names the place in
+            it; or a table states axes or a unit that `within` does not have.
     """
     given = _read(path, lens_of_path(scene.views), camera)
     path_read, placement = given.path, given.placement
@@ -73,6 +74,12 @@ def read_camera_path(
     coordinates = f"in the coordinates that {path} itself states"
     if placement is None and within is not None:
         placement, coordinates = placement_of(within), f"in the coordinates of {within}"
+        if placement.axes is None and path.suffix.lower() == ".csv" and given.axes is not None:
+            raise InputError(
+                f"{path} says which axis is up or what a unit is, and {within} names neither: take the "
+                "lines # up and # metersPerUnit out if the program has the numbers of that file, or name the "
+                "USD or glb of rig export that it has."
+            )
     if placement is None:
         coordinates = f"{path} states no coordinates: taken for those of the calibration"
     else:

@@ -19,13 +19,14 @@ from imaging.files.photo import encode_png
 from imaging.files.tiff.dng import write_dng
 from imaging.files.ultra_hdr import encode_ultra_hdr
 from imaging.progress import Progress, unreported
+from imaging.session.paths import find_reconstruction
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
 from recon.rendering.earlier_frames import earlier_frames
 from recon.rendering.light_files import header_of, seen_by, stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.request import RenderRequest
-from recon.rendering.simulated_raw import RawCamera
+from recon.rendering.simulated_raw import RawCamera, require_raw
 from recon.rendering.video import HdrVideo, HlgVideo, Video
 from recon.result.data_layers import DataLayers
 from recon.result.display import displayed, in_colour, picture
@@ -97,6 +98,8 @@ def render(
         raise InputError("A film is made of the PNG files, which need stops: name one, such as 0.")
     # The disk is tried before a scene is opened and drawn, which takes longer.
     store.require_writable(out)
+    if request.raw is not None and not isinstance(folder, Scene):
+        require_raw(find_reconstruction(Path(folder)), request.raw)
     scene = open_scene(folder)
     _check_space(scene, request.space)
     bands = scene.record.bands

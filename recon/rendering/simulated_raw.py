@@ -7,6 +7,7 @@ know of a camera is not simulated: glare, fixed patterns, rows, and rounding tha
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic, as_matrix
 from imaging.session.calibration import CameraCalibration
 from imaging.session.falloff import falloff
-from recon.result.model import SceneShot, read_own_calibration
+from recon.result.model import ModelRecord, SceneShot, SceneView, read_model, read_own_calibration
 from recon.result.scene import Scene
 
 BLACK, WHITE = 4096, 65535
@@ -42,16 +43,7 @@ class RawCamera:
 
         InputError if the scene has no such camera, or does not know how it records RAW.
         """
-        views = [view for view in scene.views if view.camera == name]
-        if not views:
-            names = ", ".join(sorted({view.camera for view in scene.views}))
-            raise InputError(f"{scene.folder} has no camera {name!r}: name one of {names}.")
-        first = views[0]
-        if scene.record.bands or not first.cfa or any(shot.noise is None for shot in first.shots):
-            raise InputError(
-                f"{scene.folder} does not say how camera {name} records RAW: train it on mosaics of full "
-                "width, of red, green and blue, whose noise is known, by this version of rig."
-            )
+        first = _recorded_view(scene.folder, scene.record, name)
         cfa = Cfa(first.cfa)
         calibration = read_own_calibration(scene.folder).camera(name)
         matrix = of_channels(calibration.camera_from_rec709, len(cfa.letters))
@@ -98,6 +90,40 @@ class RawCamera:
                 ),  # f/1 and ISO 100: the scale of the signal, its white 1
             ),
         )
+
+
+def require_raw(scene: Path, name: str) -> None:
+    """Check, by its record alone, that a scene knows how a camera records RAW.
+
+    Args:
+        scene: Folder of a reconstruction, or a file of splats.
+        name: Name of the camera.
+
+    Raises:
+        InputError: It has no such camera, or does not know that.
+        ReconstructionError: The folder holds no finished reconstruction.
+    """
+    if scene.is_file():
+        raise InputError(
+            f"{scene} is a file of splats, which do not say how a camera records RAW: name a scene that was "
+            "trained on mosaics."
+        )
+    _recorded_view(scene, read_model(scene), name)
+
+
+def _recorded_view(folder: Path, record: ModelRecord, name: str) -> SceneView:
+    """The first view of a camera; InputError if the scene lacks it, or does not say how it records RAW."""
+    views = [view for view in record.views if view.camera == name]
+    if not views:
+        names = ", ".join(sorted({view.camera for view in record.views}))
+        raise InputError(f"{folder} has no camera {name!r}: name one of {names}.")
+    first = views[0]
+    if record.bands or not first.cfa or any(shot.noise is None for shot in first.shots):
+        raise InputError(
+            f"{folder} does not say how camera {name} records RAW: train it on mosaics of full width, of "
+            "red, green and blue, whose noise is known, by this version of rig."
+        )
+    return first
 
 
 def _neutral(matrix: Array) -> tuple[float, ...]:

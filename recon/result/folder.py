@@ -66,6 +66,7 @@ class SceneFolder:
             **self.plan.facts(),
             "calibration_sha256": self.dataset.calibration_sha256,
             "photographs_sha256": self.dataset.photographs_sha256,
+            "depths_sha256": self.dataset.depths_sha256,
             "reserve": self.reserve,
         }
         write_checkpoint(self.folder / CHECKPOINT, checkpoint_of(self.training, facts))

@@ -109,9 +109,9 @@ def _require_photographs(
     """ReconstructionError unless a session has the very photographs that a scene was trained on."""
     if len(shots) < wanted or photographs_sha256(shots) != record.photographs_sha256:
         raise ReconstructionError(
-            f"{session.folder} does not have the photographs that {folder} was trained on, those of session "
-            f"{record.session}, so it cannot be measured: reconstruct again with --replace; `rig render` "
-            "works without them."
+            f"{session.folder} does not have the photographs and masks that {folder} was trained on, those "
+            f"of session {record.session}, so it cannot be measured: reconstruct again with --replace; "
+            "`rig render` works without them."
         )
     for shot in shots:
         if not session.file(shot).is_file():

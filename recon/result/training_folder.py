@@ -35,7 +35,7 @@ def place_for(
         folder: Of the scene.
         wanted: Settings as requested.
         dataset: Views to train on and to hold out: a training to go on with has to be of the same
-            photographs, masks, depth maps and calibration.
+            photographs, masks and calibration, and of the same depth maps unless `wanted` leaves them out.
         replace: True if what the folder holds is to be replaced in the end.
 
     Returns:
@@ -54,7 +54,10 @@ def place_for(
         "calibration_sha256": dataset.calibration_sha256,
         "photographs_sha256": dataset.photographs_sha256,
     }
-    if checkpoint is not None and inputs.items() <= checkpoint.facts.items():
+    if wanted.overrides.depth != 0:
+        inputs["depths_sha256"] = dataset.depths_sha256
+    # A checkpoint of before depth maps had a hash counts as one without any.
+    if checkpoint is not None and inputs.items() <= {"depths_sha256": "", **checkpoint.facts}.items():
         return place, checkpoint
     if taken and not replace:
         raise InputError(
@@ -72,6 +75,8 @@ def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings, dat
     other = [f"{key} {value}" for key, value in there.items() if value != asked[key]]
     if other:
         return f"trained with {', '.join(other)}"
-    if checkpoint.facts["calibration_sha256"] == dataset.calibration_sha256:
-        return "trained on other photographs, masks or depth maps"
-    return "trained on an earlier calibration, or with another rig"
+    if checkpoint.facts["calibration_sha256"] != dataset.calibration_sha256:
+        return "trained on an earlier calibration, or with another rig"
+    if checkpoint.facts.get("photographs_sha256") != dataset.photographs_sha256:
+        return "trained on other photographs or masks"
+    return "trained on other depth maps"

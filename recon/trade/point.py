@@ -2,11 +2,11 @@
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -119,12 +119,7 @@ def train_point(
         opened = open_model(folder)
         corrected = opened.training.refinement
         _, _, rows, _ = measured(replace(opened, dataset=dataset))
-        # Views of a mixed rig are each measured as their camera is.
-        by_view = {
-            row["view"]: next(row[key] for key in MEASURES if key in row)
-            for row in rows
-            if not row.keys().isdisjoint(MEASURES)
-        }
+        by_view = quality_of(rows)
         truth = [row["hdr_psnr_mu_aligned"] for row in rows if "hdr_psnr_mu_aligned" in row]
         return Point(
             key=key,
@@ -149,7 +144,20 @@ def train_point(
         shutil.rmtree(folder, ignore_errors=True)
 
 
-MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
+_MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
+
+
+def quality_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """Quality of held-out views by name, dB; without those that have no figure, as where a mask hides all.
+
+    Views of a mixed rig are each measured as their camera is. rows: as `recon.measure.view_figures.measured`
+    returns them.
+    """
+    return {
+        row["view"]: next(row[key] for key in _MEASURES if key in row)
+        for row in rows
+        if not row.keys().isdisjoint(_MEASURES)
+    }
 
 
 def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:

@@ -52,8 +52,8 @@ def trade_sweep(
     """Train the most informative of a session's trade-offs, and write trade/trade.json.
 
     Each training is kept when it is done, so that a sweep that was stopped, or ran out of time, resumes when
-    it is called again; a change of the photographs, their masks, the calibration or the code begins anew. The
-    scenes are the same, to the byte on machines of one kind.
+    it is called again; a change of the photographs, their masks or depth maps, the calibration or the code
+    begins anew. The scenes are the same, to the byte on machines of one kind.
 
     Args:
         session: Session, or its folder.
@@ -237,6 +237,7 @@ def _begun(session: Path, dataset: Dataset, width: int, seed: int) -> Trade:
         code=code_hash(),
         calibration_sha256=dataset.calibration_sha256,
         photographs_sha256=dataset.photographs_sha256,
+        depths_sha256=dataset.depths_sha256,
         method=chosen_method(dataset)[0],
         seed=seed,
         measure=kinds.get(dataset.kind, "raw_psnr"),

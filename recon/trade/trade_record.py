@@ -84,7 +84,9 @@ class Trade(Record):
     """Hash of the source that trains and measures."""
     calibration_sha256: str
     photographs_sha256: str = ""
-    """Hash of the shots of all views, with their masks and depth maps; empty where it is not recorded."""
+    """Hash of the shots of all views, with their masks; empty where it is not recorded."""
+    depths_sha256: str = ""
+    """Hash of their depth maps; empty without any, or where it is not recorded."""
     method: str
     seed: int
     measure: Measure
@@ -117,13 +119,14 @@ def code_hash() -> str:
 
 
 def key_of(choice: Choice, trade: Trade) -> str:
-    """Return what a point is known by: its settings, the photographs, the calibration and the code; 16 hex
-    digits.
+    """Return what a point is known by: its settings, the photographs, the depth maps unless it leaves them
+    out, the calibration and the code; 16 hex digits.
     """
     parts = [
         [choice.quality, vars(presets.QUALITIES[choice.quality]), presets.START_SHARE],
         choice.overrides.model_dump(mode="json"),
         [trade.method, trade.seed, trade.width, trade.code, version("torch")],
         [trade.calibration_sha256, trade.photographs_sha256],
+        "" if choice.overrides.depth == 0 else trade.depths_sha256,
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

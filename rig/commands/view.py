@@ -76,7 +76,7 @@ def view(
             else:
                 status("opening the scene", 0, 0)
 
-                opening.show_scenes(viewer, folders)
+                opening.show_scenes(viewer, folders, status.say)
                 wait = threading.Event().wait
         wait()
     return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})

@@ -26,7 +26,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.view_figures import measured
 from recon.reconstruct import reconstruct
 from recon.result.opened import open_model
-from recon.trade.point import MEASURES, measuring, train_point
+from recon.trade.point import measuring, quality_of, train_point
 from recon.trade.sweep import trade_sweep
 from recon.trade.trade_record import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 
@@ -62,8 +62,9 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     # On the views that the training was not ended by, both.
     dataset = replace(measuring(session, trade.width), watched=opened.dataset.watched)
     _, _, rows, _ = measured(replace(opened, dataset=dataset))
-    db = float(np.mean([next(row[key] for key in MEASURES if key in row) for row in rows]))
-    full_db = float(np.mean([full.views[row["view"]] for row in rows]))
+    by_view = quality_of(rows)
+    db = float(np.mean(list(by_view.values())))
+    full_db = float(np.mean([full.views[view] for view in by_view]))
     figures = {
         "full_db": full_db, "full_seconds": full.seconds, "full_iterations": full.iterations,
         "db": db, "seconds": opened.record.train_seconds, "iterations": opened.training.iteration,

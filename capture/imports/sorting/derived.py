@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture.pictures.read import kind_of
+from capture.pictures.read import is_one_colour, kind_of
 from imaging.arrays import Array32
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata, read_photo, read_photo_header
@@ -87,11 +87,11 @@ def find_derived(folder: Path, paths: Sequence[Path]) -> Derived:
 
 
 def find_copies(paths: Sequence[Path]) -> list[Path]:
-    """Find the copies that lie beside their photograph, whose names hold the photograph's: the same bytes, or
-    a small picture without EXIF.
+    """Find the copies that lie beside their photograph: the same bytes, or a small picture without EXIF whose
+    name holds the photograph's.
 
-    The same bytes in another folder may be meant as the photograph of another camera; under another name they
-    may be an exposure of another view, black or white all over.
+    The same bytes in another folder may be meant as the photograph of another camera; where they are black or
+    white all over, as another exposure.
     """
     same = _identical(paths)
     named: dict[tuple[Path, str], list[Path]] = defaultdict(list)
@@ -112,7 +112,7 @@ def find_copies(paths: Sequence[Path]) -> list[Path]:
 
 
 def _identical(paths: Sequence[Path]) -> list[Path]:
-    """Every file of the same bytes as another one of its folder whose name it holds."""
+    """Every file of the same bytes as another one of its folder, but the one with the shortest name."""
     sizes: dict[tuple[Path, int], list[Path]] = defaultdict(list)
     copies: list[Path] = []
     with suppress(OSError):  # what cannot be read is found out where it is read as a picture
@@ -122,9 +122,16 @@ def _identical(paths: Sequence[Path]) -> list[Path]:
         for group in sizes.values():
             for alike in _split(group, _HEAD):
                 for same in _split(alike, -1):
-                    stems = {path.stem.casefold() for path in same}
-                    copies += [path for path in same if not stems.isdisjoint(_parts(path.stem.casefold()))]
+                    original = min(same, key=lambda path: len(path.name))
+                    if not _is_one_colour(original):
+                        copies += [path for path in same if path != original]
     return copies
+
+
+def _is_one_colour(path: Path) -> bool:
+    with suppress(InputError):
+        return is_one_colour(path)
+    return False
 
 
 def _split(paths: Sequence[Path], count: int) -> list[list[Path]]:

@@ -79,8 +79,10 @@ class Work:
         *,
         tried: bool,
     ) -> Self:
-        """firsts: a view of each camera; counts: of its views, and to train on. tried: whether trials may
-        be made."""
+        """firsts: a view of each camera, as it is trained on; counts: of its views, and to train on.
+
+        tried: whether trials may be made.
+        """
         views = sum(count for count, _ in counts.values())
         train = sum(count for _, count in counts.values())
         view = sum(counts[one.camera][0] * pixels_of(one) for one in firsts) / views / 1e6
@@ -203,7 +205,7 @@ def how_long(
     counts = {name: (views - train + used[name][1], used[name][1]) for name, (views, train) in counts.items()}
     preset, train = QUALITIES[request.quality], sum(count for _, count in counts.values())
     work = Work.of(
-        firsts,
+        tuple(map(overrides.bracket, firsts)),
         counts,
         sum(shot.width * shot.height for shot in opened.shots("scene")) / 1e6,
         overrides.iterations or preset.iterations_of(train),

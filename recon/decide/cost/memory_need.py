@@ -110,6 +110,7 @@ def need(
     gaussians: int,
     degree: int,
     *,
+    used: Sequence[View] | None = None,
     stored: bool = False,
 ) -> Need:
     """Peak memory of a training.
@@ -123,15 +124,17 @@ def need(
         counts: Number of views of each camera in all, and to train on.
         gaussians: Most Gaussians of the training.
         degree: Of the harmonics, 0..2.
+        used: The same views with the exposures that are trained on; None: with all that are read.
         stored: True if the shots are on the disk.
 
     Returns:
         Bytes, by what takes them.
     """
+    used = firsts if used is None else used
     shots = sum(_number(counts, view, 0, stored) * decoded_bytes(view) for view in firsts)
     start = sum(_number(counts, view, 1, stored) * _light(view) for view in firsts)
-    targets = sum(_number(counts, view, 1, stored) * _targets(view) for view in firsts)
-    targets += max(step_bytes(view) + PICTURE * pixels_of(view) for view in firsts)
+    targets = sum(_number(counts, view, 1, stored) * _targets(view) for view in used)
+    targets += max(step_bytes(view) + PICTURE * pixels_of(view) for view in used)
     if stored:
         targets += max(LOOK * pixels_of(view) for view in firsts)
     return Need(
@@ -193,7 +196,9 @@ def fitting(
     """
     asked = request.overrides.degree
     degrees = range(DEGREE + 1) if asked is None else (asked,)
-    counts = in_use(counts, request.overrides.views)  # the shots of all views are read before some are chosen
+    # All shots are read before views and exposures are chosen.
+    counts = in_use(counts, request.overrides.views)
+    used = tuple(map(request.overrides.bracket, firsts))
     trained = sum(train for _, train in counts.values())
     pixels = trained_pixels(firsts, counts)
     # In Gaussians of the highest degree: a file of some bytes holds more of a lower one.
@@ -202,9 +207,9 @@ def fitting(
         request.most_gaussians(trained, pixels, degree) * bytes_of_gaussian(degree) // highest
         for degree in degrees
     )
-    needed = need(firsts, counts, most, degrees[-1])
+    needed = need(firsts, counts, most, degrees[-1], used=used)
     if stored := needed.too_large(free):
-        needed = need(firsts, counts, most, degrees[-1], stored=True)
+        needed = need(firsts, counts, most, degrees[-1], used=used, stored=True)
     budgeted = request.budget is not None and request.budget.gaussians is not None
     return replace(needed, budgeted=budgeted), stored
 

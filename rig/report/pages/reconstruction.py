@@ -43,10 +43,11 @@ def reconstruction_report(
     metrics = store.read_json(folder / "metrics.json")
     opened = open_model(folder)
     session, record = Session.open(opened.dataset.session), opened.dataset.calibration
-    section = quality(folder, opened.record, metrics)
+    names = session.photograph_names()
+    section = quality(folder, opened.record, metrics, names)
     scale = float(metrics.get("alignment_scale", 1.0))
     with torch_on_one_thread():
-        drawn = pictures(opened, scale, on_progress, until)
+        drawn = pictures(opened, scale, names, on_progress, until)
     page = Page(
         kind="Reconstruction report",
         title=session.record.name,

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from imaging.colour.spaces import balanced, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
 from imaging.progress import Progress
+from imaging.session.view_id import ViewId
 from recon.data.dataset import View
 from recon.data.shot import Shot
 from recon.measure.truth import has_truth, true_radiance
@@ -63,13 +64,18 @@ class PicturesSection:
 
 
 def pictures(
-    opened: Opened, scale: float, progress: Progress, until: float = math.inf
+    opened: Opened,
+    scale: float,
+    names: Mapping[ViewId, str],
+    progress: Progress,
+    until: float = math.inf,
 ) -> PicturesSection | None:
     """Draw held-out views; training views if there are no held-out ones, which the section says.
 
     Args:
         opened: Scene, with its photographs.
         scale: The one factor that the evaluation aligned all renders with.
+        names: Names of the photographs of an import (`Session.photograph_names`).
         progress: Callback for the current step, the steps done, and all of them.
         until: Reading of `time.monotonic` after which no view is begun but the first.
 
@@ -97,7 +103,10 @@ def pictures(
             columns = _against_truth(truths[done], light, stops)
         else:
             columns = _against_shots(opened, view)
-        compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))
+        title = f"Camera {view.camera}, frame {view.frame}"
+        if view.id in names:
+            title += f" ({names[view.id]})"
+        compared.append(Comparison(title, tuple(columns)))
     shown = f" {len(compared)} of {len(there)} are shown." if len(compared) < len(there) else ""
     return PicturesSection(
         lead=f"{kind}, beside {against}. Both are developed alike.{shown}",

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from imaging.files import store
+from imaging.session.view_id import ViewId
 from recon.result.model import ModelRecord
 from rig.report.charts.chart import AxisStyle, Series, chart
 from rig.report.charts.topic import Tile
@@ -73,8 +74,14 @@ class QualitySection:
     files: tuple[FileRow, ...] = ()
 
 
-def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> QualitySection:
-    """Read a reconstruction's metrics and its training log for the page."""
+def quality(
+    folder: Path, model: ModelRecord, metrics: Mapping[str, Any], names: Mapping[ViewId, str]
+) -> QualitySection:
+    """Read a reconstruction's metrics and its training log for the page.
+
+    names: of the photographs of an import (`Session.photograph_names`).
+    """
+    photographs = {str(view): f"{view} ({name})" for view, name in names.items()}
     rows = metrics.get("views", [])
     keys = [m.key for m in METRICS if any(m.key in row for row in rows)]
     return QualitySection(
@@ -85,7 +92,10 @@ def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Qua
         note=" ".join(str(metrics[key]) for key in ("held_out_note", "left_out") if key in metrics),
         metrics=tuple(_metric_rows(metrics)),
         columns=tuple(_column(key) for key in keys),
-        views=tuple((str(row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys)) for row in rows),
+        views=tuple(
+            (photographs.get(row["view"], row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys))
+            for row in rows
+        ),
         charts=tuple(_charts(folder, model, metrics)),
         cost=tuple(_cost(model, metrics)),
         rungs=rung_rows(model.rungs),

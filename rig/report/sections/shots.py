@@ -53,11 +53,12 @@ class ShotPreview:
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """A view as a picture in the page."""
+    """A view as a picture in the page; name: of its first photograph, empty if it was not imported."""
 
     uri: str
     camera: str
     frame: int
+    name: str
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,11 @@ def read_previews(session: Session, progress: Progress, until: float = math.inf)
             progress("looking at the pictures", turn, len(order))
             if looked is not None:
                 views_read[order[turn]] = looked
+    names = session.photograph_names()
     thumbnails = [
-        Thumbnail(views_read[index].uri, chosen[index].camera, chosen[index].frame)
+        Thumbnail(
+            views_read[index].uri, chosen[index].camera, chosen[index].frame, names.get(chosen[index], "")
+        )
         for index in sorted(views_read)
         if views_read[index].uri
     ]

@@ -1,9 +1,10 @@
 """Scenes on disk become pages."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imaging.errors import InputError
+from imaging.session.calibration import CalibrationRecord
 from recon.result.first_look import shot_at
 from recon.result.model import read_own_calibration
 from recon.result.scene import Scene, open_scene
@@ -15,33 +16,58 @@ from rig.view.serving.server import Viewer
 from rig.view.serving.start_view import Start
 
 
-def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:
-    """Open one scene, or two to compare, and have a viewer show them."""
+def show_scenes(viewer: Viewer, folders: Sequence[Path], say: Callable[[str], None]) -> None:
+    """Open one scene, or two to compare, and have a viewer show them.
+
+    say: called with what is to be known of their coordinates.
+    """
     scenes = [open_scene(folder) for folder in folders]
     if len(scenes) > 1:
-        _require_same_world(*scenes)
+        first, second = scenes
+        _compare_worlds(first, second, say)
     show_painter(viewer, painter_of(*scenes), None if viewer.first is None else viewer.first.start)
 
 
-def _require_same_world(first: Scene, second: Scene) -> None:
+def _compare_worlds(first: Scene, second: Scene, say: Callable[[str], None]) -> None:
     """InputError for scenes of a session whose views were placed anew in between.
 
     Other changes of a calibration, as of its luminance or its held-out views, leave coordinates as they are.
-    Scenes of two sessions may share their coordinates, as by a survey.
+    Scenes of two sessions that share no coordinates are shown, and `say` gets a sentence.
     """
-    one, other = first.record, second.record
-    hashes = {one.calibration_sha256, other.calibration_sha256} - {""}  # splats of other programs have none
-    if len(hashes) < 2 or one.session != other.session:
+    hashes = {first.record.calibration_sha256, second.record.calibration_sha256}
+    if len(hashes) < 2 or "" in hashes:  # splats of other programs have none
         return
-    poses, others = (
-        {view.id: view.cam_from_world for view in read_own_calibration(scene.folder).views}
-        for scene in (first, second)
-    )
+    scenes = (first, second)
+    calibrations = [read_own_calibration(scene.folder) for scene in scenes]
+    if first.record.session != second.record.session:
+        if not _share_coordinates(scenes, calibrations):
+            say(
+                f"{first.folder} and {second.folder} are of two sessions without common coordinates, so that "
+                "places and sizes do not agree: calibrate one of them with --onto the other, and reconstruct "
+                "it again"
+            )
+        return
+    poses, others = ({view.id: view.cam_from_world for view in record.views} for record in calibrations)
     if any(poses[view] != others[view] for view in poses.keys() & others.keys()):
         raise InputError(
             f"{first.folder} and {second.folder} come from different calibrations, whose coordinates differ: "
             "reconstruct the older one again."
         )
+
+
+def _share_coordinates(scenes: Sequence[Scene], calibrations: Sequence[CalibrationRecord]) -> bool:
+    """Return whether scenes of two sessions stand in one coordinate system, by their calibrations.
+
+    A session without a system has its own, in which the other one may have been placed onto it.
+    """
+    systems = [record.coordinates for record in calibrations]
+    one, other = systems
+    if one is not None and other is not None:
+        return (one.system, one.offset, one.origin) == (other.system, other.offset, other.origin)
+    return any(
+        system is not None and system.onto is not None and Path(system.onto).name == target.record.session
+        for system, target in zip(systems, reversed(scenes), strict=True)
+    )
 
 
 def painter_of(*scenes: Scene) -> Painter:

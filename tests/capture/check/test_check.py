@@ -11,7 +11,7 @@ from capture.record.recorder import record
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr.writing import write_exr
-from imaging.files.photo import encode_png
+from imaging.files.photo import encode_jpeg, encode_png
 from imaging.files.tiff.dng import encode_dng
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa
@@ -253,13 +253,25 @@ def test_light_without_numbers_is_checked(tmp_path):
     assert (report.sound, report.warnings) == (1, ())
 
 
+@pytest.mark.parametrize("shade", [0, 255])
+def test_exposures_that_are_black_or_white_all_over_are_no_duplicates(rig, shade):
+    records = lines(rig.session)
+    for one in records:
+        if one["step"] == 0 and one["camera"] == "b":
+            path = rig.session.folder / one["file"]
+            path.write_bytes(encode_jpeg(np.full((24, 32, 3), shade, np.uint8)))
+            one["sha256"] = store.sha256(path)
+    write(rig.session, records)
+    assert "duplicate" not in kinds(check(rig.session.folder))
+
+
 def test_highlights_that_no_exposure_holds_are_a_warning():
     """In the words of the calibration's report, whose rule it is."""
 
     def look(step, time, clipped, picture="raw"):
         return ShotLook(
             kind="scene", picture=picture, file=f"{step}", camera="a", frame=0, step=step, clipped=clipped,
-            requested=None, reported=Exposure(time=time), black=0.0, lit=0.0,
+            width=640, height=480, requested=None, reported=Exposure(time=time), black=0.0, lit=0.0,
         )  # fmt: skip
 
     long, short = look(0, 1.0, (0.9, 0.9, 0.9)), look(1, 0.1, (0.2, 0.1, 0.0))

@@ -1,5 +1,6 @@
 """Warnings of `rig check`: one fault at a time in a sound session, and only that."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -92,6 +93,19 @@ def test_a_camera_whose_focus_ring_moved_is_told(tmp_path):
 
     (warning,) = shot(tmp_path, light=soft).warnings
     assert (warning.kind, warning.camera, warning.frame) == ("focus", "b", None)
+
+
+def test_pictures_that_are_smaller_are_no_evidence_of_a_blurred_camera(tmp_path):
+    """A lens that does not resolve the photosites does so at half the size."""
+
+    def halved(camera, frame, step, view):
+        lens = blurred(cv2.resize(view, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), 1.2)
+        return lens if camera == "a" else cv2.resize(lens, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+
+    report = shot(tmp_path, light=halved)
+    sharp = {look.camera: look.sharpness for look in report.looks if look.step == 0}
+    assert sharp["a"] < 0.6 * sharp["b"]
+    assert not report.warnings
 
 
 def test_a_camera_that_was_pushed_is_told(tmp_path):

@@ -99,7 +99,7 @@ def test_a_camera_is_a_serial_number_else_make_and_model_else_one_and_sizes_do_n
 def test_of_a_raw_and_a_jpeg_of_one_name_the_raw_counts(tmp_path):
     photos = put(
         tmp_path / "photos",
-        {"IMG_1.DNG": dng(time=0.1), "img_1.jpg": jpeg(time=0.1), "img_2.jpg": jpeg(time=0.1)},
+        {"IMG_1.DNG": dng(time=0.1), "img_1.jpg": jpeg(time=0.1), "img_2.jpg": jpeg(2, time=0.1)},
     )
     result = import_photos(photos, tmp_path / "s")
     assert sorted(sources(Session.open(tmp_path / "s")).values()) == ["IMG_1.DNG", "img_2.jpg"]

@@ -1,5 +1,8 @@
 """What is made in a session has one maker at a time, however the one before ended."""
 
+import errno
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -8,7 +11,7 @@ from imaging.errors import InputError
 from imaging.session import lock
 from imaging.session.lock import sole_calibrator, sole_maker
 
-pytest.importorskip("fcntl", reason="locks of POSIX")
+fcntl = pytest.importorskip("fcntl", reason="locks of POSIX")
 
 
 def test_one_makes_it_and_no_file_is_left(tmp_path: Path) -> None:
@@ -26,15 +29,45 @@ def test_one_makes_it_and_no_file_is_left(tmp_path: Path) -> None:
         pass
 
 
-def test_nothing_is_written_into_the_session_which_may_be_read_only(tmp_path: Path) -> None:
-    (tmp_path / "session.json").touch()
+@pytest.mark.parametrize("writable", [True, False])
+def test_a_calibration_has_one_maker_where_the_session_is_read_only_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: writable)
     with sole_maker(tmp_path / "reconstructions/a"), sole_calibrator(tmp_path):
-        names = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
-        assert names == {"session.json", "reconstructions", "reconstructions/.a.lock"}
+        files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
+        place = "" if writable else "calibration/"
+        assert files == {"reconstructions/.a.lock", f"{place}.calibration.lock"}
         says = rf"{tmp_path}/calibration is being made by another rig: wait for it"
         with pytest.raises(InputError, match=says), sole_calibrator(tmp_path):
             pass
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
     with sole_calibrator(tmp_path):
+        pass
+
+
+def test_a_calibration_is_held_where_files_have_to_be_open_for_writing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NFS refuses an exclusive lock of a descriptor that only reads."""
+    flock = fcntl.flock
+
+    def as_on_nfs(descriptor: int, operation: int) -> None:
+        if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise OSError(errno.EBADF, "bad file descriptor")
+        flock(descriptor, operation)
+
+    monkeypatch.setattr(fcntl, "flock", as_on_nfs)
+    (tmp_path / "session.json").touch()
+    with sole_calibrator(tmp_path), pytest.raises(InputError), sole_calibrator(tmp_path):
+        pass
+
+
+def test_copies_of_a_session_that_share_its_files_are_calibrated_at_once(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one/session.json").touch()
+    shutil.copytree(tmp_path / "one", tmp_path / "two", copy_function=os.link)
+    with sole_calibrator(tmp_path / "one"), sole_calibrator(tmp_path / "two"):
         pass
 
 

@@ -223,6 +223,10 @@ def test_what_does_not_tell_is_refused(scene: Scene, tmp_path: Path) -> None:
         camera_path(scene, shot, camera="a")
     with pytest.raises(InputError, match="is not a file of cameras"):
         camera_path(scene, "orbit", within=shot)
+    export(scene, tmp_path / "scene.ply")
+    for line in ("# up: z", "# metersPerUnit: 0.01"):
+        with pytest.raises(InputError, match=r"bad.csv says .*scene.ply names neither: take the lines"):
+            camera_path(scene, table(tmp_path / "bad.csv", np.eye(4), line), within=tmp_path / "scene.ply")
     for line, words in (("# up: x", "write y or z"), ("# metersPerUnit: 0", "a number above 0")):
         with pytest.raises(InputError, match=words):
             camera_path(scene, table(tmp_path / "bad.csv", np.eye(4), line))

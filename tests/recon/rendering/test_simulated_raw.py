@@ -8,6 +8,7 @@ import pytest
 import rawpy
 
 from imaging.errors import InputError
+from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.session.falloff import falloff
 from recon.decide.presets import QUALITIES, Quality
@@ -87,3 +88,18 @@ def test_a_camera_that_is_not_known_is_refused(trained: Path, toy_ldr: Path, tmp
     scene.record.__dict__["views"] = views
     with pytest.raises(InputError, match="does not say how camera cam0 records RAW"):
         RawCamera.of(scene, "cam0")
+
+
+def test_a_scene_without_mosaics_is_refused_by_its_record(trained: Path, tmp_path: Path) -> None:
+    """Its Gaussians are not read, which takes longer."""
+    scene = shutil.copytree(trained, tmp_path / "scene")
+    record = store.read_json(scene / "model.json")
+    store.write_json(scene / "model.json", record | {"views": [v | {"cfa": []} for v in record["views"]]})
+    (scene / "checkpoint.safetensors").unlink()
+    with pytest.raises(InputError, match="does not say how camera cam0 records RAW"):
+        render(scene, tmp_path / "out", raw="cam0")
+
+
+def test_a_file_of_splats_is_refused_for_raw(trained: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a file of splats, which do not say how a camera records RAW"):
+        render(trained / "splats.ply", tmp_path, raw="cam0")

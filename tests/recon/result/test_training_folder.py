@@ -7,6 +7,7 @@ import pytest
 
 import recon.reconstruct as stage
 from imaging.errors import InputError, StorageError
+from imaging.session.paths import session_of
 from recon.decide.cost.budget import Budget
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
@@ -140,3 +141,13 @@ def test_the_disk_is_tried_before_any_picture_is_read(session_copy):
     with pytest.raises(StorageError, match="a file is in the place of a folder"):
         reconstruct(session_copy, TrainingRequest(quality="draft"), on_progress=progress)
     assert (session_copy / "reconstructions").read_text() == "in the way"
+
+
+def test_scenes_may_lie_on_another_disk(session_copy, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    (session_copy / "reconstructions").symlink_to(disk)
+    scene = reconstruct(session_copy, TrainingRequest(quality="draft", name="c1"))
+    assert scene == session_copy / "reconstructions" / "c1"
+    assert [path.name for path in disk.iterdir() if path.is_dir()] == ["c1"]
+    assert session_of(scene) == session_copy.resolve()

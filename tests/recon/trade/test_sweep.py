@@ -21,7 +21,7 @@ from recon.decide.request import TrainingRequest
 from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
-from recon.trade.point import measuring
+from recon.trade.point import measuring, quality_of
 from recon.trade.trade_record import key_of
 from tests.recon.methods.conftest import as_exr
 
@@ -141,6 +141,7 @@ def test_a_key_tells_settings_photographs_calibration_and_code(session_copy: Pat
             ("code", "0"),
             ("calibration_sha256", "0"),
             ("photographs_sha256", "0"),
+            ("depths_sha256", "0"),
             ("seed", 1),
             ("method", "vanilla"),
         )
@@ -149,6 +150,8 @@ def test_a_key_tells_settings_photographs_calibration_and_code(session_copy: Pat
     keys.append(key_of(choice.model_copy(update={"overrides": Overrides(iterations=9)}), trade))
     assert len(set(keys)) == len(keys)
     assert key_of(choice.model_copy(update={"axis": "other"}), trade) == keys[0]
+    without = choice.model_copy(update={"overrides": Overrides(depth=0)})
+    assert key_of(without, trade) == key_of(without, trade.model_copy(update={"depths_sha256": "0"}))
 
 
 def test_another_preset_leaves_the_others_as_they_are(
@@ -277,3 +280,12 @@ def same(trade: Trade) -> dict[str, dict[str, object]]:
     """Values of each point by its key that do not depend on the way it was run."""
     rest = {"seconds", "processor_seconds", "at_once", "device"}
     return {point.key: point.model_dump(exclude=rest) for point in trade.points}
+
+
+def test_a_view_that_a_mask_hides_has_no_quality() -> None:
+    rows = [
+        {"view": "0000/cam0", "raw_psnr": 31.0},
+        {"view": "0001/cam0"},
+        {"view": "0000/b", "hdr_psnr_mu": 5},
+    ]
+    assert quality_of(rows) == {"0000/cam0": 31.0, "0000/b": 5}

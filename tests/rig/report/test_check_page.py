@@ -137,6 +137,8 @@ def many(count: int, problems: int = 0) -> CheckReport:
             camera=f"cam{number % 4}",
             frame=number // 28,
             step=number // 4 % 7,
+            width=160,
+            height=107,
             requested=Exposure(time=0.25**step),
             reported=Exposure(time=0.25**step),
             clipped=(0.0, 0.0, 0.0),

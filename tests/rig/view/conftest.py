@@ -23,7 +23,7 @@ LIMIT = 120.0
 @pytest.fixture(scope="package")
 def viewer(scene_template: Path) -> Iterator[Viewer]:
     with Viewer("toy", 0) as running:
-        show_scenes(running, [find_reconstruction(scene_template)])
+        show_scenes(running, [find_reconstruction(scene_template)], print)
         yield running
 
 

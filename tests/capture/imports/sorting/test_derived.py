@@ -8,6 +8,7 @@ import pytest
 
 from capture.imports.photos import import_photos
 from capture.imports.sorting import derived
+from capture.pictures.read import is_one_colour
 from imaging.files.photo import Photo, encode_jpeg, encode_png, read_photo
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
@@ -145,12 +146,15 @@ def test_small_pictures_with_exif_or_of_something_else_are_photographs(tmp_path)
     assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 6
 
 
-@pytest.mark.parametrize("name", ["DSC_1 (copy)", "dsc_1 copy", "Copy of DSC_1"])
-def test_the_same_bytes_count_once_in_a_folder_by_the_name_that_the_other_holds(tmp_path, name):
+COPIES = ["DSC_1 (copy).JPG", "Copy of DSC_1.JPG", "DSC_1copy.JPG", "DSC_1.jpeg", "dsc_1.jpg", "garden-9.JPG"]
+
+
+@pytest.mark.parametrize("name", COPIES)
+def test_the_same_bytes_count_once_in_a_folder_by_the_shortest_name(tmp_path, name):
     files = {f"DSC_{n}.JPG": scene(n, metadata=SAID) for n in range(3)}
-    put(tmp_path / "in", files | {f"{name}.JPG": files["DSC_1.JPG"]})
+    put(tmp_path / "in", files | {name: files["DSC_1.JPG"]})
     result = import_photos(tmp_path / "in", tmp_path / "s")
-    assert f"1 file is left aside as a copy of another: {name}.JPG." in result.guesses
+    assert f"1 file is left aside as a copy of another: {name}." in result.guesses
     assert names_of(tmp_path / "s") == [f"in/DSC_{n}.JPG" for n in range(3)]
     cameras = put(tmp_path / "rig", {"a/0.jpg": scene(0), "b/0.jpg": scene(0)})
     assert import_photos(cameras, tmp_path / "t").shots == 2
@@ -170,6 +174,14 @@ def test_black_or_white_exposures_of_several_views_are_no_copies(tmp_path, shade
     result = import_photos(put(tmp_path / "in", files), tmp_path / "s")
     assert (result.frames, result.shots) == (3, 9)
     assert not any("copies" in guess for guess in result.guesses)
+
+
+def test_black_exposures_of_one_bracket_are_no_copies_and_decoded_once(tmp_path, monkeypatch):
+    black, read = encode_jpeg(np.zeros((64, 96, 3), np.uint8)), []
+    monkeypatch.setattr(derived, "is_one_colour", lambda path: read.append(path) or is_one_colour(path))
+    files = {f"a{step}.jpg": black for step in ("", "_1", "_2")} | {"a_3.jpg": scene(3)}
+    assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 4
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize("option", [False, True])

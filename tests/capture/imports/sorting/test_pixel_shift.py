@@ -95,7 +95,9 @@ def test_files_that_are_no_pixel_shift_are_refused_or_named(photos: Path, tmp_pa
     still = tmp_path / "still"
     still.mkdir()
     for number in range(4):
-        (still / f"{number}.dng").write_bytes((photos / "IMG_000.dng").read_bytes())
+        raw = read_raw(photos / "IMG_000.dng")
+        named = replace(raw.metadata, model=f"{raw.metadata.model}{' ' * number}")
+        write_dng(still / f"{number}.dng", replace(raw, metadata=named))
     result = import_photos(still, tmp_path / "T", pixel_shift=True)
     assert result.shots == 0
     assert "the sensor did not move" in result.missing[0]

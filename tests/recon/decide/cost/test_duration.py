@@ -78,6 +78,15 @@ def test_views_left_out_by_hand_are_not_counted_as_trained_on(toy_dataset, count
     assert work.gaussians == QUALITIES["standard"].gaussians_of(20)
 
 
+def test_exposures_left_out_by_hand_are_not_counted(toy_dataset, counted):
+    firsts = list({view.camera: view for view in toy_dataset.views}.values())
+    counts = {view.camera: (500, 440) for view in firsts}
+    request = TrainingRequest(overrides=Overrides(exposures=1))
+    assert how_long(toy_dataset.session, firsts, counts, request) is None
+    (work,) = counted["work"]
+    assert work.planes == 1  # of mosaics
+
+
 def work(train: int, held_out: int, files: float, view: float, planes: float, **how: int) -> Work:
     return Work(
         train, held_out, files, view, planes, how["iterations"], how["gaussians"], how.get("trials", 0),

@@ -14,7 +14,9 @@ from imaging.errors import InputError
 from imaging.files import store
 from recon.data.load import load
 from recon.data.measured_depth import DepthMapFile
-from recon.decide.cost.memory_need import KERNELS, Need, need
+from recon.decide.cost.memory_need import KERNELS, Need, fitting, need
+from recon.decide.overrides import Overrides
+from recon.decide.request import TrainingRequest
 
 LIMITED = """
 import resource, sys
@@ -60,6 +62,18 @@ def test_a_depth_map_takes_a_float_and_a_mask_of_each_view_that_trains(toy_ldr: 
         for view in (bare, deep)
     ]
     assert (taken[1][1] - taken[1][0]) - (taken[0][1] - taken[0][0]) == 64 * 48 * 5
+
+
+def test_exposures_left_out_by_hand_are_read_and_not_compared_with(toy_ldr: Path) -> None:
+    view = load(toy_ldr).train[0]
+    request = TrainingRequest(overrides=Overrides(exposures=2))
+    few, many = (
+        fitting([view], {view.camera: (count, count)}, 10**12, request)[0].images for count in (1000, 1001)
+    )
+    planes = [(shot.pixels, shot.saturated, shot.dark, shot.valid) for shot in view.shots]
+    sizes = [sum(plane.nbytes for plane in of_shot if any(plane.strides)) for of_shot in planes]
+    # The first and the last have targets as large as they are, and a weight of three channels.
+    assert many - few == sum(sizes) + sizes[0] + sizes[-1] + 64 * 48 * 12
 
 
 def test_gaussians_take_their_numbers_four_times_and_tables(toy_ldr: Path) -> None:

@@ -42,28 +42,69 @@ def test_while_it_opens_a_page_has_our_own_names_alone(browser) -> None:
         tab.close()
 
 
-def calibrated_again(scene: Path, place: Path, moved: float, **record: object) -> Path:
-    """A scene of the same photographs on a calibration whose cameras are elsewhere."""
+def calibrated_again(
+    scene: Path, place: Path, moved: float, system: dict[str, object] | None = None, **record: object
+) -> Path:
+    """A scene of the same photographs on a calibration whose cameras are elsewhere.
+
+    system: of its coordinates.
+    """
     shutil.copytree(scene, place, ignore=shutil.ignore_patterns("renders", "references"))
     calibration = store.read_json(place / "calibration.json")
     for view in calibration["views"]:
         view["cam_from_world"]["translation"][2] += moved
+    if system is not None:
+        errors = {"rms": 0.0, "scale_error": None, "rotation_error": 0.0, "position_error": 0.0, "used": 20}
+        calibration["coordinates"] = {"system": "local", **errors, **system}
     store.write_json(place / "calibration.json", calibration)
     store.write_json(place / "model.json", store.read_json(place / "model.json") | record)
     return place
 
 
 def test_scenes_whose_coordinates_differ_are_not_compared(scene_template: Path, tmp_path: Path) -> None:
-    first, shown = find_reconstruction(scene_template), []
+    first, shown, said = find_reconstruction(scene_template), [], []
     viewer = SimpleNamespace(first=None, show=lambda *its: shown.append(its))
     second = calibrated_again(first, tmp_path / "moved", 0.5, calibration_sha256="1" * 64)
     with pytest.raises(InputError, match=f"^{first} and {second} come from different calibrations"):
-        show_scenes(viewer, [first, second])
+        show_scenes(viewer, [first, second], said.append)
     assert not shown
     for name, moved, record in (
         ("in place", 0.0, {"calibration_sha256": "1" * 64}),  # as after a reading of luminance
-        ("of another session", 0.5, {"calibration_sha256": "1" * 64, "session": "other"}),
         ("of another program", 0.5, {"calibration_sha256": ""}),
     ):
-        show_scenes(viewer, [first, calibrated_again(first, tmp_path / name, moved, **record)])
-    assert len(shown) == 3
+        show_scenes(viewer, [first, calibrated_again(first, tmp_path / name, moved, **record)], said.append)
+    assert len(shown) == 2
+    assert not said
+
+
+SURVEYED = {"source": "survey", "system": "EPSG:25832", "offset": (5e5, 6e6, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("systems", "common"),
+    [
+        ((None, None), False),
+        ((SURVEYED, None), False),
+        ((SURVEYED, SURVEYED), True),
+        ((SURVEYED, SURVEYED | {"offset": (4e5, 6e6, 0.0)}), False),
+        ((None, {"source": "session", "onto": "/home/me/first"}), True),
+        (({"source": "session", "onto": "/home/me/second"}, None), True),
+        ((None, {"source": "session", "onto": "/home/me/third"}), False),
+    ],
+)
+def test_that_two_sessions_share_no_coordinates_is_said(
+    scene_template: Path, tmp_path: Path, systems, common: bool
+) -> None:
+    shown, said = [], []
+    folders = [
+        calibrated_again(
+            find_reconstruction(scene_template), tmp_path / name, 0.5, system,
+            session=name, calibration_sha256=name,
+        )
+        for name, system in zip(("first", "second"), systems, strict=True)
+    ]  # fmt: skip
+    viewer = SimpleNamespace(first=None, show=lambda *its: shown.append(its))
+    show_scenes(viewer, folders, said.append)
+    assert len(shown) == 1
+    assert len(said) == (0 if common else 1)
+    assert common or "of two sessions without common coordinates" in said[0]
