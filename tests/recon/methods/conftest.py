@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -116,10 +116,18 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Studio:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A scene that was trained, and what `rig evaluate` says of it."""
+    """A scene that was trained, in its folder."""
 
+    folder: Path
     scene: Opened
-    metrics: dict[str, Any]
+
+    @cached_property
+    def metrics(self) -> dict[str, Any]:
+        """Figures of `rig evaluate`, all finite."""
+        known = self.folder / "metrics.json"
+        figures = store.read_json(known) if known.is_file() else evaluate(self.folder).known()
+        assert_finite(figures)
+        return dict(figures)
 
     def light(self, view: View) -> Array32:
         """Radiance of a view, [H, W, 3]."""
@@ -140,7 +148,9 @@ def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
 
 def trained(session: Path, method: MethodName = "auto", seed: int = 0) -> Outcome:
     """Reconstruct and evaluate, once; every number that comes out is finite."""
-    return _trained(session, method, seed)
+    outcome = _trained(session, method, seed)
+    assert outcome.metrics
+    return outcome
 
 
 @cache
@@ -149,10 +159,7 @@ def _trained(session: Path, method: MethodName, seed: int) -> Outcome:
     folder = stage.reconstruct(session, TrainingRequest(method=method, quality="draft", name=name, seed=seed))
     for name, column in read_ply(folder / SPLATS).items():
         assert np.isfinite(column).all(), name
-    known = folder / "metrics.json"
-    result = store.read_json(known) if known.is_file() else evaluate(folder).known()
-    assert_finite(result)
-    outcome = Outcome(open_model(folder), result)
+    outcome = Outcome(folder, open_model(folder))
     assert all(np.isfinite(outcome.light(view)).all() for view in outcome.scene.dataset.views)
     return outcome
 
