@@ -11,6 +11,7 @@ from .folder import Body, photograph
 from .taken import Taken
 
 pytest.importorskip("mitsuba")
+pytestmark = pytest.mark.timeout(600)
 
 BRACKET = (1 / 4000, 1 / 250, 1 / 15, 1.0)
 

@@ -36,6 +36,7 @@ def things(frames: Iterable[int]) -> Iterator[np.ndarray]:
         yield hit.reshape(lens.height, lens.width)
 
 
+@pytest.mark.timeout(600)
 def test_the_turntable_of_the_page(rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with fewer_rays("turntable"), fewer_features():
