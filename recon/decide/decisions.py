@@ -29,7 +29,7 @@ from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import FEWEST_POINTS, Start, points_of_poses, scattered, start_points
 
-MOST_OF_FAR_TRIAL = 0.15
+MOST_OF_FAR_TRIAL = 0.2
 """Share of the time left that the trial of a far field may take."""
 NO_TIME = "not tried, since a trial would take its time from the budget"
 

@@ -134,6 +134,19 @@ def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: 
         assert "light from far away" in rung.reason
 
 
+def test_display_values_take_no_far_field_without_a_trial(toy_dataset: Dataset) -> None:
+    """Five of five sets of real photographs lose by one (bench/real/far_field.py)."""
+    photographs, sky = replace(toy_dataset, kind="ldr"), pictures(toy_dataset, wall=None)
+    taken = [
+        environment_for(
+            photographs, settings(method=method), sky, start_of(photographs, sky), lambda light: light,
+            "no time", unreported,
+        ).taken
+        for method in ("vanilla", "hdr-gs")
+    ]  # fmt: skip
+    assert taken == [False, True]
+
+
 def test_a_trial_has_the_last_word_where_it_can_be_made(
     toy_long: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
