@@ -14,8 +14,8 @@ from imaging.files import hdr_display
 from imaging.files.exr import reading
 from imaging.session.paths import find_reconstruction, scene_around
 from recon.rendering import render as rendering
+from recon.rendering import simulated_raw
 from recon.rendering.request import RenderRequest
-from recon.rendering.simulated_raw import require_raw
 from recon.result import display
 from recon.result import scene as opening
 from recon.result.layer_names import LAYERS, Layer
@@ -124,7 +124,7 @@ def render(
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 if asked.raw is not None:
-                    require_raw(folder, asked.raw)  # opening a scene takes longer
+                    simulated_raw.require_raw(folder, asked.raw)  # opening a scene takes longer
                 scene = opening.open_scene(folder)
                 scale = scene.exposure if asked.exposure is None else 2.0**asked.exposure
                 if place is not None:
