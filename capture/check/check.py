@@ -14,7 +14,7 @@ from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, S
 from capture.check.picture_warnings import warnings
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
-from capture.pictures.read import PictureFacts, is_one_colour
+from capture.pictures.read import PictureFacts, is_without_tones
 from capture.record.capture_result import span
 from capture.record.capture_run import planned_shots
 from capture.record.recorder import leftovers
@@ -82,7 +82,7 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
     problems.extend(_missing(plans, shots, again))
     problems.extend(companion_problems(opened, shots, again))
     problems.extend(developed_problems(opened, shots))
-    problems.extend(_duplicates(opened, shots, failed))
+    problems.extend(_duplicates(opened, shots, {shot.file for shot, _ in pictures}))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
@@ -205,10 +205,10 @@ def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: st
                 )
 
 
-def _duplicates(session: Session, shots: Sequence[ShotRecord], failed: Collection[str]) -> Iterator[Problem]:
-    """Files that two shots share, by name or by content; failed: those that are missing or torn.
+def _duplicates(session: Session, shots: Sequence[ShotRecord], sound: Collection[str]) -> Iterator[Problem]:
+    """Files that two shots share, by name, or by content where both are as they were recorded.
 
-    Several exposures may be equally black or white all over.
+    Several exposures may be equally black or white.
     """
     files: set[str] = set()
     by_content: dict[str, list[ShotRecord]] = {}
@@ -217,11 +217,11 @@ def _duplicates(session: Session, shots: Sequence[ShotRecord], failed: Collectio
             yield _problem(
                 "duplicate", shot, f"{shot.file} is recorded for two shots: rig check --repair keeps one."
             )
-        elif shot.file not in failed:
+        elif shot.file in sound:
             by_content.setdefault(shot.sha256, []).append(shot)
         files.add(shot.file)
     for first, *others in by_content.values():
-        for shot in others if others and not is_one_colour(session.file(first)) else ():
+        for shot in others if others and not is_without_tones(session.file(first)) else ():
             fix = "move the wrong one away"
             if session.record.origin == "import":
                 name = shot.file if shot.source is None else Path(shot.source).name

@@ -26,6 +26,9 @@ SMALLEST = 16
 """Pixels on a side below which a picture shows nothing that could be compared."""
 LIT = 0.02
 """Linear signal relative to white above which a photosite saw light, or is hot."""
+_END, _FEW_BETWEEN = 0.1, 0.01
+"""Share of its range that counts as an end of a channel, and share of samples between the ends of a picture
+without tones: compression leaves some at edges."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,19 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
     return Examined(picture, small, of_light(light))
 
 
-def is_one_colour(path: Path) -> bool:
-    """Return whether all pixels of a picture are equal, as where an exposure is black or white all over;
-    InputError if it cannot be read.
+def is_without_tones(path: Path) -> bool:
+    """Return whether hardly a pixel lies between the ends of its channel, as in an exposure that is black or
+    white all over, or white in the circle of a fisheye; InputError if it cannot be read.
     """
     pixels = _content(path).pixels
-    return bool((pixels == pixels[0, 0]).all())
+    of_channels = pixels.reshape(-1, pixels.shape[2] if pixels.ndim > 2 else 1)
+    of_channels = of_channels[np.isfinite(of_channels).all(axis=1)]
+    if not len(of_channels):
+        return True
+    low, high = of_channels.min(axis=0).astype(np.float64), of_channels.max(axis=0).astype(np.float64)
+    edge = _END * (high - low)
+    between = (of_channels > low + edge) & (of_channels < high - edge)
+    return bool(between.mean() < _FEW_BETWEEN)
 
 
 def _fitting(counts: Mask | None, picture: PictureFacts) -> Mask | None:

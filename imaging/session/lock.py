@@ -96,7 +96,10 @@ def _locked(path: Path, flags: int, says: str) -> int | None:
         import fcntl
     except ImportError:
         return None
-    descriptor = os.open(path, flags)
+    try:
+        descriptor = os.open(path, flags, 0o666)
+    except PermissionError:  # another user's, which a killed process may have left
+        descriptor = os.open(path, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -98,7 +98,7 @@ class Scene:
     @property
     def up(self) -> Array:
         """A unit vector: the way up of the photographs together, as photographers hold their cameras."""
-        down = sum((view.splat_camera.cam_from_world[1, :3] for view in self.views), np.zeros(3))
+        down = sum((view.upright[1, :3] for view in self.views), np.zeros(3))
         length = float(np.linalg.norm(down))
         return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else np.asarray(-down / length)
 

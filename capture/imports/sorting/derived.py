@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture.pictures.read import is_one_colour, kind_of
+from capture.pictures.read import is_without_tones, kind_of
 from imaging.arrays import Array32
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata, read_photo, read_photo_header
@@ -123,14 +123,14 @@ def _identical(paths: Sequence[Path]) -> list[Path]:
             for alike in _split(group, _HEAD):
                 for same in _split(alike, -1):
                     original = min(same, key=lambda path: len(path.name))
-                    if not _is_one_colour(original):
+                    if not _is_without_tones(original):
                         copies += [path for path in same if path != original]
     return copies
 
 
-def _is_one_colour(path: Path) -> bool:
+def _is_without_tones(path: Path) -> bool:
     with suppress(InputError):
-        return is_one_colour(path)
+        return is_without_tones(path)
     return False
 
 

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imaging.errors import InputError
-from imaging.session.calibration import CalibrationRecord
+from imaging.session.coordinates import CoordinateSystem
+from imaging.session.paths import session_of
 from recon.result.first_look import shot_at
-from recon.result.model import read_own_calibration
+from recon.result.model import CALIBRATION, read_own_calibration
 from recon.result.scene import Scene, open_scene
 from rig.view.pages.browser_cameras import start_of
 from rig.view.pages.page import ScenePage
@@ -37,16 +38,15 @@ def _compare_worlds(first: Scene, second: Scene, say: Callable[[str], None]) -> 
     hashes = {first.record.calibration_sha256, second.record.calibration_sha256}
     if len(hashes) < 2 or "" in hashes:  # splats of other programs have none
         return
-    scenes = (first, second)
-    calibrations = [read_own_calibration(scene.folder) for scene in scenes]
     if first.record.session != second.record.session:
-        if not _share_coordinates(scenes, calibrations):
+        if not _share_coordinates(first, second):
             say(
                 f"{first.folder} and {second.folder} are of two sessions without common coordinates, so that "
                 "places and sizes do not agree: calibrate one of them with --onto the other, and reconstruct "
                 "it again"
             )
         return
+    calibrations = [read_own_calibration(scene.folder) for scene in (first, second)]
     poses, others = ({view.id: view.cam_from_world for view in record.views} for record in calibrations)
     if any(poses[view] != others[view] for view in poses.keys() & others.keys()):
         raise InputError(
@@ -55,19 +55,35 @@ def _compare_worlds(first: Scene, second: Scene, say: Callable[[str], None]) -> 
         )
 
 
-def _share_coordinates(scenes: Sequence[Scene], calibrations: Sequence[CalibrationRecord]) -> bool:
-    """Return whether scenes of two sessions stand in one coordinate system, by their calibrations.
+def _share_coordinates(first: Scene, second: Scene) -> bool:
+    """Return whether scenes of two sessions stand in one coordinate system, as far as their calibrations say.
 
-    A session without a system has its own, in which the other one may have been placed onto it.
+    That is a named system, the same surveyed points, or the session onto which one or both were placed.
     """
-    systems = [record.coordinates for record in calibrations]
-    one, other = systems
+    one, other = systems = [_system(scene) for scene in (first, second)]
     if one is not None and other is not None:
-        return (one.system, one.offset, one.origin) == (other.system, other.offset, other.origin)
-    return any(
-        system is not None and system.onto is not None and Path(system.onto).name == target.record.session
-        for system, target in zip(systems, reversed(scenes), strict=True)
-    )
+        if (one.system, one.offset, one.origin) != (other.system, other.offset, other.origin):
+            return False
+        points = [{(point.name, point.position) for point in system.points} for system in (one, other)]
+        if one.system != "local" or points[0] & points[1]:
+            return True
+    here, there = (_home(scene, system) for scene, system in zip((first, second), systems, strict=True))
+    names_alone = not (here.is_absolute() and there.is_absolute())
+    return here == there or (names_alone and here.name == there.name)
+
+
+def _system(scene: Scene) -> CoordinateSystem | None:
+    if not (scene.folder / CALIBRATION).is_file():
+        return None
+    return read_own_calibration(scene.folder).coordinates
+
+
+def _home(scene: Scene, system: CoordinateSystem | None) -> Path:
+    """Return the session whose own coordinates a scene has: its folder, or its name if that is not there."""
+    if system is not None and system.onto is not None:
+        return Path(system.onto)
+    session = session_of(scene.folder)
+    return Path(scene.record.session) if session is None else session.resolve()
 
 
 def painter_of(*scenes: Scene) -> Painter:

@@ -263,6 +263,11 @@ def test_exposures_that_are_black_or_white_all_over_are_no_duplicates(rig, shade
             one["sha256"] = store.sha256(path)
     write(rig.session, records)
     assert "duplicate" not in kinds(check(rig.session.folder))
+    first = rig.session.folder / next(
+        one["file"] for one in records if one["step"] == 0 and one["camera"] == "b"
+    )
+    first.write_bytes(encode_jpeg(np.full((24, 32, 3), [shade, 90, 200], np.uint8)))
+    assert kinds(check(rig.session.folder)) == ["altered"]
 
 
 def test_highlights_that_no_exposure_holds_are_a_warning():

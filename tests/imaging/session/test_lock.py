@@ -63,6 +63,26 @@ def test_a_calibration_is_held_where_files_have_to_be_open_for_writing(
         pass
 
 
+def test_a_lock_file_of_another_user_holds_nothing_once_its_process_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / ".calibration.lock").touch()
+    opened = os.open
+
+    def refusing(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_RDWR and str(path).endswith(".lock"):
+            raise PermissionError(errno.EACCES, "permission denied")
+        return opened(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", refusing)
+    with (
+        sole_calibrator(tmp_path),
+        pytest.raises(InputError, match="by another rig"),
+        sole_calibrator(tmp_path),
+    ):
+        pass
+
+
 def test_copies_of_a_session_that_share_its_files_are_calibrated_at_once(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     (tmp_path / "one/session.json").touch()

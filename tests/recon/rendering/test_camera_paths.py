@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from imaging.optics.pose import Pose
 from recon.rendering.camera_paths import named_path
 from recon.rendering.request import RenderRequest
 from recon.result.model import SceneView
+from recon.result.scene import Scene
 from recon.splat import SplatCamera
 from tests.recon.rendering.scenes import scene, sheet, view
 
@@ -76,6 +78,8 @@ def test_an_orbit_is_upright_however_the_camera_was_held(
         views.append(one.model_copy(update={"cam_from_world": pose, "orientation": orientation}))
     for camera, level in zip(path(tuple(views), "orbit:12"), path(ring(degrees), "orbit:12"), strict=True):
         np.testing.assert_allclose(camera.cam_from_world, level.cam_from_world, atol=1e-9)
+    held, level_up = (Scene.up.fget(SimpleNamespace(views=one)) for one in (views, ring(degrees)))
+    np.testing.assert_allclose(held, level_up, atol=1e-9)
 
 
 def test_an_orbit_of_views_from_one_side_stays_there() -> None:

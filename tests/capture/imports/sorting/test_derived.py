@@ -8,7 +8,7 @@ import pytest
 
 from capture.imports.photos import import_photos
 from capture.imports.sorting import derived
-from capture.pictures.read import is_one_colour
+from capture.pictures.read import is_without_tones
 from imaging.files.photo import Photo, encode_jpeg, encode_png, read_photo
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
@@ -160,10 +160,18 @@ def test_the_same_bytes_count_once_in_a_folder_by_the_shortest_name(tmp_path, na
     assert import_photos(cameras, tmp_path / "t").shots == 2
 
 
-@pytest.mark.parametrize(("shade", "place"), [(0, 0), (255, 2)])
-def test_black_or_white_exposures_of_several_views_are_no_copies(tmp_path, shade, place):
+def disc() -> np.ndarray:
+    """A fisheye's circle, white on black."""
+    y, x = np.mgrid[:64, :96]
+    return np.where((np.hypot(x - 48, y - 32) < 30)[..., None], 255, np.zeros(3)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("flat", "place"),
+    [(np.zeros((64, 96, 3), np.uint8), 0), (np.full((64, 96, 3), 255, np.uint8), 2), (disc(), 2)],
+)
+def test_black_or_white_exposures_of_several_views_are_no_copies(tmp_path, flat, place):
     times = (1 / 4000, 1 / 30, 4.0)
-    flat = np.full((64, 96, 3), shade, np.uint8)
     files = {
         f"v{view}_{step}.jpg": encode_jpeg(flat, metadata=FrameMetadata(exposure=Exposure(time=time)))
         if step == place
@@ -178,7 +186,7 @@ def test_black_or_white_exposures_of_several_views_are_no_copies(tmp_path, shade
 
 def test_black_exposures_of_one_bracket_are_no_copies_and_decoded_once(tmp_path, monkeypatch):
     black, read = encode_jpeg(np.zeros((64, 96, 3), np.uint8)), []
-    monkeypatch.setattr(derived, "is_one_colour", lambda path: read.append(path) or is_one_colour(path))
+    monkeypatch.setattr(derived, "is_without_tones", lambda path: read.append(path) or is_without_tones(path))
     files = {f"a{step}.jpg": black for step in ("", "_1", "_2")} | {"a_3.jpg": scene(3)}
     assert import_photos(put(tmp_path / "in", files), tmp_path / "s").shots == 4
     assert len(read) == 1

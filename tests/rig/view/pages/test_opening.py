@@ -77,6 +77,7 @@ def test_scenes_whose_coordinates_differ_are_not_compared(scene_template: Path, 
     assert not said
 
 
+LOCAL = {"source": "survey", "points": ({"name": "P1", "position": (1.0, 2.0, 3.0)},)}
 SURVEYED = {"source": "survey", "system": "EPSG:25832", "offset": (5e5, 6e6, 0.0)}
 
 
@@ -90,6 +91,10 @@ SURVEYED = {"source": "survey", "system": "EPSG:25832", "offset": (5e5, 6e6, 0.0
         ((None, {"source": "session", "onto": "/home/me/first"}), True),
         (({"source": "session", "onto": "/home/me/second"}, None), True),
         ((None, {"source": "session", "onto": "/home/me/third"}), False),
+        (({"source": "session", "onto": "/a"}, {"source": "session", "onto": "/b"}), False),
+        (({"source": "session", "onto": "/a"}, {"source": "session", "onto": "/a"}), True),
+        ((LOCAL, LOCAL), True),
+        ((LOCAL, LOCAL | {"points": ({"name": "P1", "position": (1.0, 2.0, 4.0)},)}), False),
     ],
 )
 def test_that_two_sessions_share_no_coordinates_is_said(
@@ -108,3 +113,18 @@ def test_that_two_sessions_share_no_coordinates_is_said(
     assert len(shown) == 1
     assert len(said) == (0 if common else 1)
     assert common or "of two sessions without common coordinates" in said[0]
+
+
+def test_scenes_of_two_sessions_without_calibrations_are_shown(scene_template: Path, tmp_path: Path) -> None:
+    shown, said = [], []
+    folders = [
+        calibrated_again(
+            find_reconstruction(scene_template), tmp_path / name, 0.5, session=name, calibration_sha256=name
+        )
+        for name in ("first", "second")
+    ]
+    for folder in folders:
+        (folder / "calibration.json").unlink()
+    viewer = SimpleNamespace(first=None, show=lambda *its: shown.append(its))
+    show_scenes(viewer, folders, said.append)
+    assert (len(shown), len(said)) == (1, 1)
