@@ -177,7 +177,8 @@ def far_trial(views: Sequence[View], gaussians: int) -> float:
 def _far_trial(train: int, view: float, planes: float, width: int) -> float:
     """Processor seconds of the trial of a far field; arguments as those of `Work`."""
     tiny = view * min(1.0, far_field.TRIAL_WIDTH / width) ** 2
-    looks = min(far_field.MOST_ITERATIONS, far_field.TRIAL_LOOKS * train)
+    trained = train - -(-train // HELD_OUT)
+    looks = min(far_field.MOST_ITERATIONS, far_field.TRIAL_LOOKS * trained)
     return 2 * looks * step(tiny, planes, far_field.TRIAL_GAUSSIANS)
 
 
