@@ -24,6 +24,7 @@ import numpy.typing as npt
 from imaging.arrays import AnyArray, Array, Bytes
 from imaging.errors import ReconstructionError
 from imaging.files import store
+from imaging.optics.pose import as_held
 from recon.exports.formats.codebook import codebook, nearest
 from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written, lens_note
@@ -36,6 +37,7 @@ from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.result.splats.splat_files import what_is_shown
 from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
+from recon.splat import SplatCamera
 
 _PARTS = (
     *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag", "bright.wgsl"),
@@ -224,11 +226,24 @@ def _begins(job: Job) -> Beginning:
 
 
 def _view(scene: Scene, view: SceneView) -> dict[str, Any]:
-    """Return where a view stands, and its lens without distortion; px."""
-    camera = scene.record.world.camera(pinhole(view.splat_camera))
+    """Return where a view stands, and its lens without distortion; px of the upright picture."""
+    camera = _upright(scene.record.world.camera(pinhole(view.splat_camera)), view.orientation)
     turn, shift = camera.cam_from_world[:3, :3], camera.cam_from_world[:3, 3]
     lens = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
     return {"name": view.name, "turn": turn.ravel().tolist(), "centre": (-turn.T @ shift).tolist(), **lens}
+
+
+def _upright(camera: SplatCamera, orientation: int) -> SplatCamera:
+    """The camera of a picture that is turned as EXIF states of the stored one."""
+    turn = as_held(np.eye(4), orientation)[:2, :2]
+    size = np.array([camera.width, camera.height])
+    width, height = np.abs(turn) @ size
+    fx, fy = np.abs(turn) @ np.array([camera.fx, camera.fy])
+    cx, cy = turn @ (np.array([camera.cx, camera.cy]) - size / 2) + np.array([width, height]) / 2
+    motion = as_held(camera.cam_from_world, orientation)
+    return SplatCamera(
+        motion, float(fx), float(fy), float(cx), float(cy), round(float(width)), round(float(height))
+    )
 
 
 def _planes(values: AnyArray) -> bytes:

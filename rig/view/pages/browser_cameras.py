@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imaging.arrays import Array
+from imaging.optics.pose import as_held
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
@@ -58,5 +59,8 @@ def pose(camera: SplatCamera) -> tuple[Array, Array]:
 def start_of(scene: Scene, view: SceneView) -> Start:
     """Return where a view stands in the coordinates of its scene."""
     camera = scene.record.world.camera(view.splat_camera)
-    poses = (scene.record.world.camera(one.splat_camera).cam_from_world for one in scene.views)
+    poses = (
+        as_held(scene.record.world.camera(one.splat_camera).cam_from_world, one.orientation)
+        for one in scene.views
+    )
     return start_at(camera.cam_from_world, up_of(poses), view.lens)

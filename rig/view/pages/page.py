@@ -13,6 +13,7 @@ import viser
 
 from imaging.arrays import Bytes
 from imaging.errors import RigError
+from imaging.optics.pose import as_held
 from rig.view.pages.browser_cameras import splat_camera
 from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.pages.frusta import Frusta
@@ -135,7 +136,10 @@ class ScenePage:
         if name != FREE:
             view = self.painter.scene.view(name)
             motion = self.painter.placed(name).cam_from_world
-            up = up_of(self.painter.placed(one.name).cam_from_world for one in self.painter.scene.views)
+            up = up_of(
+                as_held(self.painter.placed(one.name).cam_from_world, one.orientation)
+                for one in self.painter.scene.views
+            )
             self._stand(start_at(motion, up, view.lens))
         self._wake.set()
 

@@ -14,7 +14,7 @@ from imaging.arrays import Array32
 from imaging.errors import RigError
 from imaging.files.exr.reading import read_exr
 from imaging.optics.lens import Lens
-from imaging.optics.pose import Pose
+from imaging.optics.pose import Pose, as_held
 from recon.result.first_look import shot_at
 from rig.view.pictures.look import Look, first_look
 from rig.view.serving.start_view import Start, start_at, up_of
@@ -58,7 +58,10 @@ class FirstPicture:
 
 def _start(model: dict[str, Any], view: dict[str, Any]) -> Start:
     """A view of the model in the coordinates of its scene."""
-    poses = [Pose.model_validate(one["cam_from_world"]).matrix() for one in model["views"]]
+    poses = [
+        as_held(Pose.model_validate(one["cam_from_world"]).matrix(), one.get("orientation", 1))
+        for one in model["views"]
+    ]
     motion = Pose.model_validate(view["cam_from_world"]).matrix()
     world = model["world"]
     motion[:3, 3] = (motion[:3, :3] @ np.asarray(world["origin"]) + motion[:3, 3]) / world["unit"]

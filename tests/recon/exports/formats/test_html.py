@@ -14,11 +14,13 @@ from PIL import Image
 
 from imaging.errors import ReconstructionError
 from recon.exports.export import export
+from recon.exports.formats.html import _upright
 from recon.exports.loss import drawn, stops_between
 from recon.exports.splats import linear_splats
 from recon.exports.target_coordinates import pinhole
 from recon.result.model import SceneShot
 from recon.result.scene import Scene, open_scene
+from recon.splat import SplatCamera
 from rig.view.pages.opening import look_of
 from rig.view.pictures.look import Look
 from tests.recon.exports.made_scene import write_made
@@ -293,3 +295,23 @@ def test_names_are_text(made: Path, tmp_path: Path) -> None:
     text = (tmp_path / "scene.html").read_text()
     assert "<title>script&gt;</title>" in text
     assert not re.search(r"(src|href)=", text)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "shown"),
+    [
+        (1, lambda u, v: (u, v)),
+        (3, lambda u, v: (48 - u, 30 - v)),
+        (6, lambda u, v: (30 - v, u)),
+        (8, lambda u, v: (v, 48 - u)),
+    ],
+)
+def test_views_stand_upright_as_their_files_state(
+    orientation: int, shown: Callable[..., tuple[float, float]]
+) -> None:
+    stored = SplatCamera(np.eye(4), 40.0, 42.0, 23.0, 16.0, 48, 30)
+    upright = _upright(stored, orientation)
+    assert (upright.width, upright.height) == ((48, 30) if orientation in (1, 3) else (30, 48))
+    x, y, z = upright.cam_from_world[:3, :3] @ (0.3, 0.2, 1.0)
+    pixel = upright.fx * x / z + upright.cx, upright.fy * y / z + upright.cy
+    assert pixel == pytest.approx(shown(40 * 0.3 + 23, 42 * 0.2 + 16))

@@ -1,6 +1,6 @@
 """Cameras of browsers and of scenes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -54,6 +54,14 @@ def test_a_page_begins_upright_where_a_view_stands(scene) -> None:
     assert start.up[2] > 0.8
     ahead = np.subtract(start.look_at, start.position)
     np.testing.assert_allclose(ahead, view.cam_from_world.matrix()[2, :3], atol=1e-9)
+
+
+def test_a_page_of_pictures_that_files_turn_begins_upright(scene) -> None:
+    opened = open_scene(find_reconstruction(scene))
+    turned = tuple(view.model_copy(update={"orientation": 3}) for view in opened.views)
+    held = replace(opened, record=opened.record.model_copy(update={"views": turned}))
+    start, stored = (start_of(one, one.views[0]) for one in (held, opened))
+    np.testing.assert_allclose(start.up, np.negative(stored.up), atol=1e-9)
 
 
 def test_the_first_picture_is_one_that_the_scene_drew(scene) -> None:
