@@ -18,6 +18,7 @@ from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
 from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.masks import without
+from imaging.optics.pose import quarter_turns
 from imaging.sensor.cfa import cell_means
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import ImageKind
@@ -95,7 +96,7 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
         small = (
             reduced_pictures.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
         )
-        return Examined(picture, small, of_photo(content.pixels))
+        return Examined(picture, small, of_photo(content.pixels, content.metadata.orientation))
     light = content.pixels
     small = reduced_pictures.of_light(light, _fitting(counts, picture)) if _large(picture) else None
     return Examined(picture, small, of_light(light))
@@ -205,12 +206,13 @@ def of_raw(frame: LinearFrame, mosaic: RawMosaic) -> bytes:
     """JPEG of a mosaic and its light: white at white, its white balance, nothing lifted."""
     signal, saturated = frame.signal, frame.saturated
     rgb = balanced(cell_means(signal, mosaic.cfa), mosaic.neutral)
-    return _small(rgb, cell_means(saturated, mosaic.cfa).max(-1) > 0)
+    clipped = cell_means(saturated, mosaic.cfa).max(-1) > 0
+    return _small(rgb, clipped, orientation=mosaic.metadata.orientation)
 
 
-def of_photo(pixels: Array32) -> bytes:
-    """JPEG of a developed photograph [H, W, 3], 0..1, as the camera made it."""
-    return _small(pixels, _brightest(pixels) >= TOP, developed=True)
+def of_photo(pixels: Array32, orientation: int = 1) -> bytes:
+    """JPEG of a developed photograph [H, W, 3], 0..1, as the camera made it, upright by its EXIF."""
+    return _small(pixels, _brightest(pixels) >= TOP, developed=True, orientation=orientation)
 
 
 def of_light(light: Array32) -> bytes:
@@ -225,11 +227,11 @@ def _brightest(pixels: Array32) -> Array32:
     return np.maximum(np.maximum(pixels[..., 0], pixels[..., 1]), pixels[..., 2])
 
 
-def _small(rgb: Array32, clipped: Mask, developed: bool = False) -> bytes:
+def _small(rgb: Array32, clipped: Mask, developed: bool = False, orientation: int = 1) -> bytes:
     width = min(WIDTH, rgb.shape[1])
     size = (width, max(1, round(rgb.shape[0] * width / rgb.shape[1])))
     mean = np.clip(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), 0.0, 1.0)
     share = cv2.resize(clipped.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     codes = np.rint(255 * (mean if developed else srgb_encode(mean))).astype(np.uint8)
     codes[share >= 0.5] = CLIPPED_COLOUR
-    return encode_jpeg(codes, QUALITY)
+    return encode_jpeg(np.rot90(codes, quarter_turns(orientation)), QUALITY)

@@ -52,8 +52,12 @@ def as_held(cam_from_world: Array, orientation: int) -> Array:
 
     Its upper side counts, and not that some orientations are mirrored.
     """
-    turned = {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
-    return np.asarray(np.linalg.matrix_power(_QUARTER, turned) @ cam_from_world)
+    return np.asarray(np.linalg.matrix_power(_QUARTER, quarter_turns(orientation)) @ cam_from_world)
+
+
+def quarter_turns(orientation: int) -> int:
+    """Quarter turns to the left, as of `np.rot90`, that make a picture of this EXIF orientation upright."""
+    return {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
 
 
 def on_their_side(motions: Sequence[Array]) -> bool:

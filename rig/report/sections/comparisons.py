@@ -11,6 +11,7 @@ from imaging.arrays import Bytes, Floats
 from imaging.colour.spaces import balanced, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
+from imaging.optics.pose import quarter_turns
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 from recon.data.dataset import View
@@ -100,7 +101,7 @@ def pictures(
         progress("drawing held-out views", done, len(views))
         if with_truth:
             light = in_colour(opened.radiance(view), bands) * np.float32(scale)
-            columns = _against_truth(truths[done], light, stops)
+            columns = _against_truth(truths[done], light, stops, view.orientation)
         else:
             columns = _against_shots(opened, view)
         title = f"Camera {view.camera}, frame {view.frame}"
@@ -118,18 +119,18 @@ def pictures(
 
 
 def _against_truth(
-    truth: Floats, render: Floats, stops: Sequence[float]
+    truth: Floats, render: Floats, stops: Sequence[float], orientation: int
 ) -> Iterable[tuple[ComparedPicture, ...]]:
     middle = stops[1]
     for step in stops:
         name = _relative(step - middle)
         yield (
-            _photo(developed(truth, step), f"Truth, {name}"),
-            _photo(developed(render, step), f"Render, {name}"),
+            _photo(developed(truth, step), f"Truth, {name}", orientation),
+            _photo(developed(render, step), f"Render, {name}", orientation),
         )
     yield (
-        _photo(compressed(truth), "Truth, compressed"),
-        _map(error_map(render, truth), "Error of the render"),
+        _photo(compressed(truth), "Truth, compressed", orientation),
+        _map(error_map(render, truth), "Error of the render", orientation),
     )
 
 
@@ -144,9 +145,9 @@ def _against_shots(opened: Opened, view: View) -> Iterable[tuple[ComparedPicture
             opened.training.method.observation.predict(image, view, shot.k, shot.band).detach().numpy()
         )
         name = "" if count == 1 else f", {_relative(float(np.log2(shot.k / middle.k)))}"
-        photograph = _photo(_as_shown(shot.pixels, view), f"Photograph{name}")
-        render = _photo(_as_shown(predicted, view), f"Render{name}")
-        errors.append(_map(_shot_error(shot, predicted, view), f"Error{name}"))
+        photograph = _photo(_as_shown(shot.pixels, view), f"Photograph{name}", view.orientation)
+        render = _photo(_as_shown(predicted, view), f"Render{name}", view.orientation)
+        errors.append(_map(_shot_error(shot, predicted, view), f"Error{name}", view.orientation))
         yield from [(photograph,), (render,)] if count == 1 else [(photograph, render)]
     # The shortest exposure shows little but the highlights.
     yield tuple(errors[-2:])
@@ -185,9 +186,11 @@ def _relative(stops: float) -> str:
     )
 
 
-def _photo(pixels: Bytes, caption: str) -> ComparedPicture:
-    return ComparedPicture(jpeg_uri(fitted(pixels, WIDTH)), caption, caption)
+def _photo(pixels: Bytes, caption: str, orientation: int) -> ComparedPicture:
+    upright = np.rot90(pixels, quarter_turns(orientation))
+    return ComparedPicture(jpeg_uri(fitted(upright, WIDTH)), caption, caption)
 
 
-def _map(pixels: Bytes, caption: str) -> ComparedPicture:
-    return ComparedPicture(png_uri(fitted(pixels, WIDTH)), caption, f"{caption}, as a map of colours")
+def _map(pixels: Bytes, caption: str, orientation: int) -> ComparedPicture:
+    upright = np.rot90(pixels, quarter_turns(orientation))
+    return ComparedPicture(png_uri(fitted(upright, WIDTH)), caption, f"{caption}, as a map of colours")

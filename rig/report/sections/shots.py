@@ -18,6 +18,7 @@ from imaging.errors import RigError
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
+from imaging.optics.pose import quarter_turns
 from imaging.progress import Progress
 from imaging.sensor.cfa import cell_means
 from imaging.session.records import ShotRecord
@@ -41,7 +42,8 @@ hardly measurable.
 class ShotPreview:
     """A shot's file: share of samples that are clipped, share that is dark; linear rgb at low resolution.
 
-    developed: whether the camera made a picture of it, which is then shown as it is.
+    developed: whether the camera made a picture of it, which is then shown as it is. orientation: as EXIF
+    states it of the picture as stored.
     """
 
     clipped: float
@@ -49,6 +51,7 @@ class ShotPreview:
     rgb: Array32
     valid: Mask
     developed: bool = False
+    orientation: int = 1
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,10 @@ def _look(session: Session, shots: Sequence[ShotRecord]) -> _Looked:
             previews.append((shot, read_preview(session, shot)))
         except RigError:
             unreadable.append(shot.file)
-    uri = jpeg_uri(_thumbnail(previews), 80) if previews else ""
+    uri = ""
+    if previews:
+        turns = quarter_turns(previews[0][1].orientation)
+        uri = jpeg_uri(np.rot90(_thumbnail(previews), turns), 80)
     shares = {shot.file: (preview.clipped, preview.dark) for shot, preview in previews}
     return _Looked(uri, shares, tuple(unreadable))
 
@@ -150,7 +156,10 @@ def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
         signal, clipped = raw.signal(), raw.saturated()
         rgb = balanced(cell_means(signal, raw.cfa), raw.neutral)
         valid = cell_means(clipped, raw.cfa).max(-1) == 0
-        return ShotPreview(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
+        dark = float((signal < DARK).mean())
+        return ShotPreview(
+            float(clipped.mean()), dark, *_reduced(rgb, valid), orientation=raw.metadata.orientation
+        )
     if kind == "hdr":
         rgb = read_light(path)
         return ShotPreview(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
@@ -171,7 +180,8 @@ def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
     rgb, valid = (np.concatenate(sides) for sides in zip(*parts, strict=True))
     shares = counts / photo.pixels.size
     clipped, dark = shares[levels > CLIPPED].sum(), shares[levels < DARK].sum()
-    return ShotPreview(float(clipped), float(dark), rgb, valid, developed=True)
+    held = photo.metadata.orientation
+    return ShotPreview(float(clipped), float(dark), rgb, valid, developed=True, orientation=held)
 
 
 def _factor(height: int, width: int) -> int:

@@ -16,6 +16,7 @@ from rig.report.charts.pictures import (
     png_uri,
     three_exposures,
 )
+from rig.report.sections.comparisons import _map, _photo
 from rig.report.sections.shots import compressed
 
 
@@ -90,3 +91,12 @@ def test_data_uris_hold_the_picture() -> None:
 def test_fitting_keeps_the_shape_and_never_enlarges() -> None:
     assert fitted(np.zeros((300, 600, 3), np.uint8), 200).shape == (100, 200, 3)
     assert fitted(np.zeros((30, 60, 3), np.uint8), 200).shape == (30, 60, 3)
+
+
+@pytest.mark.parametrize(("orientation", "corner"), [(1, (0, 0)), (3, (-1, -1)), (6, (0, -1)), (8, (-1, 0))])
+def test_compared_pictures_are_upright(orientation: int, corner: tuple[int, int]) -> None:
+    """The upper left of what is stored comes to where EXIF has it."""
+    stored = np.zeros((40, 60, 3), np.uint8)
+    stored[:10, :10] = 255
+    assert decoded(_photo(stored, "a picture", orientation).uri)[corner].min() > 200
+    assert decoded(_map(stored, "a map", orientation).uri)[corner].min() == 255

@@ -1,17 +1,21 @@
 """Statistics of a photograph's file, against its own samples in float64."""
 
+import base64
 from datetime import UTC, datetime
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from capture.pictures.read import examine
 from imaging.arrays import Bytes
 from imaging.colour.spaces import srgb_decode
 from imaging.files import store
-from imaging.files.photo import encode_png
+from imaging.files.photo import encode_jpeg, encode_png
 from imaging.progress import unreported
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from rig.report.sections.shots import CLIPPED, DARK, read_preview, read_previews
@@ -98,3 +102,18 @@ def test_when_time_is_up_the_views_seen_by_then_are_spread_evenly(
     assert frames[-1] >= 10
     assert max(np.diff(frames)) <= 8
     assert read_previews(session, unreported, 0.0).views == 1
+
+
+def test_thumbnails_are_upright(tmp_path: Path) -> None:
+    codes = np.zeros((40, 60, 3), np.uint8)
+    codes[:10, :10] = 200
+    session, shot = a_shot(tmp_path / "s", codes)
+    session.append_shot(shot.model_copy(update={"file": "raw/0000/cam_0.jpg"}))
+    path = session.folder / "raw/0000/cam_0.jpg"
+    store.write_bytes(path, encode_jpeg(codes, metadata=FrameMetadata(orientation=6)))
+    (thumbnail,) = read_previews(session, unreported).thumbnails
+    for data in (base64.b64decode(thumbnail.uri.partition(",")[2]), examine(path).thumbnail):
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert picture.shape == (60, 40, 3)
+        assert picture[0, -1].min() > 100
+        assert picture[-1].max() < 50
