@@ -105,8 +105,8 @@ def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPa
 def test_an_import_of_them_is_light(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     big = np.repeat(np.repeat(LIGHT, 2, 0), 2, 1)
-    for name in ("a.hdr", "b.HDR"):
-        (tmp_path / "photos" / name).write_bytes(bytes(imagecodecs.rgbe_encode(big)))
+    for name, light in (("a.hdr", big), ("b.HDR", 2 * big)):
+        (tmp_path / "photos" / name).write_bytes(bytes(imagecodecs.rgbe_encode(light)))
     assert import_photos(tmp_path / "photos", tmp_path / "s").shots == 2
     session = Session.open(tmp_path / "s")
     (camera,) = session.record.cameras
