@@ -88,7 +88,9 @@ def test_copies_of_a_session_that_share_its_files_are_calibrated_at_once(tmp_pat
     (tmp_path / "one/session.json").touch()
     shutil.copytree(tmp_path / "one", tmp_path / "two", copy_function=os.link)
     with sole_calibrator(tmp_path / "one"), sole_calibrator(tmp_path / "two"):
-        pass
+        locks = [tmp_path / name / ".calibration.lock" for name in ("one", "two")]
+        assert not os.path.samefile(*locks)
+    assert not any(lock.exists() for lock in locks)
 
 
 def test_a_lock_that_went_as_it_was_opened_holds_nothing(
