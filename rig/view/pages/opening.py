@@ -1,9 +1,11 @@
 """Scenes on disk become pages."""
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imaging.errors import InputError
+from imaging.session.calibration import read_calibration
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.paths import session_of
 from recon.result.first_look import shot_at
@@ -58,7 +60,7 @@ def _compare_worlds(first: Scene, second: Scene, say: Callable[[str], None]) -> 
 def _share_coordinates(first: Scene, second: Scene) -> bool:
     """Return whether scenes of two sessions stand in one coordinate system, as far as their calibrations say.
 
-    That is a named system, the same surveyed points, or the session onto which one or both were placed.
+    That is a named system, the same surveyed points, or a session in whose coordinates both stand.
     """
     one, other = systems = [_system(scene) for scene in (first, second)]
     if one is not None and other is not None:
@@ -67,9 +69,8 @@ def _share_coordinates(first: Scene, second: Scene) -> bool:
         points = [{(point.name, point.position) for point in system.points} for system in (one, other)]
         if one.system != "local" or points[0] & points[1]:
             return True
-    here, there = (_home(scene, system) for scene, system in zip((first, second), systems, strict=True))
-    names_alone = not (here.is_absolute() and there.is_absolute())
-    return here == there or (names_alone and here.name == there.name)
+    here, there = (_sessions(scene, system) for scene, system in zip((first, second), systems, strict=True))
+    return any(_is_same(a, b) for a in here for b in there)
 
 
 def _system(scene: Scene) -> CoordinateSystem | None:
@@ -78,12 +79,27 @@ def _system(scene: Scene) -> CoordinateSystem | None:
     return read_own_calibration(scene.folder).coordinates
 
 
-def _home(scene: Scene, system: CoordinateSystem | None) -> Path:
-    """Return the session whose own coordinates a scene has: its folder, or its name if that is not there."""
-    if system is not None and system.onto is not None:
-        return Path(system.onto)
+def _sessions(scene: Scene, system: CoordinateSystem | None) -> list[Path]:
+    """Return the sessions in whose coordinates a scene stands.
+
+    Its own comes first, as a name alone where its folder is unknown; then the one onto which that was placed,
+    the one onto which this was placed, and on.
+    """
     session = session_of(scene.folder)
-    return Path(scene.record.session) if session is None else session.resolve()
+    sessions = [Path(scene.record.session) if session is None else session]
+    while system is not None and system.onto is not None and Path(system.onto) not in sessions:
+        sessions.append(Path(system.onto))
+        try:
+            system = read_calibration(sessions[-1]).coordinates
+        except (InputError, OSError):  # it was moved away, or is another user's
+            break
+    return sessions
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    """Return whether two paths name one session: by their names alone where one was moved away."""
+    there = all(path.is_absolute() and os.path.isdir(path) for path in (one, other))
+    return one == other or (not there and one.name == other.name)
 
 
 def painter_of(*scenes: Scene) -> Painter:

@@ -128,3 +128,36 @@ def test_scenes_of_two_sessions_without_calibrations_are_shown(scene_template: P
     viewer = SimpleNamespace(first=None, show=lambda *its: shown.append(its))
     show_scenes(viewer, folders, said.append)
     assert (len(shown), len(said)) == (1, 1)
+
+
+def test_sessions_that_were_placed_onto_one_another_share_coordinates(
+    scene_template: Path, tmp_path: Path
+) -> None:
+    """B was placed onto A, and C onto B; then they move, A and B together."""
+
+    def made(name: str, onto: str | None) -> Path:
+        session = tmp_path / "there" / name
+        system = None if onto is None else {"source": "session", "onto": str(tmp_path / "there" / onto)}
+        scene = calibrated_again(
+            find_reconstruction(scene_template), session / "reconstructions/s", 0.5, system,
+            session=name, calibration_sha256=name,
+        )  # fmt: skip
+        (session / "calibration").mkdir()
+        shutil.copy(scene / "calibration.json", session / "calibration")
+        shutil.copy(scene_template / "session.json", session)
+        return scene
+
+    a, b, c, other = made("A", None), made("B", "A"), made("C", "B"), made("other", None)
+    pairs, said = [(a, b), (b, c), (c, a), (c, other)], []
+    viewer = SimpleNamespace(first=None, show=lambda *its: None)
+    for pair in pairs:
+        show_scenes(viewer, pair, said.append)
+    (tmp_path / "there").rename(tmp_path / "moved")
+    for pair in pairs:
+        show_scenes(viewer, [Path(str(one).replace("there", "moved")) for one in pair], said.append)
+    without = [line.partition(" are of two sessions without common coordinates")[0] for line in said]
+    moved = str(tmp_path / "moved")
+    assert without == [
+        f"{c} and {other}", f"{moved}/C/reconstructions/s and {moved}/A/reconstructions/s",
+        f"{moved}/C/reconstructions/s and {moved}/other/reconstructions/s",
+    ]  # fmt: skip
