@@ -99,13 +99,20 @@ def _locked(path: Path, flags: int, says: str) -> int | None:
     try:
         descriptor = os.open(path, flags, 0o666)
     except PermissionError:  # another user's, which a killed process may have left
+        if not path.exists():
+            raise
         descriptor = os.open(path, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-            os.close(descriptor)
-            raise InputError(says) from error
+    # NFS refuses to lock what is open for reading alone, but as one reader of several.
+    for kind in (fcntl.LOCK_EX, fcntl.LOCK_SH):
+        try:
+            fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                os.close(descriptor)
+                raise InputError(says) from error
+            if error.errno == errno.EBADF:
+                continue
+        break
     return descriptor
 
 

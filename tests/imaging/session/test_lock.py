@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from imaging.errors import InputError
+from imaging.errors import InputError, StorageError
 from imaging.session import lock
 from imaging.session.lock import sole_calibrator, sole_maker
 
@@ -26,6 +26,21 @@ def test_one_makes_it_and_no_file_is_left(tmp_path: Path) -> None:
             pass
     assert not list(shelf.iterdir())
     with sole_maker(shelf / "a"):
+        pass
+
+
+def test_a_folder_without_write_permission_is_refused_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = os.open
+
+    def refusing(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_CREAT and str(path).endswith(".lock"):
+            raise PermissionError(errno.EACCES, "permission denied")
+        return opened(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", refusing)
+    with pytest.raises(StorageError, match="permission denied"), sole_maker(tmp_path / "a"):
         pass
 
 
@@ -49,17 +64,43 @@ def test_a_calibration_has_one_maker_where_the_session_is_read_only_too(
 def test_a_calibration_is_held_where_files_have_to_be_open_for_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """NFS refuses an exclusive lock of a descriptor that only reads."""
+    on_nfs(monkeypatch)
+    (tmp_path / "session.json").touch()
+    with sole_calibrator(tmp_path), pytest.raises(InputError), sole_calibrator(tmp_path):
+        pass
+
+
+def on_nfs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse exclusive locks of descriptors that only read, as NFS does."""
     flock = fcntl.flock
 
-    def as_on_nfs(descriptor: int, operation: int) -> None:
-        if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+    def refusing(descriptor: int, operation: int) -> None:
+        reads = fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY
+        if reads and operation & fcntl.LOCK_EX:
             raise OSError(errno.EBADF, "bad file descriptor")
         flock(descriptor, operation)
 
-    monkeypatch.setattr(fcntl, "flock", as_on_nfs)
-    (tmp_path / "session.json").touch()
-    with sole_calibrator(tmp_path), pytest.raises(InputError), sole_calibrator(tmp_path):
+    monkeypatch.setattr(fcntl, "flock", refusing)
+
+
+def test_of_two_users_on_nfs_one_makes_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second may only read the lock file of the first."""
+    on_nfs(monkeypatch)
+    opened = os.open
+
+    def reading(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_RDWR and str(path).endswith(".lock"):
+            raise PermissionError(errno.EACCES, "permission denied")
+        return opened(path, flags, mode)
+
+    with sole_calibrator(tmp_path):
+        monkeypatch.setattr(os, "open", reading)
+        with pytest.raises(InputError, match="by another rig"), sole_calibrator(tmp_path):
+            pass
+        monkeypatch.setattr(os, "open", opened)
+    (tmp_path / ".calibration.lock").touch()  # as a killed process of the first leaves it
+    monkeypatch.setattr(os, "open", reading)
+    with sole_calibrator(tmp_path):
         pass
 
 
