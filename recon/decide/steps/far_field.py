@@ -102,7 +102,7 @@ def _by_share(
     )
     if share < SUGGESTED:
         return Rung(name=NAME, taken=False, reason=f"{reason}: too few for a far field")
-    if against_trials is None and len(dataset.train) < FEWEST_JUDGED * HELD_OUT:
+    if len(dataset.train) < FEWEST_JUDGED * HELD_OUT:
         against_trials = (
             f"{len(dataset.train)} training views are too few to hold {FEWEST_JUDGED} of them out"
         )

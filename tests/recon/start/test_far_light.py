@@ -159,9 +159,12 @@ def test_a_trial_has_the_last_word_where_it_can_be_made(
         for dataset, expected in ((toy_long, taken), (few, True)):
             images = sky[: len(dataset.train)]
             start = start_of(dataset, images)
-            rung = environment_for(dataset, settings(), images, start, lambda light: light, None, unreported)
-            assert rung.taken is expected
-            assert ("too few" in rung.reason) is (dataset is few)
+            for against in (None, "no time") if dataset is few else (None,):
+                rung = environment_for(
+                    dataset, settings(), images, start, lambda light: light, against, unreported
+                )
+                assert rung.taken is expected
+                assert ("too few" in rung.reason) is (dataset is few)
 
 
 def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, monkeypatch) -> None:
