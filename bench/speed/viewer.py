@@ -35,8 +35,7 @@ from bench.support.trial import session
 from recon.result.model import CHECKPOINT
 from recon.result.scene import open_scene
 from recon.scene.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from rig.view.pages.browser_cameras import pose
-from rig.view.serving.start_view import up_of
+from rig.view.serving.start_view import pose_of
 
 WIDTH, HEIGHT = 640, 360
 PERIOD = 0.02
@@ -89,10 +88,10 @@ class Browser:
 
     def __init__(self, folder: Path) -> None:
         scene = open_scene(folder)
-        cameras = [scene.record.world.camera(view.splat_camera) for view in scene.views]
-        self._turn, self._position = pose(cameras[0])
-        self._up = up_of(camera.cam_from_world for camera in cameras)
-        self._ahead = cameras[0].cam_from_world[2, :3]
+        camera = scene.record.world.camera(scene.views[0].splat_camera)
+        self._turn, self._position = pose_of(camera.cam_from_world)
+        self._up = scene.up
+        self._ahead = camera.cam_from_world[2, :3]
 
     def stand(self, angle: float) -> None:
         """Move the camera to an angle, radians, from its start, about the subject at distance 1."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from imaging.arrays import Array, Mask
+from imaging.optics.pose import quarter_turns
 from imaging.record import Record
 
 LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "RADIAL_FISHEYE", "OPENCV_FISHEYE"]
@@ -79,6 +80,18 @@ class Lens(Record):
                 "cy": self.cy * y,
             }
         )
+
+    def as_held(self, orientation: int) -> "Lens":
+        """The same lens on the upright picture, by the orientation that EXIF states of the stored one.
+
+        Its axes are those of motions and pictures `as_held` (`imaging.optics.pose`).
+        """
+        lens = self
+        for _ in range(quarter_turns(orientation)):
+            turned = {"width": lens.height, "height": lens.width, "fx": lens.fy, "fy": lens.fx}
+            turned |= {"cx": lens.cy, "cy": lens.width - lens.cx, "p1": -lens.p2, "p2": lens.p1}
+            lens = lens.model_copy(update=turned)
+        return lens
 
 
 WIDEST = math.radians(88.0)

@@ -1,12 +1,15 @@
 """Rigid motions: where a camera, a rig or a board stands."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
-from imaging.arrays import Array
+from imaging.arrays import AnyArray, Array, Array32, Bytes
 from imaging.record import Record
 
+Picture = TypeVar("Picture", Bytes, Array32)
+"""Codes, or light."""
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera axes: x right, y up, z back from x right, y down, z ahead; its own inverse."""
 _TILTED = np.cos(np.radians(45.0))
@@ -15,6 +18,8 @@ _QUARTER = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0
 """Axes of a picture after a quarter turn to the left, from those before it: its right becomes its top."""
 _GRIP_UP = 8
 """The orientation of EXIF that such a turn shows upright."""
+_MIRRORED = (2, 4, 5, 7)
+"""The orientations of EXIF whose pictures are mirrored."""
 _ASKEW = np.sin(np.radians(10.0))
 """Sine of the angle by which cameras that are held level may miss it."""
 _STRAYS = 0.1
@@ -58,6 +63,17 @@ def as_held(cam_from_world: Array, orientation: int) -> Array:
 def quarter_turns(orientation: int) -> int:
     """Quarter turns to the left, as of `np.rot90`, that make a picture of this EXIF orientation upright."""
     return {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
+
+
+def picture_as_held(pixels: Picture, orientation: int) -> Picture:
+    """A stored picture [H, W, ...] in the axes of `as_held`: upright, and mirrored if it is stored so."""
+    return np.ascontiguousarray(np.rot90(pixels, quarter_turns(orientation)))
+
+
+def upright(pixels: AnyArray, orientation: int) -> AnyArray:
+    """Turn a picture [H, W, ...] of this EXIF orientation upright, and undo its mirroring."""
+    turned = np.rot90(pixels, quarter_turns(orientation))
+    return turned[:, ::-1] if orientation in _MIRRORED else turned
 
 
 def on_their_side(motions: Sequence[Array]) -> bool:

@@ -35,7 +35,7 @@ class Place:
 def place_of(scene: Scene) -> Place:
     """Coordinates from the calibration that the scene was trained on; unknown for a scene without one.
 
-    What no survey and no GPS placed stands as photographers hold their cameras: the mean of their ways up
+    What no survey and no GPS placed stands as photographers hold their cameras: their way up (`Scene.up`)
     becomes y.
     """
     if not (scene.folder / CALIBRATION).is_file():

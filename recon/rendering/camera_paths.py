@@ -1,6 +1,6 @@
 """Cameras that move: round what the photographs show, or through where they were taken.
 
-A path is drawn by a lens without distortion, of the focal length and the picture of the first view.
+A path is drawn by a lens without distortion, of the focal length and the upright picture of the first view.
 """
 
 import math
@@ -89,11 +89,11 @@ def spline(scene: Scene, frames: int) -> list[SplatCamera]:
     """Interpolate the places of the views of the camera that took most, in their order, at even speed.
 
     Those of all cameras, where none took three. Positions: Catmull-Rom, centripetal (Yuksel, Schaefer and
-    Keyser, "Parameterization and applications of Catmull-Rom curves", 2011); turns: a cubic spline of
-    rotations.
+    Keyser, "Parameterization and applications of Catmull-Rom curves", 2011); turns: a cubic spline of the
+    rotations of upright pictures.
     """
     views = _route(scene.views)
-    motions = [view.cam_from_world.matrix() for view in views]
+    motions = [view.upright for view in views]
     centres = _centres(motions)
     turns = Rotation.from_matrix([motion[:3, :3].T for motion in motions])
     distance = np.linalg.norm(np.diff(centres, axis=0), axis=1)
@@ -143,8 +143,10 @@ def _route(views: Sequence[SceneView]) -> list[SceneView]:
 
 
 def lens_of_path(views: Sequence[SceneView]) -> SplatCamera:
-    """A camera without distortion at the origin, as wide as the first view; of a fisheye 90 degrees."""
-    lens = views[0].lens
+    """A camera at the origin without distortion, for the upright picture of the first view; of a fisheye 90
+    degrees wide.
+    """
+    lens = views[0].lens.as_held(views[0].orientation)
     focal = lens.width / 2 if lens.fisheye else math.sqrt(lens.fx * lens.fy)
     return SplatCamera(
         np.eye(4), focal, focal, lens.width / 2, lens.height / 2, width=lens.width, height=lens.height

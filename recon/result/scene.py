@@ -17,6 +17,7 @@ from imaging.arrays import Array, Array32, Bytes
 from imaging.errors import InputError, ReconstructionError
 from imaging.files.photo import encode_png
 from imaging.notebook import gallery
+from imaging.optics.pose import upwards
 from imaging.session.paths import find_reconstruction
 from recon.data.world import Vector
 from recon.methods import APPEARANCES
@@ -98,9 +99,7 @@ class Scene:
     @property
     def up(self) -> Array:
         """A unit vector: the way up of the photographs together, as photographers hold their cameras."""
-        down = sum((view.upright[1, :3] for view in self.views), np.zeros(3))
-        length = float(np.linalg.norm(down))
-        return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else np.asarray(-down / length)
+        return upwards([view.upright for view in self.views]) if self.views else np.array([0.0, -1.0, 0.0])
 
     def __fspath__(self) -> str:
         """The scene's folder: a scene stands wherever a path to it does."""

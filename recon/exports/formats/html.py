@@ -30,14 +30,12 @@ from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.loss import floor_of
 from recon.exports.splats import Splats, far_light_of
-from recon.exports.target_coordinates import pinhole
 from recon.result.display import in_colour
 from recon.result.first_look import Beginning, beginning, shot_at
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.result.splats.splat_files import what_is_shown
 from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
-from recon.splat import SplatCamera
 
 _PARTS = (
     *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag", "bright.wgsl"),
@@ -227,23 +225,15 @@ def _begins(job: Job) -> Beginning:
 
 def _view(scene: Scene, view: SceneView) -> dict[str, Any]:
     """Return where a view stands, and its lens without distortion; px of the upright picture."""
-    camera = _upright(scene.record.world.camera(pinhole(view.splat_camera)), view.orientation)
-    turn, shift = camera.cam_from_world[:3, :3], camera.cam_from_world[:3, 3]
-    lens = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
-    return {"name": view.name, "turn": turn.ravel().tolist(), "centre": (-turn.T @ shift).tolist(), **lens}
-
-
-def _upright(camera: SplatCamera, orientation: int) -> SplatCamera:
-    """The camera of a picture that is turned as EXIF states of the stored one."""
-    turn = as_held(np.eye(4), orientation)[:2, :2]
-    size = np.array([camera.width, camera.height])
-    width, height = np.abs(turn) @ size
-    fx, fy = np.abs(turn) @ np.array([camera.fx, camera.fy])
-    cx, cy = turn @ (np.array([camera.cx, camera.cy]) - size / 2) + np.array([width, height]) / 2
-    motion = as_held(camera.cam_from_world, orientation)
-    return SplatCamera(
-        motion, float(fx), float(fy), float(cx), float(cy), round(float(width)), round(float(height))
-    )
+    motion = as_held(scene.record.world.camera(view.splat_camera).cam_from_world, view.orientation)
+    turn, shift = motion[:3, :3], motion[:3, 3]
+    lens = view.lens.as_held(view.orientation)
+    return {
+        "name": view.name,
+        "turn": turn.ravel().tolist(),
+        "centre": (-turn.T @ shift).tolist(),
+        **{name: getattr(lens, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
+    }
 
 
 def _planes(values: AnyArray) -> bytes:

@@ -11,7 +11,7 @@ from imaging.arrays import Bytes, Floats
 from imaging.colour.spaces import balanced, srgb_encode
 from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
-from imaging.optics.pose import quarter_turns
+from imaging.optics.pose import upright
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 from recon.data.dataset import View
@@ -187,10 +187,9 @@ def _relative(stops: float) -> str:
 
 
 def _photo(pixels: Bytes, caption: str, orientation: int) -> ComparedPicture:
-    upright = np.rot90(pixels, quarter_turns(orientation))
-    return ComparedPicture(jpeg_uri(fitted(upright, WIDTH)), caption, caption)
+    return ComparedPicture(jpeg_uri(fitted(upright(pixels, orientation), WIDTH)), caption, caption)
 
 
 def _map(pixels: Bytes, caption: str, orientation: int) -> ComparedPicture:
-    upright = np.rot90(pixels, quarter_turns(orientation))
-    return ComparedPicture(png_uri(fitted(upright, WIDTH)), caption, f"{caption}, as a map of colours")
+    uri = png_uri(fitted(upright(pixels, orientation), WIDTH))
+    return ComparedPicture(uri, caption, f"{caption}, as a map of colours")

@@ -18,7 +18,7 @@ from imaging.errors import RigError
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
-from imaging.optics.pose import quarter_turns
+from imaging.optics.pose import upright
 from imaging.progress import Progress
 from imaging.sensor.cfa import cell_means
 from imaging.session.records import ShotRecord
@@ -142,8 +142,7 @@ def _look(session: Session, shots: Sequence[ShotRecord]) -> _Looked:
             unreadable.append(shot.file)
     uri = ""
     if previews:
-        turns = quarter_turns(previews[0][1].orientation)
-        uri = jpeg_uri(np.rot90(_thumbnail(previews), turns), 80)
+        uri = jpeg_uri(upright(_thumbnail(previews), previews[0][1].orientation), 80)
     shares = {shot.file: (preview.clipped, preview.dark) for shot, preview in previews}
     return _Looked(uri, shares, tuple(unreadable))
 

@@ -13,7 +13,7 @@ from imaging.optics.pose import as_held
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.serving.start_view import Start, pose_of, start_at, up_of
+from rig.view.serving.start_view import Start, start_at
 
 
 class BrowserCamera(Protocol):
@@ -51,16 +51,11 @@ def splat_camera(camera: BrowserCamera, width: int) -> SplatCamera:
     return SplatCamera(motion, focal, focal, width / 2, height / 2, width, height)
 
 
-def pose(camera: SplatCamera) -> tuple[Array, Array]:
-    """wxyz and position of a scene's camera, as a browser has them."""
-    return pose_of(camera.cam_from_world)
-
-
 def start_of(scene: Scene, view: SceneView) -> Start:
     """Return where a view stands in the coordinates of its scene."""
-    camera = scene.record.world.camera(view.splat_camera)
-    poses = (
-        as_held(scene.record.world.camera(one.splat_camera).cam_from_world, one.orientation)
-        for one in scene.views
-    )
-    return start_at(camera.cam_from_world, up_of(poses), view.lens)
+    return start_at(motion_as_held(scene, view), scene.up, view.lens.as_held(view.orientation))
+
+
+def motion_as_held(scene: Scene, view: SceneView) -> Array:
+    """The motion from the coordinates of a scene into the axes of a view's upright picture, [4, 4]."""
+    return as_held(scene.record.world.camera(view.splat_camera).cam_from_world, view.orientation)

@@ -11,11 +11,11 @@ from imaging.arrays import Array, Bytes
 from imaging.errors import RigError
 from imaging.session.paths import session_of
 from recon.result.model import SceneView
-from rig.view.pages.browser_cameras import pose
+from rig.view.pages.browser_cameras import motion_as_held
 from rig.view.pictures.look import Look
 from rig.view.pictures.painter import Painter
 from rig.view.pictures.photographs import Photographs
-from rig.view.serving.start_view import Start, height_angle, overview
+from rig.view.serving.start_view import Start, height_angle, overview, pose_of
 
 LENGTH = 0.06
 """Length of a camera, in units of the scene."""
@@ -40,18 +40,20 @@ class Frusta:
             if photographs is None or not self.visible:
                 return
             if view.id in photographs.groups:
-                light = photographs.read(view.id).light
+                light = photographs.read(view.id, view.orientation).light
                 if light is not None and self.visible:
                     self._add(view, look.shown(light, self.painter.scene.exposure))
 
     def hide_the_scene_from(self, eye: Array) -> bool:
         """Return whether a camera is so near to the eye that its photograph would hide what is behind it."""
-        centres = np.array([pose(self.painter.placed(view.name))[1] for view in self.painter.scene.views])
+        scene = self.painter.scene
+        centres = np.array([pose_of(motion_as_held(scene, view))[1] for view in scene.views])
         return bool(np.linalg.norm(centres - eye, axis=1).min() < NEAR)
 
     def overview(self) -> Start:
         """Place that overlooks all cameras."""
-        return overview([self.painter.placed(view.name).cam_from_world for view in self.painter.scene.views])
+        scene = self.painter.scene
+        return overview([motion_as_held(scene, view) for view in scene.views])
 
     def hide(self) -> None:
         """None of them."""
@@ -69,11 +71,12 @@ class Frusta:
             return None
 
     def _add(self, view: SceneView, image: Bytes | None) -> None:
-        wxyz, position = pose(self.painter.placed(view.name))
+        wxyz, position = pose_of(motion_as_held(self.painter.scene, view))
+        lens = view.lens.as_held(view.orientation)
         frustum = self.client.scene.add_camera_frustum(
             _name(view),
-            height_angle(view.lens),
-            view.lens.width / view.lens.height,
+            height_angle(lens),
+            lens.width / lens.height,
             scale=LENGTH,
             thickness=0.02 * LENGTH,
             color=_TRAINED if view.use == "training" else _HELD_OUT,

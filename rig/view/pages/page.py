@@ -13,8 +13,7 @@ import viser
 
 from imaging.arrays import Bytes
 from imaging.errors import RigError
-from imaging.optics.pose import as_held
-from rig.view.pages.browser_cameras import splat_camera
+from rig.view.pages.browser_cameras import splat_camera, start_of
 from rig.view.pages.controls import AIM, DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.pages.frusta import Frusta
 from rig.view.pictures.layers import LAYERS, TRUST, picture_of
@@ -22,7 +21,7 @@ from rig.view.pictures.look import CURVES, Look, coloured, stops
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted, measured
 from rig.view.serving.frame import Frame, marked
-from rig.view.serving.start_view import Start, point, stand, start_at, up_of
+from rig.view.serving.start_view import Start, point, stand
 from rig.view.serving.state import State
 from rig.view.serving.window import Window
 
@@ -134,13 +133,8 @@ class ScenePage:
         """Move the camera to a view, with its lens, until it is moved."""
         self.controls.offer(None if name == FREE else name)
         if name != FREE:
-            view = self.painter.scene.view(name)
-            motion = self.painter.placed(name).cam_from_world
-            up = up_of(
-                as_held(self.painter.placed(one.name).cam_from_world, one.orientation)
-                for one in self.painter.scene.views
-            )
-            self._stand(start_at(motion, up, view.lens))
+            scene = self.painter.scene
+            self._stand(start_of(scene, scene.view(name)))
         self._wake.set()
 
     def _go_home(self) -> None:

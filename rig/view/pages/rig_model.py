@@ -8,10 +8,12 @@ import numpy as np
 from imaging.arrays import Array, Array32, Bytes
 from imaging.files.colmap import read_model
 from imaging.optics.lens import Lens
+from imaging.optics.pose import as_held, upwards
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 from rig.report.charts.residuals import read_residuals
-from rig.view.serving.start_view import Start, overview, start_at, up_of
+from rig.view.pictures.photographs import Photographs
+from rig.view.serving.start_view import Start, overview, start_at
 
 MOST_POINTS = 100_000
 WORST = 12
@@ -22,25 +24,33 @@ WORST = 12
 class RigModel:
     """Rig in page coordinates: the origin amid the cameras, the scene's points about 1 away.
 
-    poses: cam_from_world [4, 4] by view; points float32 [P, 3], with colours uint8 [P, 3]; residuals: root
-    mean square by view, px.
+    poses: cam_from_world [4, 4] by view; lenses: by view; both are those of upright pictures. points: float32
+    [P, 3], with colours uint8 [P, 3]; residuals: root mean square by view, px.
     """
 
     record: CalibrationRecord
     poses: dict[ViewId, Array]
-    lenses: dict[str, Lens]
+    lenses: dict[ViewId, Lens]
     points: Array32
     colours: Bytes
     residuals: dict[ViewId, float]
 
     @classmethod
-    def of(cls, folder: Path, record: CalibrationRecord) -> "RigModel | None":
-        """Read a session's folder; None without any pose."""
-        lenses = {camera.name: camera.lens for camera in record.cameras if camera.lens is not None}
-        poses = {view.id: view.cam_from_world.matrix() for view in record.views if view.camera in lenses}
+    def of(cls, photographs: Photographs) -> "RigModel | None":
+        """Read the folder of a session with photographs; None without any pose."""
+        record = photographs.calibration
+        if record is None:
+            return None
+        of_cameras = {camera.name: camera.lens for camera in record.cameras if camera.lens is not None}
+        poses, lenses = {}, {}
+        for view in record.views:
+            if view.camera in of_cameras:
+                orientation = photographs.orientation(view.id)
+                poses[view.id] = as_held(view.cam_from_world.matrix(), orientation)
+                lenses[view.id] = of_cameras[view.camera].as_held(orientation)
         if not poses:
             return None
-        colmap = folder / "calibration" / "colmap"
+        colmap = photographs.session.folder / "calibration" / "colmap"
         points, colours = (
             _points(colmap) if colmap.is_dir() else (np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
         )
@@ -56,7 +66,7 @@ class RigModel:
     def start(self, view: ViewId | None = None) -> Start:
         """Return the place of a view; None: a place that overlooks all cameras, behind and above them."""
         if view is not None:
-            return start_at(self.poses[view], up_of(self.poses.values()), self.lenses[view.camera])
+            return start_at(self.poses[view], upwards(list(self.poses.values())), self.lenses[view])
         return overview(list(self.poses.values()))
 
     def words(self) -> str:

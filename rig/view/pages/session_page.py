@@ -151,7 +151,7 @@ class SessionPage:
             stand(self.client, rig.start())
         for view, placed in rig.poses.items():
             photograph = self.read.get(view)
-            lens, light = rig.lenses[view.camera], None if photograph is None else photograph.light
+            lens, light = rig.lenses[view], None if photograph is None else photograph.light
             wxyz, position = pose_of(placed)
             frustum = scene.add_camera_frustum(
                 f"/rig/{view}",
@@ -190,8 +190,7 @@ def show_session(viewer: Viewer, folder: Path) -> None:
     photographs = Photographs(folder)
     if not photographs.groups:
         raise InputError(f"{folder} has no photographs of a scene: capture or import some first.")
-    record = photographs.calibration
-    rig = None if record is None else RigModel.of(folder, record)
+    rig = RigModel.of(photographs)
     start = None if rig is None else rig.start()
     shots = [[(shot.file, 1.0) for shot in group] for group in photographs.groups.values()]
     look = first_look(1.0, shot_at(shots))

@@ -11,6 +11,7 @@ import numpy as np
 
 from imaging.arrays import Array32
 from imaging.files.exr.reading import read_exr
+from imaging.optics.pose import picture_as_held
 from recon.rendering.light_files import stem
 from recon.result.data_layers import DataLayers
 from recon.result.display import in_colour
@@ -120,18 +121,16 @@ class Painter:
             scene.drawn(camera.resized(16))
 
     def draw(self, wanted: Wanted) -> Drawing:
-        """Return what is to be seen."""
+        """Return what is to be seen, of a view upright: drawn by its stored camera, and then turned."""
         if wanted.show == REFERENCE:
-            assert wanted.view is not None
-            return Drawing(read_light(self.references[wanted.view]))
+            return Drawing(self._reference(wanted))
         if wanted.show == SECOND:
             return Drawing(self._light(1, wanted))
         light = self._light(0, wanted)
         if wanted.show in LAYERS:
             return Drawing(light, layer=self._layer(wanted))
         if wanted.show == DIFFERENCE:
-            assert wanted.view is not None
-            return Drawing(light, resized(read_light(self.references[wanted.view]), light))
+            return Drawing(light, resized(self._reference(wanted), light))
         if wanted.show in (SPLIT, OVER):
             other = resized(self._light(1, wanted), light)
             if wanted.show == OVER:
@@ -145,10 +144,14 @@ class Painter:
         """Return whether the views were drawn already, which takes a picture each."""
         return "photographs" in vars(self._data)
 
+    def _reference(self, wanted: Wanted) -> Array32:
+        assert wanted.view is not None
+        return self._upright(read_light(self.references[wanted.view]), wanted)
+
     def _layer(self, wanted: Wanted) -> Array32:
         camera = self.scene.record.world.camera_in_world(wanted.camera)
         with self.drawing:
-            return self._data.layer(cast(LayerName, wanted.show), camera)
+            return self._upright(self._data.layer(cast(LayerName, wanted.show), camera), wanted)
 
     def _light(self, number: int, wanted: Wanted) -> Array32:
         scene = self.scenes[number]
@@ -156,7 +159,13 @@ class Painter:
         if number and wanted.view in {view.name for view in scene.views}:
             camera = scene.view(str(wanted.view)).splat_camera
         with self.drawing:
-            return in_colour(wanted.parts.of(scene).render(camera), scene.record.bands)
+            light = in_colour(wanted.parts.of(scene).render(camera), scene.record.bands)
+        return self._upright(light, wanted)
+
+    def _upright(self, picture: Array32, wanted: Wanted) -> Array32:
+        """A picture of a view, of either scene, as the first has it held; of a free camera as it is."""
+        orientation = 1 if wanted.view is None else self.scene.view(wanted.view).orientation
+        return picture_as_held(picture, orientation)
 
 
 def compared_with(show: str) -> str:

@@ -11,8 +11,10 @@ from imaging.and_list import and_more
 from imaging.arrays import Array32, Bytes
 from imaging.colour.spaces import balanced, of_channels, rec709_from_camera
 from imaging.errors import InputError
+from imaging.files.photo import read_metadata
 from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import LinearFrame, from_raw, read_linear
+from imaging.optics.pose import picture_as_held
 from imaging.sensor.cfa import cell_means
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, read_calibration
 from imaging.session.records import ShotRecord
@@ -27,8 +29,8 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """Photographs of a view: its light [h, w, 3], linear Rec.709 as far as colours are known, and its shots,
-    in words.
+    """Photographs of a view: its light [h, w, 3], upright, linear Rec.709 as far as colours are known, and
+    its shots, in words.
 
     light is None if no file of it can be read; caption then gives the reason, and begins with the view.
     """
@@ -51,8 +53,18 @@ class Photographs:
     def __len__(self) -> int:
         return len(self.groups)
 
-    def read(self, view: ViewId) -> Photograph:
-        """Each pixel is the mean of the exposures that hold a number for it, weighted by their length."""
+    def orientation(self, view: ViewId) -> int:
+        """Orientation that EXIF states of the first photograph of a view; 1 where no header can be read."""
+        try:
+            return read_metadata(self.session.file(self.groups[view][0])).orientation
+        except (KeyError, InputError, OSError):
+            return 1
+
+    def read(self, view: ViewId, orientation: int | None = None) -> Photograph:
+        """Each pixel is the mean of the exposures that hold a number for it, weighted by their length.
+
+        orientation: as of EXIF, by which the picture is turned upright; None: as its file states it.
+        """
         shots = self.groups[view]
         ends = [str(shot.exposure) for shot in shots[:: max(1, len(shots) - 1)] if shot.exposure]
         caption = ": ".join([str(view), " to ".join(ends)]) if ends else str(view)
@@ -60,7 +72,8 @@ class Photographs:
             parts = [self._small(view, shot) for shot in shots]
         except (InputError, OSError) as error:
             return Photograph(view, None, f"{view}: {error}")
-        return Photograph(view, _merged(parts), caption)
+        stated = self.orientation(view) if orientation is None else orientation
+        return Photograph(view, picture_as_held(_merged(parts), stated), caption)
 
     def _small(self, view: ViewId, shot: ShotRecord) -> tuple[Array32, Array32, float]:
         """Signal [h, w, 3] in Rec.709, share of it that is light and no limit [h, w, 1], and its scale."""

@@ -14,17 +14,17 @@ from imaging.arrays import Array32
 from imaging.errors import RigError
 from imaging.files.exr.reading import read_exr
 from imaging.optics.lens import Lens
-from imaging.optics.pose import Pose, as_held
+from imaging.optics.pose import Pose, as_held, picture_as_held, upwards
 from recon.result.first_look import shot_at
 from rig.view.pictures.look import Look, first_look
-from rig.view.serving.start_view import Start, start_at, up_of
+from rig.view.serving.start_view import Start, start_at
 
 
 @dataclass(frozen=True, eq=False)
 class FirstPicture:
-    """light: linear Rec.709 [H, W, 3]; exposure: factor that shows its scene's median as middle grey.
-
-    view: name of the view that it is of, `frame/camera`; start: where that stands; look: how it is shown.
+    """light: linear Rec.709 [H, W, 3], upright; exposure: factor that shows its scene's median as middle
+    grey; view: name of the view that it is of, `frame/camera`; start: where that stands; look: how it is
+    shown.
     """
 
     light: Array32
@@ -45,7 +45,7 @@ class FirstPicture:
             for view in views:
                 path = folder / "renders" / f"{view['frame']:04d}_{view['camera']}.exr"
                 if path.is_file():
-                    light = read_exr(path).rgb()
+                    light = picture_as_held(read_exr(path).rgb(), view.get("orientation", 1))
                     name = f"{view['frame']:04d}/{view['camera']}"
                     exposure = float(model["exposure"])
                     shots = [[(one["file"], float(one["k"])) for one in view["shots"]] for view in views]
@@ -65,4 +65,5 @@ def _start(model: dict[str, Any], view: dict[str, Any]) -> Start:
     motion = Pose.model_validate(view["cam_from_world"]).matrix()
     world = model["world"]
     motion[:3, 3] = (motion[:3, :3] @ np.asarray(world["origin"]) + motion[:3, 3]) / world["unit"]
-    return start_at(motion, up_of(poses), Lens.model_validate(view["lens"]))
+    lens = Lens.model_validate(view["lens"]).as_held(view.get("orientation", 1))
+    return start_at(motion, upwards(poses), lens)

@@ -1,6 +1,6 @@
 """Start of a browser's camera when its page opens."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from imaging.arrays import Array
 from imaging.optics.lens import Lens, rays
+from imaging.optics.pose import upwards
 
 Point = tuple[float, float, float]
 Pair = tuple[Array, Array]
@@ -43,22 +44,15 @@ def height_angle(lens: Lens) -> float:
     return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
 
 
-def up_of(poses: Iterable[Array]) -> Array:
-    """A unit vector: the way up of cameras [4, 4] together, as photographers hold them."""
-    down = sum((pose[1, :3] for pose in poses), np.zeros(3))
-    length = float(np.linalg.norm(down))
-    return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else -down / length
-
-
 def start_at(motion: Array, up: npt.ArrayLike, lens: Lens) -> Start:
-    """Return where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
+    """Return where a camera stands, cam_from_world [4, 4], seen through the lens of its upright picture."""
     centre = -motion[:3, :3].T @ motion[:3, 3]
     return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))
 
 
 def overview(poses: Sequence[Array]) -> Start:
-    """Place that overlooks cameras about the origin, cam_from_world [4, 4]: behind and above them."""
-    up = up_of(poses)
+    """Place that overlooks cameras about the origin, cam_from_world [4, 4] as held: behind and above them."""
+    up = upwards(poses)
     ahead = sum((pose[2, :3] for pose in poses), np.zeros(3))
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
     centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])

@@ -12,6 +12,7 @@ from imaging.arrays import Array
 from imaging.files.colmap import pycolmap
 from imaging.optics import lens as optics
 from imaging.optics.lens import Lens
+from imaging.optics.pose import as_held, picture_as_held
 
 SIZE = {"width": 640, "height": 480, "fx": 300.0, "fy": 310.0, "cx": 322.0, "cy": 237.0}
 LENSES = [
@@ -31,6 +32,24 @@ def test_projection_is_that_of_colmap_and_its_inverse_undoes_it(lens: Lens) -> N
     model = "OPENCV" if lens.model == "PINHOLE" else lens.model
     camera = pycolmap.Camera(model=model, width=640, height=480, params=list(lens.terms))
     np.testing.assert_allclose(camera.img_from_cam(rays), PIXELS, atol=1e-6)
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_lens_sees_the_upright_picture_as_it_was_held(lens: Lens, orientation: int) -> None:
+    """Points fall on the pixels of the stored picture that light them, wherever these are turned to."""
+    stored = np.zeros((480, 640), np.float32)
+    columns, rows = np.floor(PIXELS).astype(int).T
+    stored[rows, columns] = np.arange(1, len(PIXELS) + 1)
+    held, upright = lens.as_held(orientation), picture_as_held(stored, orientation)
+    assert upright.shape == (held.height, held.width)
+    points = (
+        optics.rays(lens, np.stack([columns, rows], axis=1) + 0.5) @ as_held(np.eye(4), orientation)[:3, :3].T
+    )
+    pixels = optics.project(held, points)
+    assert np.abs(pixels - np.floor(pixels) - 0.5).max() < 1e-6
+    columns_held, rows_held = np.floor(pixels).astype(int).T
+    np.testing.assert_array_equal(upright[rows_held, columns_held], stored[rows, columns])
 
 
 def test_a_fisheye_is_that_of_opencv() -> None:

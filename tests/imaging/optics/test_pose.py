@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imaging.optics.pose import as_held, on_their_side, upwards
+from imaging.optics.pose import as_held, on_their_side, upright, upwards
 
 RING = np.arange(0, 360, 30)
 UP = np.array([0.0, 0.0, 1.0])
@@ -66,3 +66,13 @@ def test_one_view_that_stands_wrong_does_not_count() -> None:
     for wrong in (view(0, 0, 180), view(0, -65, 130), view(0, -65, 230)):
         assert not on_their_side([*level, wrong])
         assert on_their_side([*aside, wrong])
+
+
+ROWS = {1: "ab cd", 2: "ba dc", 3: "dc ba", 4: "cd ab", 5: "ac bd", 6: "bd ac", 7: "db ca", 8: "ca db"}
+"""The picture "ab cd" as files of each orientation store it, by EXIF 2.32, 4.6.4."""
+
+
+@pytest.mark.parametrize("orientation", ROWS)
+def test_pictures_of_all_orientations_are_turned_upright_and_read_from_the_left(orientation: int) -> None:
+    stored = np.array([list(row) for row in ROWS[orientation].split()])
+    assert upright(stored, orientation).tolist() == [["a", "b"], ["c", "d"]]

@@ -64,20 +64,25 @@ def test_an_orbit_goes_round_what_the_views_surround() -> None:
         assert np.linalg.det(camera.cam_from_world[:3, :3]) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("text", ["orbit:12", "spline:12"])
 @pytest.mark.parametrize("degrees", [range(0, 320, 40), (170, 185, 200)], ids=["ring", "one side"])
 @pytest.mark.parametrize(("orientation", "roll"), [(6, 90), (8, -90), (3, 180)])
-def test_an_orbit_is_upright_however_the_camera_was_held(
-    degrees: Iterable[float], orientation: int, roll: float
+@pytest.mark.parametrize("first", [0, 2], ids=["all", "after two that lie"])
+def test_a_path_is_upright_however_the_camera_was_held(
+    text: str, degrees: Iterable[float], orientation: int, roll: float, first: int
 ) -> None:
-    views, aside = [], Rotation.from_euler("z", -roll, degrees=True)
-    for one in ring(degrees):
+    views, aside = list(ring(degrees)), Rotation.from_euler("z", -roll, degrees=True)
+    for number, one in list(enumerate(views))[first:]:
         turn = aside * Rotation.from_quat(one.cam_from_world.quaternion, scalar_first=True)
         w, x, y, z = turn.as_quat(scalar_first=True)
         a, b, c = aside.apply(one.cam_from_world.translation)
         pose = Pose(quaternion=(w, x, y, z), translation=(a, b, c))
-        views.append(one.model_copy(update={"cam_from_world": pose, "orientation": orientation}))
-    for camera, level in zip(path(tuple(views), "orbit:12"), path(ring(degrees), "orbit:12"), strict=True):
+        views[number] = one.model_copy(update={"cam_from_world": pose, "orientation": orientation})
+    lens = views[0].lens
+    shape = (lens.height, lens.width) if orientation != 3 and not first else (lens.width, lens.height)
+    for camera, level in zip(path(tuple(views), text), path(ring(degrees), text), strict=True):
         np.testing.assert_allclose(camera.cam_from_world, level.cam_from_world, atol=1e-9)
+        assert (camera.width, camera.height) == shape
     held, level_up = (Scene.up.fget(SimpleNamespace(views=one)) for one in (views, ring(degrees)))
     np.testing.assert_allclose(held, level_up, atol=1e-9)
 

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from recon.measure.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.rendering.render import render
 from recon.result.opened import open_model
-from recon.result.scene import open_scene
+from recon.result.scene import Scene, open_scene
 
 SMALL = Quality(20, 300, 32)
 
@@ -172,6 +173,26 @@ def test_a_small_picture_is_as_bright_as_a_large_one(trained: Path) -> None:
     truth = scene.render(camera).reshape(small.height, 8, small.width, 8, 3).mean((1, 3))
     ours, theirs = (np.abs(one.render(small) - truth).mean() / truth.mean() for one in (scene, usual))
     assert ours < 0.8 * theirs
+
+
+def test_the_way_up_is_that_of_level_cameras_that_look_down_from_one_side() -> None:
+    """The mean of what is up in their pictures leans towards what they look at."""
+    views = []
+    for heading in np.radians(range(0, 181, 15)):
+        right, ahead = (
+            np.array([np.sin(heading), -np.cos(heading)]),
+            np.array([np.cos(heading), np.sin(heading)]),
+        )
+        down = np.radians(35)
+        motion = np.eye(4)
+        motion[:3, :3] = [
+            (*right, 0),
+            (*(-np.sin(down) * ahead), -np.cos(down)),
+            (*(np.cos(down) * ahead), -np.sin(down)),
+        ]
+        views.append(SimpleNamespace(upright=motion))
+    np.testing.assert_allclose(Scene.up.fget(SimpleNamespace(views=views)), (0, 0, 1), atol=1e-2)
+    np.testing.assert_array_equal(Scene.up.fget(SimpleNamespace(views=())), (0, -1, 0))
 
 
 def test_the_exposure_shows_the_median_of_the_scene_as_middle_grey(trained):

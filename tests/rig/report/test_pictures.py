@@ -93,7 +93,10 @@ def test_fitting_keeps_the_shape_and_never_enlarges() -> None:
     assert fitted(np.zeros((30, 60, 3), np.uint8), 200).shape == (30, 60, 3)
 
 
-@pytest.mark.parametrize(("orientation", "corner"), [(1, (0, 0)), (3, (-1, -1)), (6, (0, -1)), (8, (-1, 0))])
+CORNERS = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0), 5: (0, 0), 6: (0, -1), 7: (-1, -1), 8: (-1, 0)}
+
+
+@pytest.mark.parametrize(("orientation", "corner"), CORNERS.items())
 def test_compared_pictures_are_upright(orientation: int, corner: tuple[int, int]) -> None:
     """The upper left of what is stored comes to where EXIF has it."""
     stored = np.zeros((40, 60, 3), np.uint8)

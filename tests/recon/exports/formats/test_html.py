@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,17 +14,19 @@ import pytest
 from PIL import Image
 
 from imaging.errors import ReconstructionError
+from imaging.optics.lens import Lens
+from recon.data.world import SAME
 from recon.exports.export import export
-from recon.exports.formats.html import _upright
+from recon.exports.formats.html import _view
 from recon.exports.loss import drawn, stops_between
 from recon.exports.splats import linear_splats
 from recon.exports.target_coordinates import pinhole
 from recon.result.model import SceneShot
 from recon.result.scene import Scene, open_scene
-from recon.splat import SplatCamera
 from rig.view.pages.opening import look_of
 from rig.view.pictures.look import Look
 from tests.recon.exports.made_scene import write_made
+from tests.recon.rendering.scenes import view as view_of
 
 STILL = "canvas[aria-busy=false]"
 BARE = "element('panel').style.display = 'none'; moved(); stand(0)"
@@ -309,9 +312,10 @@ def test_names_are_text(made: Path, tmp_path: Path) -> None:
 def test_views_stand_upright_as_their_files_state(
     orientation: int, shown: Callable[..., tuple[float, float]]
 ) -> None:
-    stored = SplatCamera(np.eye(4), 40.0, 42.0, 23.0, 16.0, 48, 30)
-    upright = _upright(stored, orientation)
-    assert (upright.width, upright.height) == ((48, 30) if orientation in (1, 3) else (30, 48))
-    x, y, z = upright.cam_from_world[:3, :3] @ (0.3, 0.2, 1.0)
-    pixel = upright.fx * x / z + upright.cx, upright.fy * y / z + upright.cy
+    placed = SimpleNamespace(record=SimpleNamespace(world=SAME))
+    lens = Lens(model="PINHOLE", width=48, height=30, fx=40.0, fy=42.0, cx=23.0, cy=16.0)
+    upright = _view(placed, view_of(lens=lens).model_copy(update={"orientation": orientation}))
+    assert (upright["width"], upright["height"]) == ((48, 30) if orientation in (1, 3) else (30, 48))
+    x, y, z = np.reshape(upright["turn"], (3, 3)) @ (np.array((0.3, 0.2, 1.0)) - upright["centre"])
+    pixel = upright["fx"] * x / z + upright["cx"], upright["fy"] * y / z + upright["cy"]
     assert pixel == pytest.approx(shown(40 * 0.3 + 23, 42 * 0.2 + 16))

@@ -7,8 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from capture.imports.photos import import_photos
 from imaging.errors import InputError
 from imaging.files.exr.reading import read_exr
+from imaging.files.photo import encode_jpeg
+from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.paths import without_scene
 from imaging.session.view_id import ViewId
 from rig.view.pages.rig_model import RigModel
@@ -40,6 +43,34 @@ def test_photographs_are_the_light_that_was_there(session: Path) -> None:
     off -= np.median(off[:, 1])
     assert np.median(np.abs(off[:, 1])) < 0.12
     assert np.median(np.abs(off)) < 0.25
+
+
+def test_photographs_are_upright_as_their_files_state(tmp_path: Path) -> None:
+    codes = np.zeros((24, 32, 3), np.uint8)
+    codes[:6, :6] = 200
+    (tmp_path / "photos").mkdir()
+    for number, orientation in enumerate((1, 6)):
+        data = encode_jpeg(codes + np.uint8(number), metadata=FrameMetadata(orientation=orientation))
+        (tmp_path / "photos" / f"{number}.jpg").write_bytes(data)
+    import_photos(tmp_path / "photos", tmp_path / "S")
+    photographs = Photographs(tmp_path / "S")
+    stored, held = (photographs.read(view).light for view in photographs.groups)
+    assert (stored.shape, held.shape) == ((24, 32, 3), (32, 24, 3))
+    assert stored[:4, :4].min() > 0.4
+    assert held[:4, -4:].min() > 0.4
+    as_stated = photographs.read(next(iter(photographs.groups)), 6).light
+    np.testing.assert_array_equal(as_stated, stored[::-1].swapaxes(0, 1))
+
+
+def test_a_rig_of_portraits_stands_upright(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = RigModel.of(Photographs(session))
+    monkeypatch.setattr(Photographs, "orientation", lambda photographs, view: 6)
+    held = RigModel.of(Photographs(session))
+    sideways = -np.sum([pose[0, :3] for pose in rig.poses.values()], axis=0)
+    assert held.start().up @ sideways > 0.9 * np.linalg.norm(sideways)
+    for view, lens in held.lenses.items():
+        np.testing.assert_array_equal(held.start(view).up, held.start().up)
+        assert (lens.width, lens.height) == (rig.lenses[view].height, rig.lenses[view].width)
 
 
 def test_a_sheet_has_every_picture_in_its_place() -> None:
@@ -113,7 +144,7 @@ def test_the_page_has_a_contact_sheet_and_the_rig(session: Path, open_window) ->
 
 def test_the_rig_is_seen_in_its_own_size(session: Path) -> None:
     photographs = Photographs(session)
-    rig = RigModel.of(session, photographs.calibration)
+    rig = RigModel.of(photographs)
     centres = [-pose[:3, :3].T @ pose[:3, 3] for pose in rig.poses.values()]
     assert np.abs(np.median(centres, axis=0)).max() < 1e-9
     assert np.median(np.linalg.norm(rig.points, axis=1)) == pytest.approx(1, rel=1e-3)

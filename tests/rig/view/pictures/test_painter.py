@@ -12,7 +12,7 @@ from imaging.session.paths import find_reconstruction
 from recon.result.scene import Scene, open_scene
 from rig.terminal.text import number
 from rig.view.pages.page import ScenePage
-from rig.view.pictures.layers import picture_of
+from rig.view.pictures.layers import LAYERS, picture_of
 from rig.view.pictures.look import LUMINANCE
 from rig.view.pictures.meter import reading
 from rig.view.pictures.painter import (
@@ -81,6 +81,34 @@ def test_a_render_lies_beside_its_reference(scene: Scene) -> None:
     difference, reference = (painter.draw(wanted(painter, show)) for show in (DIFFERENCE, REFERENCE))
     np.testing.assert_allclose(difference.light, scene.render(view), rtol=1e-4, atol=1e-7)
     np.testing.assert_allclose(difference.over, reference.light, rtol=1e-5)
+
+
+def test_a_view_is_shown_and_measured_as_it_was_held(scene: Scene, brighter: Scene) -> None:
+    """The left side of the stored picture is up, also of the second scene, whose record states nothing."""
+    views = tuple(view.model_copy(update={"orientation": 6}) for view in scene.views)
+    held = replace(scene, record=scene.record.model_copy(update={"views": views}))
+    for scenes, shows in (
+        ((held,), (RENDER, REFERENCE, DIFFERENCE, *LAYERS)),
+        ((held, brighter), (SECOND, OVER)),
+    ):
+        painter, flat = Painter(*scenes), Painter(scene, *scenes[1:])
+        for show in shows:
+            upright, stored = (one.draw(wanted(one, show)) for one in (painter, flat))
+            for name in ("light", "over", "layer"):
+                before = getattr(stored, name)
+                turned = None if before is None else before[::-1].swapaxes(0, 1)
+                np.testing.assert_array_equal(getattr(upright, name), turned)
+            height, width = stored.light.shape[:2]
+            row, column = 3, width // 3
+            lines = reading(stored, show, scene, row, column).split("  \n")
+            assert lines[-1] == f"column {column}, row {row} of {width}x{height}"
+            lines[-1] = f"column {height - 1 - row}, row {column} of {height}x{width}"
+            assert reading(upright, show, held, column, height - 1 - row) == "  \n".join(lines)
+    split, first, second = (painter.draw(wanted(painter, show)).light for show in (SPLIT, FIRST, SECOND))
+    middle = split.shape[1] // 2
+    np.testing.assert_array_equal(split, np.hstack([first[:, :middle], second[:, middle:]]))
+    free = replace(wanted(painter, FIRST), view=None)
+    np.testing.assert_array_equal(painter.draw(free).light, flat.draw(free).light)
 
 
 def test_parts_of_the_model_are_left_out(scene: Scene) -> None:
