@@ -1,5 +1,6 @@
 """One picture file read whole: its kind, size, metadata, clipped and black shares, and a thumbnail."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from capture.pictures import reduced_pictures
 from capture.pictures.reduced_pictures import ReducedPicture
-from imaging.arrays import Array32, Mask
+from imaging.arrays import AnyArray, Array32, Mask
 from imaging.colour.spaces import balanced, srgb_encode
 from imaging.errors import InputError
 from imaging.files.exr.reading import read_exr_header
@@ -18,7 +19,7 @@ from imaging.files.radiance_hdr import Light, read_with_alpha
 from imaging.files.raw import is_raw, read_raw
 from imaging.merge.linear_frame import LinearFrame, from_raw
 from imaging.merge.masks import without
-from imaging.optics.pose import quarter_turns
+from imaging.optics.pose import upright
 from imaging.sensor.cfa import cell_means
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic
 from imaging.session.records import ImageKind
@@ -28,8 +29,12 @@ SMALLEST = 16
 LIT = 0.02
 """Linear signal relative to white above which a photosite saw light, or is hot."""
 _END, _FEW_BETWEEN = 0.1, 0.01
-"""Share of its range that counts as an end of a channel, and share of samples between the ends of a picture
-without tones: compression leaves some at edges."""
+"""Share of its range that counts as an end of a channel, and share of samples between the ends of a disc that
+is white on black: compression leaves some at its edge."""
+_LEAST_END = 0.05
+"""Share of the samples that either end of such a channel has: lamps at night are fewer."""
+_HOT = 0.001
+"""Share of samples that may differ from all others in a picture of one colour: those of hot photosites."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +108,52 @@ def examine(path: Path, counts: Mask | None = None) -> Examined:
 
 
 def is_without_tones(path: Path) -> bool:
-    """Return whether hardly a pixel lies between the ends of its channel, as in an exposure that is black or
-    white all over, or white in the circle of a fisheye; InputError if it cannot be read.
+    """Return whether a picture shows so little that another exposure may equal it without being a copy.
+
+    It is of one colour but for hot photosites, or white on black as in the circle of a fisheye, and has no
+    noise: with noise no two exposures are equal.
+
+    Args:
+        path: Picture file.
+
+    Returns:
+        True if all channels are so; of a mosaic, each site of its tile.
+
+    Raises:
+        InputError: The file cannot be read.
     """
-    pixels = _content(path).pixels
-    of_channels = pixels.reshape(-1, pixels.shape[2] if pixels.ndim > 2 else 1)
-    of_channels = of_channels[np.isfinite(of_channels).all(axis=1)]
-    if not len(of_channels):
-        return True
-    low, high = of_channels.min(axis=0).astype(np.float64), of_channels.max(axis=0).astype(np.float64)
+    return all(_is_flat(channel) or _is_black_and_white(channel) for channel in _channels(_content(path)))
+
+
+def _channels(content: RawMosaic | Photo | Light) -> Iterator[AnyArray]:
+    """Yield the finite samples of each channel, and of each site of a mosaic's tile."""
+    pixels = content.pixels
+    if isinstance(content, RawMosaic) and content.cfa is not None:
+        down, across = content.cfa.period
+        planes = [pixels[row::down, column::across] for row in range(down) for column in range(across)]
+    else:
+        planes = list(np.moveaxis(np.atleast_3d(pixels), -1, 0))
+    for plane in planes:
+        yield plane[np.isfinite(plane)]
+
+
+def _is_flat(samples: AnyArray) -> bool:
+    return not samples.size or _most_common(samples) >= 1 - _HOT
+
+
+def _is_black_and_white(samples: AnyArray) -> bool:
+    low, high = float(samples.min()), float(samples.max())
     edge = _END * (high - low)
-    between = (of_channels > low + edge) & (of_channels < high - edge)
-    return bool(between.mean() < _FEW_BETWEEN)
+    ends = samples[samples <= low + edge], samples[samples >= high - edge]
+    shares = [end.size / samples.size for end in ends]
+    if sum(shares) <= 1 - _FEW_BETWEEN or min(shares) < _LEAST_END:
+        return False
+    return all(_most_common(end) > 0.5 for end in ends)
+
+
+def _most_common(samples: AnyArray) -> float:
+    """Share of the samples that have the value of more than half of them; less than half if none has."""
+    return float(np.mean(samples == np.median(samples)))
 
 
 def _fitting(counts: Mask | None, picture: PictureFacts) -> Mask | None:
@@ -234,4 +273,4 @@ def _small(rgb: Array32, clipped: Mask, developed: bool = False, orientation: in
     share = cv2.resize(clipped.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     codes = np.rint(255 * (mean if developed else srgb_encode(mean))).astype(np.uint8)
     codes[share >= 0.5] = CLIPPED_COLOUR
-    return encode_jpeg(np.rot90(codes, quarter_turns(orientation)), QUALITY)
+    return encode_jpeg(upright(codes, orientation), QUALITY)

@@ -90,8 +90,8 @@ def find_copies(paths: Sequence[Path]) -> list[Path]:
     """Find the copies that lie beside their photograph: the same bytes, or a small picture without EXIF whose
     name holds the photograph's.
 
-    The same bytes in another folder may be meant as the photograph of another camera; where they are black or
-    white all over, as another exposure.
+    The same bytes in another folder may be meant as the photograph of another camera; where they are
+    `is_without_tones`, they may be another exposure.
     """
     same = _identical(paths)
     named: dict[tuple[Path, str], list[Path]] = defaultdict(list)
