@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
@@ -17,14 +17,12 @@ from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_maker
 from imaging.session.records import Rung
-from recon.data.dataset import Dataset, View
-from recon.data.decoded import FOLDER
-from recon.data.load import load
+from recon.data.dataset import Dataset
 from recon.data.stated_factors import overruled
 from recon.decide.cost.countdown import Countdown, TooShort
-from recon.decide.cost.duration import how_long, slowdown
+from recon.decide.cost.duration import slowdown
 from recon.decide.cost.gpu_memory import exceeded, require_room
-from recon.decide.cost.memory_need import fitting, free
+from recon.decide.cost.reader import Reader
 from recon.decide.decisions import iterations_at_most, planned
 from recon.decide.evidence import Run
 from recon.decide.plan import TrainingPlan
@@ -114,29 +112,9 @@ def reconstruct(
         # What takes seconds to refuse is refused before photographs are read.
         store.require_writable(session / shelf)
         there = any((session / shelf / name / MODEL).is_file() for name in names_of(request))
-        begins = [True] if request.replace or not there else []
-
-        def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
-            room = free()
-            needed, stored = fitting(firsts, counts, room, request)
-            needed.require(session, room)
-            if ranks.first and needed.worth_saying(room):
-                on_message(needed.in_words())
-            if ranks.first and begins:
-                begins.clear()
-                line = how_long(session, firsts, counts, request)
-                if line is not None:
-                    on_message(line)
-            if ranks.first and stored:
-                on_message(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
-            return stored
-
-        def read(width: int) -> Dataset:
-            loaded = load(session, max_width=width, progress=on_progress, examine=examine)
-            return overrides.subset(loaded)
-
-        # `examine` sees the first view of each camera, and says what memory and time the others would take.
-        dataset = read(overrides.width or QUALITIES[quality].width)
+        reader = Reader(session, request, on_progress, on_message if ranks.first else lambda line: None)
+        begins = ranks.first and (request.replace or not there)
+        dataset = reader.read(overrides.width or QUALITIES[quality].width, begins=begins)
         if budget is not None and budget.unit == "dB":
             _require_held_out(dataset)
         if (missing := uncoloured(dataset)) and ranks.first:
@@ -155,16 +133,11 @@ def reconstruct(
         place, checkpoint = place_for(folder, asked, dataset, request.replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         device = trusted(device, on_message, on_progress, alone=ranks.count == 1)
-        # A time may be too short for the preset: then each smaller one is tried, with its own width.
-        sizes = (asked,) if countdown is None else asked.downwards(len(dataset.train))
-        if checkpoint is not None:  # it goes on at the size that it began with
-            began = Settings.model_validate(checkpoint.facts["settings"]).max_width
-            sizes = (asked if began == asked.max_width else asked.no_larger(began),)
         earlier = (*reasons, *rungs(dataset, chosen))
-        for size, smaller in zip(sizes, (*sizes[1:], None), strict=True):
+        for size, smaller in _sizes(asked, len(dataset.train), countdown, checkpoint):
             # A mosaic that is not twice as wide stays as it is.
             if any(view.lens.width > size.max_width for view in dataset.views) and size is not asked:
-                dataset = read(size.max_width)
+                dataset = reader.read(size.max_width)
             used = dataset.with_validation() if asked.watches else dataset
             run = Run(used, size, device, ranks, countdown, on_progress, on_message, clock, smaller=smaller)
             try:
@@ -184,6 +157,20 @@ def reconstruct(
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
+
+
+def _sizes(
+    asked: Settings, views: int, countdown: Countdown | None, checkpoint: Checkpoint | None
+) -> Iterator[tuple[Settings, Settings | None]]:
+    """Sizes of the training to try, each with the next smaller one, if any.
+
+    A time may be too short for the preset: then each smaller one is tried, with its own width.
+    """
+    sizes = (asked,) if countdown is None else asked.downwards(views)
+    if checkpoint is not None:  # it goes on at the size that it began with
+        began = Settings.model_validate(checkpoint.facts["settings"]).max_width
+        sizes = (asked if began == asked.max_width else asked.no_larger(began),)
+    return zip(sizes, (*sizes[1:], None), strict=True)
 
 
 def _require_held_out(dataset: Dataset) -> None:

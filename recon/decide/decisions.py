@@ -55,7 +55,7 @@ def with_light_of_photographs(run: Run, evidence: Evidence) -> tuple[Run, Eviden
     plan = TrainingPlan(asked, evidence.light, points=points)
     # Trials of what the scene needs are decided on, and spoken of, by what is known then.
     against_trials = _reason_against_trials(replace(run, say=lambda line: None), evidence, plan)
-    parts, rungs = overruled_parts(dataset, asked, against_trials, run.progress, run.device)
+    parts, rungs = overruled_parts(run, evidence, against_trials)
     if not parts:
         return run, evidence, rungs
     for part, rung in zip(parts, (rung for rung in rungs if rung.taken), strict=True):
@@ -72,7 +72,7 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         TooShort: A budget of time has no room for the fewest iterations.
     """
     asked, countdown = run.asked, run.countdown
-    dataset, images = evidence.dataset, evidence.images
+    dataset = evidence.dataset
 
     # Iterations at most: with early stop as many as were worth it in other scenes.
     decided = _with(asked, iterations=iterations_at_most(asked))
@@ -85,8 +85,8 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
     # The degree of the harmonics, by scene points seen from all sides.
     first = None
     if not len(dataset.points().xyz):
-        first = points_of_poses(dataset, images, run.progress, evidence.light)
-    degree, colour = degree_for(dataset, asked, images, first)
+        first = points_of_poses(dataset, evidence.images, run.progress, evidence.light)
+    degree, colour = degree_for(run, evidence, first)
 
     # The most Gaussians, by preset, budget and samples of the views.
     decided = _with(decided, degree=degree, max_gaussians=most_for(dataset, asked, degree))
@@ -103,17 +103,15 @@ def decide(run: Run, evidence: Evidence) -> TrainingPlan:
         decided = _with(decided, environment=True)
 
     # Measured depth: its weight, by its fit to the scene points, then by trials.
-    weight, depth = depth_for(dataset, evidence.depths, decided, against_trials, run.progress, run.device)
+    weight, depth = depth_for(run, evidence, decided, against_trials)
     decided = _with(decided, depth=weight, depth_scale=dataset.depth_scale)
 
     # Corrections of the calibration, by its errors, else by trials of what was asked for with these two.
     of_trials = _with(asked, environment=decided.environment, depth=weight)
-    corrections = corrections_for(dataset, images, of_trials, against_trials, run.progress, run.device)
+    corrections = corrections_for(run, evidence, of_trials, against_trials)
 
     # The number of Gaussians, by trials that halve it or by the samples of the views.
-    count, size = gaussians_for(
-        dataset, of_trials, against_trials, degree, corrections.names, points, run.progress, run.device
-    )
+    count, size = gaussians_for(run, evidence, of_trials, against_trials, degree, corrections.names, points)
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
     points = fewer(points, _begun_with(asked, count), asked.seed)
     decided = _with(decided, max_gaussians=count)
@@ -186,7 +184,7 @@ def _far_field(
     trial = pace * far_trial(dataset.train, int(settings.start_share * settings.max_gaussians))
     seconds = run.seconds_left()
     against = NO_TIME if seconds is not None and trial > MOST_OF_FAR_TRIAL * seconds else None
-    rung = environment_for(dataset, settings, images, points, units, against, run.progress, run.device)
+    rung = environment_for(run, evidence, settings, points, units, against)
     if not rung.taken:
         return rung, points, None
     far = far_light(dataset.train, images, units)

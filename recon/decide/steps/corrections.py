@@ -13,8 +13,8 @@ from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import inside, project
-from recon.data.light import Images
 from recon.data.load import again
+from recon.decide.evidence import Evidence, Run
 from recon.decide.held_out_evidence import STEPS, robust_score_db
 from recon.decide.overrides import Overrides
 from recon.decide.presets import MethodName
@@ -67,33 +67,26 @@ UNCORRECTED = Corrections()
 
 
 def corrections_for(
-    dataset: Dataset,
-    images: Images,
-    settings: Settings,
-    against_trials: str | None,
-    progress: Progress,
-    device: torch.device = CPU,
+    run: Run, evidence: Evidence, settings: Settings, against_trials: str | None
 ) -> Corrections:
     """Return the corrections of a training with these settings: as requested, else by evidence.
 
     Args:
-        dataset: Views to train on, with their calibration.
-        images: Radiance images of the training views.
+        run: Running reconstruction.
+        evidence: The views, with their calibration.
         settings: Of the training; corrections that were set by hand override the evidence.
         against_trials: The reason against trials, or None if they are allowed.
-        progress: Callback for the current step, the steps done, and all of them.
-        device: Device that trains in a trial.
 
     Returns:
         The corrections, with a rung for each of `ALL`.
     """
-    asked = settings.overrides.refine
-    shares, glare = glare_of(dataset, images, "refine glare")
+    asked, dataset = settings.overrides.refine, evidence.dataset
+    shares, glare = glare_of(dataset, evidence.images, "refine glare")
     if asked is not None:
         rungs = [_as_asked(name, dataset, settings) for name in ALL]
     else:
         known = _displayed(dataset, settings.method, "glare") or glare
-        rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress, device), known]
+        rungs = [*rungs_by_evidence(dataset, settings, against_trials, run.progress, run.device), known]
     taken = tuple(name for name, rung in zip(ALL, rungs, strict=True) if rung.taken)
     return Corrections(taken, tuple(rungs), tuple(shares))
 

@@ -8,15 +8,13 @@ import torch
 
 from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
-from recon.data.dataset import MOST_TRACKED, Dataset
-from recon.data.light import Images
+from recon.data.dataset import Dataset
 from recon.data.load import again
-from recon.data.measured_depth import DepthFit, fit
+from recon.decide.evidence import Evidence, Run
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
 from recon.decide.trials import Trials, room
-from recon.start.initialisation import points_of_poses
 from recon.train.devices.training_device import CPU
 
 START, TERM = "depth start", "depth term"
@@ -30,49 +28,24 @@ to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/results/
 SURE_SCATTER = 0.03
 """Scatter of ln depth about scene points below which depth is accurate enough for that."""
 
-AS_STATED = 0.05
-"""Largest error of ln depth of a scale from swept points (toy scenes of six views: 0.01)."""
-
-
-def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit | None:
-    """Return the agreement of the training views' depth maps with the scene points; None without maps.
-
-    Where poses came without points, with those that a sweep of the images finds; a unit that agrees with its
-    statement within their error is kept.
-    """
-    if all(view.depth is None for view in dataset.train):
-        return None
-    xyz, tracks = dataset.tracks(MOST_TRACKED)
-    if len(xyz):
-        return fit(dataset.train, xyz, tracks)
-    swept = fit(dataset.train, points_of_poses(dataset.with_depths(None), images, progress), {})
-    return replace(swept, scale=1.0) if swept and abs(np.log(swept.scale)) < AS_STATED else swept
-
 
 def depth_for(
-    dataset: Dataset,
-    fitted: DepthFit | None,
-    settings: Settings,
-    against_trials: str | None,
-    progress: Progress,
-    device: torch.device = CPU,
+    run: Run, evidence: Evidence, settings: Settings, against_trials: str | None
 ) -> tuple[float, tuple[Rung, ...]]:
     """The weight of measured depth in the loss: as asked, else by trials, else by the number of views.
 
     Without trials the maps have to agree closely with the scene points, too.
 
     Args:
-        dataset: With its depth maps in scene coordinates, or without any where they do not fit.
-        fitted: Agreement of the maps with the scene points, as of `depth_fit`; None without maps.
+        run: Running reconstruction.
+        evidence: The views, and the fit of their depth maps.
         settings: Of the training; a weight that was set by hand overrides the evidence.
         against_trials: The reason against trials, or None if they are allowed.
-        progress: Callback for the current step, the steps done, and all of them.
-        device: Device that trains in a trial.
 
     Returns:
         The weight, and the rungs; 0 and no rungs without maps.
     """
-    asked = settings.overrides.depth
+    asked, fitted = settings.overrides.depth, evidence.depths
     if fitted is None:
         return 0.0, ()
     if asked == 0:
@@ -84,14 +57,14 @@ def depth_for(
     if asked is not None:
         weight, rung = asked, Rung(name=TERM, taken=True, reason=f"asked for with a weight of {asked:g}")
     elif against_trials is not None:
-        sure, count = fitted.scatter <= SURE_SCATTER, len(dataset.train)
+        sure, count = fitted.scatter <= SURE_SCATTER, len(evidence.dataset.train)
         taken = sure and count < FEW_VIEWS
         weight = USUAL if taken else 0.0
         agreed = f"maps and scene points differ by {'less' if sure else 'more'} than {100 * SURE_SCATTER:g} %"
         views = f"{count} training views are {'few' if count < FEW_VIEWS else 'enough without it'}"
         rung = Rung(name=TERM, taken=taken, reason=f"{agreed}, {views}; a trial: {against_trials}")
     else:
-        weight, rung = tried(dataset, settings, WEIGHTS, progress, device)
+        weight, rung = tried(evidence.dataset, settings, WEIGHTS, run.progress, run.device)
     return weight, (first, rung)
 
 

@@ -12,6 +12,7 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Images
 from recon.data.load import again
+from recon.decide.evidence import Evidence, Run
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.steps.corrections import UNIT
@@ -45,26 +46,22 @@ FEWEST_JUDGED = 2
 
 
 def environment_for(
-    dataset: Dataset,
+    run: Run,
+    evidence: Evidence,
     settings: Settings,
-    images: Images,
     points: Start,
     units: Callable[[torch.Tensor], torch.Tensor],
     against_trials: str | None,
-    progress: Progress,
-    device: torch.device = CPU,
 ) -> Rung:
     """Decide on an environment: as asked, else by geometry, and by a trial where that suggests one.
 
     Args:
-        dataset: Views to train on.
+        run: Running reconstruction.
+        evidence: The views, with their radiance images.
         settings: Of the training; an environment that was set by hand overrides the evidence.
-        images: Radiance images of the training views.
         points: Those that training would start from.
         units: Radiance as images of the scene hold it, as of `far_light`.
         against_trials: The reason against trials, or None if they are allowed.
-        progress: Callback for the current step, the steps done, and all of them.
-        device: Device that trains in a trial.
 
     Returns:
         Rung of the environment, with the reason.
@@ -72,7 +69,7 @@ def environment_for(
     Raises:
         ReconstructionError: An environment was asked for, and the light is that of bands.
     """
-    asked = settings.overrides.environment
+    asked, dataset = settings.overrides.environment, evidence.dataset
     if dataset.bands:
         if asked:
             raise ReconstructionError(
@@ -85,8 +82,8 @@ def environment_for(
     if all(view.transparent for view in dataset.train):
         reason = "where the photographs are transparent there is nothing"
         return Rung(name=NAME, taken=False, reason=reason)
-    share = far_share(dataset, images, points, units)
-    return _by_share(dataset, settings, share, against_trials, progress, device)
+    share = far_share(dataset, evidence.images, points, units)
+    return _by_share(dataset, settings, share, against_trials, run.progress, run.device)
 
 
 def _by_share(
@@ -95,7 +92,7 @@ def _by_share(
     share: float,
     against_trials: str | None,
     progress: Progress,
-    device: torch.device = CPU,
+    device: torch.device,
 ) -> Rung:
     reason = (
         f"through {100 * share:.0f} % of the points in front of the cameras views see light from far away"

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import torch
 
 from imaging.arrays import Array
-from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
-from recon.data.light import Images
+from recon.decide.evidence import Evidence, Run
 from recon.decide.held_out_evidence import STEPS, fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
@@ -54,98 +52,90 @@ COLOUR_UNIT = "dB of the luminance of scene points, each look predicted from all
 _ALONE = Ranks()
 
 
-def degree_for(
-    dataset: Dataset,
-    settings: Settings,
-    images: Images,
-    points: Array | None = None,
-) -> tuple[int, Rung]:
+def degree_for(run: Run, evidence: Evidence, points: Array | None = None) -> tuple[int, Rung]:
     """The degree of the harmonics, and why: as asked, else by the evidence.
 
     Args:
-        dataset: Views to train on, with the scene points of their calibration.
-        settings: Of the training; a degree that was set by hand overrides the evidence.
-        images: Radiance images of the training views.
+        run: Running reconstruction; a degree that was set by hand overrides the evidence.
+        evidence: The views, with the scene points of their calibration.
         points: Of the scene [P, 3], where calibration has none.
 
     Returns:
         The degree, and its rung, whose parameters are those of one Gaussian.
     """
-    evidence, asked = None, settings.overrides.degree
+    gained, asked = None, run.asked.overrides.degree
     if asked is not None:
         degree, reason = asked, "as asked for"
     else:
-        evidence = gains(looks(dataset, images, points))
-        if evidence is None:
+        gained = gains(looks(evidence.dataset, evidence.images, points))
+        if gained is None:
             degree = UNDECIDED
             reason = (
                 f"since fewer than {FEWEST_POINTS} scene points are seen by {FEWEST_VIEWS} training views, "
                 "so that nothing shows that more is needed"
             )
         else:
-            degree = lowest(evidence)
+            degree = lowest(gained)
             steps = " and ".join(
-                f"{more} {evidence.db[more]:.2f} +- {evidence.error[0, more]:.2f}"
+                f"{more} {gained.db[more]:.2f} +- {gained.error[0, more]:.2f}"
                 for more in range(1, DEGREE + 1)
             )
             reason = (
                 f"the lowest above which none surely gains {MATERIAL[min(degree, 1)]:g} dB: over 0 at "
-                f"{evidence.points} scene points gain {steps}"
+                f"{gained.points} scene points gain {steps}"
             )
     # Of colours that stay the same everywhere, the rung has what the better of the others would gain.
-    best = degree or (0 if evidence is None else int(evidence.db.argmax()) or 1)
+    best = degree or (0 if gained is None else int(gained.db.argmax()) or 1)
     rung = Rung(
         name=COLOUR,
         taken=degree > 0,
-        gain=None if evidence is None else float(evidence.db[best]),
-        standard_error=None if evidence is None else float(evidence.error[0, best]),
-        unit="" if evidence is None else COLOUR_UNIT,
+        gain=None if gained is None else float(gained.db[best]),
+        standard_error=None if gained is None else float(gained.error[0, best]),
+        unit="" if gained is None else COLOUR_UNIT,
         reason=f"harmonics of degree {degree}, {reason}",
         parameters=3 * ((degree + 1) ** 2 - 1),
     )
     return degree, rung
 
 
-def lowest(evidence: Gains) -> int:
+def lowest(gained: Gains) -> int:
     """The lowest degree above which none gains as much as is material, less its standard error."""
     for low in range(DEGREE):
-        more = evidence.db[low + 1 :] - evidence.db[low]
-        if not (more - evidence.error[low, low + 1 :] > MATERIAL[low]).any():
+        more = gained.db[low + 1 :] - gained.db[low]
+        if not (more - gained.error[low, low + 1 :] > MATERIAL[low]).any():
             return low
     return DEGREE
 
 
 def gaussians_for(
-    dataset: Dataset,
+    run: Run,
+    evidence: Evidence,
     settings: Settings,
     against_trials: str | None,
     degree: int,
     refined: Sequence[Refined],
     points: Start,
-    progress: Progress,
-    device: torch.device,
 ) -> tuple[int, Rung]:
     """Number of Gaussians, and the reason: as asked, else by trials, else by the samples there are.
 
     Args:
-        dataset: Views to train on.
+        run: Running reconstruction.
+        evidence: The views.
         settings: Of the training, with the most Gaussians that it may have.
         against_trials: The reason against trials, or None if they are allowed.
         degree: Of the harmonics, also of those in trials; a budget in bytes holds fewer Gaussians of a higher
             one.
         refined: Corrections that the training makes.
         points: The start of a training of `most_for` Gaussians.
-        progress: Callback for the current step, the steps done, and all of them.
-        device: Device that trains in a trial.
 
     Returns:
         The most Gaussians of the training, and the rung of their number.
     """
-    most = most_for(dataset, settings, degree)
+    most = most_for(evidence.dataset, settings, degree)
     if _asked(settings):
         reason = f"at most {most:,}, as asked for"
     elif against_trials is None:
-        trials = Trials.of(dataset, settings, points, progress, device)
+        trials = Trials.of(evidence.dataset, settings, points, run.progress, run.device)
         return Ladder(trials, refined, most, degree).climbed()
     else:
         reason = f"at most {most:,}, {against_trials}"

@@ -16,6 +16,7 @@ from imaging.session.records import ONE_OF_SEVERAL, Rung
 from recon.data.dataset import Dataset
 from recon.data.load import again
 from recon.data.stated_factors import PARTS, asked_parts, overruled
+from recon.decide.evidence import Evidence, Run
 from recon.decide.held_out_evidence import STEPS, robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.steps.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
@@ -25,26 +26,20 @@ from recon.train.devices.training_device import CPU
 
 
 def overruled_parts(
-    dataset: Dataset,
-    settings: Settings,
-    against_trials: str | None,
-    progress: Progress,
-    device: torch.device = CPU,
+    run: Run, evidence: Evidence, against_trials: str | None
 ) -> tuple[tuple[StatedPart, ...], tuple[Rung, ...]]:
     """The parts in which scene points overrule the files: as requested, else by trials.
 
     Args:
-        dataset: Views to train on, whose calibration has the factors that scene points ask for.
-        settings: Of the training; parts that were set by hand override the evidence.
+        run: Running reconstruction; parts that were set by hand override the evidence.
+        evidence: The views, whose calibration has the factors that scene points ask for.
         against_trials: The reason against trials, or None if they are allowed.
-        progress: Callback for the current step, the steps done, and all of them.
-        device: Device that trains in a trial.
 
     Returns:
         The parts, and a rung for each part that was considered.
     """
-    asks = asked_parts(dataset)
-    wanted = settings.overrides.overrule
+    asks = asked_parts(evidence.dataset)
+    wanted = run.asked.overrides.overrule
     if wanted is not None:
         chosen = wanted.split("+")
         rungs = {part: _rung(part, False, "left out, as asked for") for part in asks}
@@ -54,7 +49,7 @@ def overruled_parts(
     elif against_trials is not None:
         rungs = {part: _rung(part, False, against_trials) for part in asks}
     else:
-        rungs = tried(dataset, asks, settings, progress, device)
+        rungs = tried(evidence.dataset, asks, run.asked, run.progress, run.device)
     taken = tuple(part for part in asks if rungs[part].taken)
     return taken, tuple(rungs[part] for part in PARTS if part in rungs)
 

@@ -5,27 +5,18 @@ import time
 
 import numpy as np
 import pytest
-import torch
 
-from imaging.progress import unreported
 from imaging.session.records import Rung
 from recon.decide import decisions
 from recon.decide.cost.countdown import Countdown
 from recon.decide.cost.prediction import enough
 from recon.decide.decisions import NO_TIME, decide
-from recon.decide.evidence import Evidence, Run
+from recon.decide.evidence import Evidence
 from recon.decide.overrides import Overrides
 from recon.decide.plan import TrainingPlan
 from recon.start.initialisation import Start
-from recon.train.devices.ranks import Ranks
 
-from .steps.test_corrections import settings
-
-
-def run_of(dataset, wanted, countdown=None, said=None) -> Run:
-    say = (said if said is not None else []).append
-    cpu = torch.device("cpu")
-    return Run(dataset, wanted, cpu, Ranks(), countdown, unreported, say, time.monotonic)
+from .runs import run_of, settings
 
 
 def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
@@ -78,7 +69,7 @@ def test_a_budget_of_time_decides_whether_trials_may(toy_long, monkeypatch, fits
 def test_far_light_is_tried_within_a_budget_whatever_was_set_by_hand(toy_long, monkeypatch, pace, against):
     reasons = []
 
-    def without(dataset, settings, images, points, units, reason, *_):
+    def without(run, evidence, settings, points, units, reason):
         reasons.append(reason)
         return Rung(name="environment", taken=False, reason="")
 

@@ -8,7 +8,7 @@ from recon.decide.steps.size import Ladder
 from recon.decide.trials import Trials
 from recon.observe.refinement import Refined
 
-from .steps.test_corrections import settings
+from .runs import settings
 
 Reports = list[tuple[str, int, int]]
 

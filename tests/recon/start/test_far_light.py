@@ -7,11 +7,12 @@ import pytest
 
 from imaging.errors import InputError
 from imaging.files.exr.reading import read_exr
-from imaging.progress import unreported
 from imaging.session.records import Rung
 from recon import reconstruct as stage
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
+from recon.data.light import Light
+from recon.decide.evidence import Evidence, Run
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -21,7 +22,7 @@ from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.start.far_light import far_light, without_far
 from recon.start.initialisation import Start
-from tests.recon.decide.steps.test_corrections import settings
+from tests.recon.decide.runs import run_of, settings
 
 
 def light(directions: np.ndarray) -> np.ndarray:
@@ -114,6 +115,11 @@ def start_of(dataset: Dataset, images: list[tuple[np.ndarray, np.ndarray]]) -> S
     return Start(model, np.ones((len(model), 3)), len(model))
 
 
+def looked(dataset: Dataset, images: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Run, Evidence]:
+    """A run, and as its evidence the views with these radiance images."""
+    return run_of(dataset, settings()), Evidence(dataset, images, Light(1.0, 1.0), 0.0)
+
+
 def test_a_far_field_is_suggested_by_far_light_and_not_by_a_wall(toy_dataset: Dataset) -> None:
     shares = []
     for wall in (None, 1.0):
@@ -127,8 +133,8 @@ def test_what_views_see_through_the_points_decides_without_a_trial(toy_dataset: 
     for wall, taken in ((None, True), (1.0, False)):
         images = pictures(toy_dataset, wall=wall)
         rung = environment_for(
-            toy_dataset, settings(), images, start_of(toy_dataset, images), lambda light: light, "no time",
-            unreported,
+            *looked(toy_dataset, images), settings(), start_of(toy_dataset, images), lambda light: light,
+            "no time",
         )  # fmt: skip
         assert rung.taken is taken
         assert "light from far away" in rung.reason
@@ -139,8 +145,8 @@ def test_display_values_take_no_far_field_without_a_trial(toy_dataset: Dataset) 
     photographs, sky = replace(toy_dataset, kind="ldr"), pictures(toy_dataset, wall=None)
     taken = [
         environment_for(
-            photographs, settings(method=method), sky, start_of(photographs, sky), lambda light: light,
-            "no time", unreported,
+            *looked(photographs, sky), settings(method=method), start_of(photographs, sky),
+            lambda light: light, "no time",
         ).taken
         for method in ("vanilla", "hdr-gs")
     ]  # fmt: skip
@@ -159,10 +165,9 @@ def test_a_trial_has_the_last_word_where_it_can_be_made(
         for dataset, expected in ((toy_long, taken), (few, True)):
             images = sky[: len(dataset.train)]
             start = start_of(dataset, images)
+            run, evidence = looked(dataset, images)
             for against in (None, "no time") if dataset is few else (None,):
-                rung = environment_for(
-                    dataset, settings(), images, start, lambda light: light, against, unreported
-                )
+                rung = environment_for(run, evidence, settings(), start, lambda light: light, against)
                 assert rung.taken is expected
                 assert ("too few" in rung.reason) is (dataset is few)
 
@@ -219,8 +224,8 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     sky = pictures(toy_dataset, wall=None)
     rungs = {
         with_alpha: environment_for(
-            replace(toy_dataset, train=covered if with_alpha else toy_dataset.train),
-            asked, sky, start_of(toy_dataset, sky), lambda light: light, "no trials here", unreported,
+            *looked(replace(toy_dataset, train=covered if with_alpha else toy_dataset.train), sky),
+            asked, start_of(toy_dataset, sky), lambda light: light, "no trials here",
         )
         for with_alpha in (True, False)
     }  # fmt: skip

@@ -20,7 +20,8 @@ from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.training import Plan, Training
 
-from ..steps.test_corrections import rungs_of, settings
+from ..runs import settings
+from ..steps.test_corrections import rungs_of
 
 SHORT, LONG = Plan(20, DensityRules(400), 0), Plan(2000, DensityRules(400), 0)
 

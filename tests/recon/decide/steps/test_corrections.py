@@ -9,10 +9,9 @@ from imaging.errors import InputError
 from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
-from recon.data.light import radiance_images
 from recon.data.load import load
+from recon.decide.evidence import Evidence
 from recon.decide.overrides import Overrides
-from recon.decide.settings import Settings
 from recon.decide.steps.corrections import (
     corrections_for,
     pose_error_px,
@@ -22,13 +21,7 @@ from recon.decide.steps.corrections import (
 )
 from recon.decide.trials import reason_against_trials
 
-
-def settings(**changed) -> Settings:
-    return Settings(
-        **{"method": "nh-3dgs", "quality": "standard", "seed": 0, "iterations": 40, "max_gaussians": 400}
-        | {"max_width": 640}
-        | changed
-    )
+from ..runs import run_of, settings
 
 
 def rungs_of(dataset, wanted):
@@ -91,7 +84,8 @@ def test_display_values_are_not_corrected_as_light(toy_ldr):
         require_light(dataset, method, overrides)
     require_light(dataset, "vanilla", Overrides(refine="poses"))
     chosen = settings(method="vanilla", overrides=overrides)
-    corrections = corrections_for(dataset, radiance_images(dataset), chosen, None, unreported)
+    run = run_of(dataset, chosen)
+    corrections = corrections_for(run, Evidence.of(run), chosen, None)
     assert corrections.names == ("poses",)
     assert "display values are taken as they are" in corrections.rungs[1].reason
     assert corrections.rungs[2].reason == "not asked for"

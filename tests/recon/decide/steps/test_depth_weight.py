@@ -17,15 +17,14 @@ from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.data.measured_depth import DepthFit
 from recon.decide.decisions import decide
-from recon.decide.evidence import Evidence
+from recon.decide.evidence import Evidence, depth_fit
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
-from recon.decide.steps.depth_weight import START, TERM, USUAL, depth_fit, depth_for, tried
+from recon.decide.steps.depth_weight import START, TERM, USUAL, depth_for, tried
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
 
-from ..test_decisions import run_of
-from .test_corrections import settings
+from ..runs import run_of, settings
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +60,14 @@ def test_where_no_trial_can_be_made_scene_points_decide(deep):
 def test_without_a_trial_many_views_and_scattered_maps_go_without_the_term(deep):
     good = DepthFit(views=5, scale=1.0, scatter=0.01, looks=500)
     many = replace(deep, train=deep.train * 3)
+    run = run_of(deep, settings())
+    evidence = Evidence.of(run)
     for dataset, fitted, words in (
         (many, good, "15 training views are enough without it"),
         (deep, replace(good, scatter=0.05), "differ by more than 3 %"),
     ):
-        weight, rungs = depth_for(dataset, fitted, settings(), "no time", unreported)
+        known = replace(evidence, dataset=dataset, depths=fitted)
+        weight, rungs = depth_for(run, known, settings(), "no time")
         assert weight == 0
         assert [rung.taken for rung in rungs] == [True, False]
         assert words in rungs[1].reason

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 import recon.decide.steps.size as module
 from bench.support import oracle
 from drivers.sim.rig_settings import RIGS
 from imaging.files import store
 from imaging.progress import unreported
-from recon.data.light import radiance_image
+from recon.data.light import light_of, radiance_image
 from recon.data.load import load
+from recon.decide.evidence import Evidence
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
@@ -38,6 +38,8 @@ from recon.result.model import read_model
 from recon.result.opened import open_model
 from recon.scene.ply import most_gaussians
 from recon.start.initialisation import Start, start_points
+
+from ..runs import run_of
 
 QUICK = Quality(80, 800, 64)
 
@@ -67,12 +69,11 @@ def decide(dataset, wanted):
     """The number of Gaussians, the degree, and the rung of each."""
     images = [radiance_image(view) for view in dataset.train]
     rng = np.random.Generator(np.random.PCG64(0))
-    degree, colour = degree_for(dataset, wanted, images)
+    run, evidence = run_of(dataset, wanted), Evidence(dataset, images, light_of(dataset, images), 0.0)
+    degree, colour = degree_for(run, evidence)
     points = start_points(dataset, images, most_for(dataset, wanted, degree) // 2, rng)
     against = reason_against_trials(dataset, wanted)
-    count, number = gaussians_for(
-        dataset, wanted, against, degree, (), points, unreported, torch.device("cpu")
-    )
+    count, number = gaussians_for(run, evidence, wanted, against, degree, (), points)
     return count, degree, number, colour
 
 
@@ -141,8 +142,8 @@ def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
 
 def test_colours_follow_the_direction_where_things_gloss(many):
     """The table's balls and mug do."""
-    images = [radiance_image(view) for view in many.train]
-    degree, rung = degree_for(many, settings(), images)
+    run = run_of(many, settings())
+    degree, rung = degree_for(run, Evidence.of(run))
     assert degree > 0
     assert rung.taken
     assert rung.gain > rung.standard_error > 0
@@ -177,7 +178,8 @@ def test_as_few_as_are_as_good(many, monkeypatch):
     """All halvings are taken where none loses."""
     monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
     wanted = settings(max_gaussians=1600)
-    count, number = gaussians_for(many, wanted, None, 1, (), None, unreported, "cpu")
+    run = run_of(many, wanted)
+    count, number = gaussians_for(run, Evidence.of(run), wanted, None, 1, (), None)
     assert count == 1600 // 2**module.MOST_HALVINGS == 50
     assert number.taken
 

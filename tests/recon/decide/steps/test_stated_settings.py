@@ -17,7 +17,7 @@ from recon.data.load import again, load
 from recon.data.stated_factors import asked_parts
 from recon.decide import decisions
 from recon.decide.decisions import with_light_of_photographs
-from recon.decide.evidence import Evidence
+from recon.decide.evidence import Evidence, Run
 from recon.decide.overrides import Overrides
 from recon.decide.request import TrainingRequest
 from recon.decide.steps import stated_settings
@@ -27,9 +27,8 @@ from recon.result.model import SPLATS, read_model
 from recon.result.opened import open_model
 from tests.conftest import MadeOnce
 
-from ..test_decisions import run_of
+from ..runs import run_of, settings
 from .light_of_photographs import drawn, session_lit_by
-from .test_corrections import settings
 
 VARIED = drawn(0.35, 0.25)
 BOTH = ("exposure", "white_balance")
@@ -131,9 +130,12 @@ def test_no_trial_is_made_where_nothing_asks_for_it(toy_long: Dataset) -> None:
 def test_nor_where_it_is_refused_asked_for_or_has_no_time(varied: Path) -> None:
     dataset = load(varied)
 
+    evidence = Evidence.of(run_of(dataset, settings()))
+
     def parts(against: str | None = None, **overrides: str) -> tuple[tuple[str, ...], list[str]]:
         wanted = settings(overrides=Overrides(**overrides))
-        taken, rungs = overruled_parts(dataset, wanted, against, unreported)
+        run = run_of(dataset, wanted)
+        taken, rungs = overruled_parts(run, evidence, against)
         return taken, [rung.reason for rung in rungs]
 
     assert parts(overrule="none") == ((), ["left out, as asked for"] * 2)
@@ -150,8 +152,8 @@ def test_a_training_that_goes_on_keeps_the_decision(
 ) -> None:
     decided = list[object]()
 
-    def by_trial(dataset: Dataset, *arguments: object) -> tuple[tuple[str, ...], tuple[Rung, ...]]:
-        decided.append(dataset)
+    def by_trial(run: Run, *arguments: object) -> tuple[tuple[str, ...], tuple[Rung, ...]]:
+        decided.append(run.dataset)
         return BOTH, tuple(Rung(name=part, taken=True, reason="by a trial") for part in BOTH)
 
     def interrupt(message: str, done: int, total: int) -> None:
