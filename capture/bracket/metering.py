@@ -5,8 +5,8 @@ which photosites those are is therefore read from one take and what they measure
 is independent of that choice.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -63,62 +63,102 @@ def meter(
     Raises:
         CaptureError: No camera gives a picture or sees light, or all see nothing but clipped light.
     """
-    looks: dict[str, RawLook | CodeLook] = {}
-    failed: dict[str, str] = {}
-    probes: list[Exposure] = []
+    probing = _Probing(cameras, positions, move_to, progress)
+    shortest, longest = _to_both_ends(probing, exposures)
+    targets, dark = _targets_of(probing.looks, cameras, shortest, longest)
+    failed = probing.failed | dict.fromkeys(dark, f"it sees no light at {longest}")
+    probes = sorted(probing.probes, key=lambda exposure: exposure.stops)
+    return Metering(tuple(targets), tuple(probes), failed)
 
-    def probe(exposure: Exposure) -> None:
-        probes.append(exposure)
-        progress(f"metering, probe {len(probes)}: {exposure}", 0, 0)
-        for position in positions:
-            move_to(position)
+
+@dataclass
+class _Probing:
+    """Pictures of the scene at single exposures, and what each camera shows in all of them.
+
+    looks: by camera. failed: why by camera, for those that gave no pictures. probes: in order.
+    """
+
+    cameras: Mapping[str, Camera]
+    positions: Sequence[int]
+    move_to: Callable[[int], None]
+    progress: Progress
+    looks: dict[str, RawLook | CodeLook] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    probes: list[Exposure] = field(default_factory=list)
+
+    def probe(self, exposure: Exposure) -> None:
+        """Add the takes of one exposure, at all positions; cameras that fail are left out from then on.
+
+        CaptureError if none remains.
+        """
+        self.probes.append(exposure)
+        self.progress(f"metering, probe {len(self.probes)}: {exposure}", 0, 0)
+        for position in self.positions:
+            self.move_to(position)
             for take in range(TAKES):
-                ready = {name: camera for name, camera in cameras.items() if name not in failed}
+                ready = {name: camera for name, camera in self.cameras.items() if name not in self.failed}
                 taken, errors = expose(ready, exposure)
-                failed.update({name: str(error) for name, error in errors.items()})
+                self.failed.update({name: str(error) for name, error in errors.items()})
                 for name, captured in taken.items():
-                    try:
-                        frame = _decoded(captured.frame, name)
-                    except InputError as error:
-                        failed[name] = f"it delivered a damaged file: {error}"
-                        continue
-                    look = looks.setdefault(name, RawLook() if isinstance(frame, RawMosaic) else CodeLook())
-                    if isinstance(look, RawLook) and isinstance(frame, RawMosaic):
-                        look.add(exposure, position, take, frame)
-                    elif isinstance(look, CodeLook) and isinstance(frame, Photo):
-                        look.add(exposure, position, take, frame.pixels)
-                    else:
-                        failed[name] = "it delivers RAW files and photographs in turn"
-        for name in failed:
-            looks.pop(name, None)
+                    self._look(name, captured.frame, exposure, position, take)
+        for name in self.failed:
+            self.looks.pop(name, None)
+        if not self.looks:
+            raise CaptureError(f"no camera gave a picture to meter: {'; '.join(self.failed.values())}")
 
-    # Outwards from the middle, in steps as wide as the range of one frame.
+    def _look(
+        self, name: str, taken: RawMosaic | CameraFile, exposure: Exposure, position: int, take: int
+    ) -> None:
+        """Add one picture to what its camera shows; a camera whose pictures are of no use has failed."""
+        try:
+            frame = _decoded(taken, name)
+        except InputError as error:
+            self.failed[name] = f"it delivered a damaged file: {error}"
+            return
+        look = self.looks.setdefault(name, RawLook() if isinstance(frame, RawMosaic) else CodeLook())
+        if isinstance(look, RawLook) and isinstance(frame, RawMosaic):
+            look.add(exposure, position, take, frame)
+        elif isinstance(look, CodeLook) and isinstance(frame, Photo):
+            look.add(exposure, position, take, frame.pixels)
+        else:
+            self.failed[name] = "it delivers RAW files and photographs in turn"
+
+
+def _to_both_ends(probing: _Probing, exposures: Sequence[Exposure]) -> tuple[Exposure, Exposure]:
+    """Probe outwards from the middle, in steps as wide as the range of one frame.
+
+    Returns:
+        The shortest and the longest exposure that was probed.
+    """
     stops = [exposure.stops for exposure in exposures]
     first = int(np.argmin(np.abs(np.array(stops) - (stops[0] + stops[-1]) / 2)))
     low = high = first
-    probe(exposures[first])
-    if not looks:
-        raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
+    looks = probing.looks
+    probing.probe(exposures[first])
     spacing = min(look.spacing for look in looks.values())
     # Downwards until no camera clips: only then is its brightest light measured.
     while low > 0 and any(look.clips(exposures[low]) for look in looks.values()):
         low = _away(stops, low, -spacing)
-        probe(exposures[low])
+        probing.probe(exposures[low])
     # Upwards until the darkest light of every camera stands clear of the noise.
     while high < len(stops) - 1 and any(not look.lit(exposures[high]) for look in looks.values()):
         high = _away(stops, high, spacing)
-        probe(exposures[high])
-    if not looks:
-        raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
-    # A camera that saw nothing is named and left out; the others can still be planned for.
-    metered = [name for name in cameras if name in looks]  # in the rig's order, not in that of the answers
+        probing.probe(exposures[high])
+    return exposures[low], exposures[high]
+
+
+def _targets_of(
+    looks: Mapping[str, RawLook | CodeLook], order: Iterable[str], shortest: Exposure, longest: Exposure
+) -> tuple[list[Target], list[str]]:
+    """The targets of the cameras that see light, in the rig's order, and the names of those that see none.
+
+    A camera that saw nothing is left out; the others can still be planned for.
+    """
+    metered = [name for name in order if name in looks]  # `looks` is in the order of the answers
     targets = [target for name in metered for target in looks[name].targets(name)]
-    _must_be_seen(targets, looks, exposures[low], exposures[high])
-    for name in looks:
-        if not any(target.bright > target.dark for target in targets if target.camera == name):
-            failed[name] = f"it sees no light at {exposures[high]}"
-    targets = [target for target in targets if target.camera not in failed]
-    return Metering(tuple(targets), tuple(sorted(probes, key=lambda exposure: exposure.stops)), failed)
+    _must_be_seen(targets, looks, shortest, longest)
+    lit = {target.camera for target in targets if target.bright > target.dark}
+    return [target for target in targets if target.camera in lit], [name for name in looks if name not in lit]
 
 
 def _decoded(frame: RawMosaic | CameraFile, name: str) -> RawMosaic | Photo:
