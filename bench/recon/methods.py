@@ -34,7 +34,7 @@ from bench.support.trial import Cache, Trial, prepare, run, session
 from recon.data.dataset import Dataset, View
 from recon.data.light import Light, light_of, radiance_image
 from recon.methods.method import Method
-from recon.observe.linear import LinearLight
+from recon.observe.linear import LIGHT_MU, LinearLight
 from recon.observe.losses import Photometric
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics, Rate
 
@@ -70,6 +70,15 @@ class LinearLoss(LinearLight):
         return image.movedim(2, 0), target.movedim(2, 0)
 
 
+@dataclass
+class OneMuLaw(LinearLight):
+    """Compares every shot in the units of the scene, divided by its own scale again: one mu-law for all."""
+
+    def compression(self, view: View) -> tuple[list[float], float]:
+        """The scale of each shot, and the mu of light."""
+        return [self.normaliser * shot.k for shot in view.shots], LIGHT_MU
+
+
 @dataclass(frozen=True)
 class Row:
     """Row: data, appearance and comparison."""
@@ -84,7 +93,6 @@ class Row:
         return f"{self.given} | {self.appearance}"
 
 
-scene_space = partial(LinearLight, space="scene")
 INPUTS: dict[str, Callable[[Dataset], Dataset]] = {
     "RAW brackets": inputs.brackets,
     "demosaicked brackets": inputs.demosaicked,
@@ -97,10 +105,10 @@ NH, TUNED = "luminance-chromaticity", "SH of 3DGS, tuned"
 ROWS = (
     *(Row("RAW brackets", name) for name in APPEARANCES if name != PUBLISHED),
     Row("demosaicked brackets", NH),
-    Row("merged mosaics", NH, scene_space),
-    *(Row("merged EXR", name, scene_space) for name in APPEARANCES),
+    Row("merged mosaics", NH, OneMuLaw),
+    *(Row("merged EXR", name, OneMuLaw) for name in APPEARANCES),
     Row("merged EXR, linear loss", PUBLISHED, LinearLoss),
-    Row("merged EXR, bilinear", TUNED, scene_space),
+    Row("merged EXR, bilinear", TUNED, OneMuLaw),
 )
 
 

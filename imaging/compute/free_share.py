@@ -19,11 +19,11 @@ def if_so(free: float) -> tuple[float, str]:
     return free, f"if other work leaves {max(100 * free, 1):.0f} % of the cores, as now"
 
 
-def free_share(threads: int, seconds: float = SECONDS) -> float:
+def free_share(threads: int) -> float:
     """Share of the time of `threads` cores that as many threads of this process get now, 0..1."""
 
     def busy(_: int) -> float:
-        used, until = time.thread_time(), time.perf_counter() + seconds
+        used, until = time.thread_time(), time.perf_counter() + SECONDS
         while time.perf_counter() < until:
             hashlib.sha256(BLOCK).digest()
         return time.thread_time() - used

@@ -7,7 +7,6 @@ compares them. Each shot of a bracket is an observation of one render.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 import torch
@@ -170,7 +169,6 @@ class LinearLight(Observation):
     """
 
     normaliser: float
-    space: Literal["exposure", "scene"] = "exposure"
     _prepared: Targets[_Prepared] = field(default_factory=Targets, repr=False)
 
     def compare(
@@ -211,6 +209,12 @@ class LinearLight(Observation):
         """Radiance over the normaliser."""
         return radiance / self.normaliser
 
+    def compression(self, view: View) -> tuple[list[float], float]:
+        """The value of each shot that counts as 1 in the mu-law, and its mu."""
+        if view.sensor.kind == "hdr":
+            return [_white(shot.pixels[shot.valid]) for shot in view.shots], LIGHT_MU
+        return [1.0] * len(view.shots), SIGNAL_MU
+
     def _prepare(self, view: View) -> _Prepared:
         sensor = view.sensor
         period = None if sensor.cfa is None else sensor.cfa.period
@@ -221,11 +225,7 @@ class LinearLight(Observation):
 
         falloff = torch.from_numpy(sensor.falloff)
         scales = [self.normaliser * shot.k for shot in view.shots]
-        if self.space == "scene":  # every shot is divided by its own scale again: one mu-law for them all
-            units = scales
-        else:
-            units = [_white(shot.pixels[shot.valid]) if sensor.kind == "hdr" else 1.0 for shot in view.shots]
-        mu = LIGHT_MU if self.space == "scene" or sensor.kind == "hdr" else SIGNAL_MU
+        units, mu = self.compression(view)
         pairs = list(zip(view.shots, scales, units, strict=True))
         target = torch.stack([mu_law(planes(shot.pixels) / unit, mu) for shot, _, unit in pairs])
         saturated = torch.stack([planes(shot.saturated) for shot in view.shots])

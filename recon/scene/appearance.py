@@ -16,6 +16,9 @@ from recon.scene.harmonics import C0, COEFFICIENTS, series
 
 Parameters = dict[str, Tensor]
 
+ANCHOR = 0.8
+"""The largest channel of a chromaticity, towards which it is pulled."""
+
 
 @dataclass(frozen=True)
 class Rate:
@@ -62,10 +65,9 @@ class LuminanceChromaticity:
     does not say how f stays in [0, 1]; here `f = sigmoid(SH)`. ln L is the parameter: one step of
     Adam changes it by the same ratio whether the Gaussian is a lamp or a shadow. The pair has one
     degree of freedom too many, (L, f) -> (k L, f / k), which a weak pull of the largest channel of f
-    towards `anchor` removes.
+    towards `ANCHOR` removes.
     """
 
-    anchor: float = 0.8
     pull: float = 1e-3
     floor: float = 2.0**-20
     stops: float = 17.0
@@ -83,8 +85,8 @@ class LuminanceChromaticity:
         }
 
     def start(self, light: Tensor) -> Parameters:
-        """L = largest channel / anchor, f = light / L within [0.02, 0.98]."""
-        luminance = (light.amax(1) / self.anchor).clamp_min(self.floor)
+        """L = largest channel / ANCHOR, f = light / L within [0.02, 0.98]."""
+        luminance = (light.amax(1) / ANCHOR).clamp_min(self.floor)
         chroma = (light / luminance[:, None]).clamp(0.02, 0.98)
         return {
             "ln_luminance": luminance.log(),
@@ -107,9 +109,9 @@ class LuminanceChromaticity:
         return parameters["ln_luminance"].detach().exp()
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """Mean squared distance of the largest channel of the constant chromaticity from the anchor."""
+        """Mean squared distance of the largest channel of the constant chromaticity from `ANCHOR`."""
         largest = torch.sigmoid(C0 * parameters["chroma_dc"][:, 0].amax(1))
-        return self.pull * (largest - self.anchor).square().mean()
+        return self.pull * (largest - ANCHOR).square().mean()
 
 
 @dataclass(frozen=True)

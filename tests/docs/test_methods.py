@@ -18,7 +18,7 @@ from recon.observe import calibrated_curves, linear, photographs, tone_grid
 from recon.observe.glare import RADIUS
 from recon.observe.losses import Photometric, mu_law
 from recon.observe.photographs import ToneCurve
-from recon.scene.appearance import LuminanceChromaticity
+from recon.scene.appearance import ANCHOR, LuminanceChromaticity
 from recon.scene.gaussians import TAU
 from recon.splat import Limits
 from recon.train import schedule
@@ -38,7 +38,7 @@ SAID: tuple[tuple[str, Callable[[], tuple[float, ...]]], ...] = (
     (r"ends below \$T = 10\^\{(-\d+)\}\$", lambda: (np.log10(LIMITS.t_min),)),
     (r"\\tau = ([\d.]+)", lambda: (TAU,)),
     (r"\$\$10\^\{(-\d+)\} \\bigl", lambda: (np.log10(COLOURS.pull),)),
-    (r"Y_\{00\}\)_c - ([\d.]+)", lambda: (COLOURS.anchor,)),
+    (r"Y_\{00\}\)_c - ([\d.]+)", lambda: (ANCHOR,)),
     (r"clamped to within (\d+) stops", lambda: (COLOURS.stops,)),
     (r"\\mu = (\d+)\$ for signals of a sensor and (\d+) for", lambda: (linear.SIGNAL_MU, linear.LIGHT_MU)),
     (r"\\qquad w = ([\d.]+)", lambda: (Photometric().ssim_weight,)),

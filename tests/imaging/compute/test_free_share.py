@@ -14,7 +14,7 @@ def test_threads_that_share_a_core_have_their_part_of_it() -> None:
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(before)})
     try:
-        shares = [free_share(threads, 0.1) for threads in (1, 2, 4)]
+        shares = [free_share(threads) for threads in (1, 2, 4)]
     finally:
         os.sched_setaffinity(0, before)
     assert all(0 < share <= 1 for share in shares)
