@@ -16,6 +16,7 @@ import numpy as np
 
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.files.nerfstudio import FISHEYE, Number, stated_centre, stated_focal, stated_terms
 from imaging.natural_order import natural
 from recon.rendering.camera_paths import CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
@@ -122,7 +123,7 @@ def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
                 raise InputError(
                     f"{where} has a {key}, which rig does not support: export it again without it."
                 )
-        lens = _nerfstudio_lens({**content, **frame}, usual, where)
+        lens = _nerfstudio_lens(frame, content, usual, where)
         cameras.append(camera_of(frame.get("transform_matrix"), lens, where, opengl=True))
     coordinates = content.get("coordinates")
     offset = coordinates.get(OFFSET) if isinstance(coordinates, dict) else None
@@ -139,7 +140,9 @@ def _says(value: object) -> bool:
     return any(map(bool, value)) if isinstance(value, list) else value is not None and value is not False
 
 
-def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) -> dict[str, Any]:
+def _numbers(values: Mapping[str, Any], where: str) -> Number:
+    """The numbers that keys state; InputError for other values, or too large ones."""
+
     def number(key: str) -> float | None:
         value = values.get(key)
         if value is None:
@@ -148,30 +151,32 @@ def _nerfstudio_lens(values: Mapping[str, Any], usual: SplatCamera, where: str) 
             raise InputError(f"{where} has a {key} that is not a number, or too large: correct it.")
         return float(value)
 
-    model = values.get("camera_model", "OPENCV_FISHEYE" if values.get("is_fisheye") else "OPENCV")
+    return number
+
+
+def _nerfstudio_lens(
+    frame: Mapping[str, Any], top: Mapping[str, Any], usual: SplatCamera, where: str
+) -> dict[str, Any]:
+    values = {**top, **frame}
+    number = _numbers(values, where)
+    model = values.get("camera_model", FISHEYE if values.get("is_fisheye") else "OPENCV")
     if model not in (*_COLMAP_MODELS, None):
         raise InputError(f"{where} has a camera_model {model!r:.40}, which rig cannot draw: use OPENCV.")
     fisheye = "FISHEYE" in (model or "")
     width, height = int(number("w") or usual.width), int(number("h") or usual.height)
-    across, down = (number(f"camera_angle_{axis}") for axis in "xy")
-    fx = number("fl_x") or (across and width / 2 / math.tan(across / 2))
-    fy = number("fl_y") or (down and height / 2 / math.tan(down / 2))
-    focal = fx or fy or usual.fx * width / usual.width
-    terms = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
-    for term in ("k3", "k4", "k5", "k6", "p1", "p2"):
-        if term not in terms and number(term):
-            raise InputError(f"{where} has a lens with {term}, which rig cannot draw: take it out.")
-    cx, cy = number("cx"), number("cy")
+    levels = [_numbers(level, where) for level in (frame, top)]
+    focal = stated_focal(levels, width, height, where, fisheye=fisheye)
+    if focal is None and fisheye and (number("camera_angle_x") or number("camera_angle_y")):
+        raise InputError(f"{where} has the field of view of a fisheye, not its focal length: write fl_x.")
+    stands_in = usual.fx * width / usual.width
+    fx, fy = focal or (stands_in, stands_in)
+    terms, others = stated_terms(number, fisheye=fisheye)
+    if others:
+        raise InputError(f"{where} has a lens with {others[0]}, which rig cannot draw: take it out.")
+    cx, cy = stated_centre(number, width, height)
     return {
-        "width": width,
-        "height": height,
-        "fx": fx or focal,
-        "fy": fy or focal,
-        "cx": width / 2 if cx is None else cx,
-        "cy": height / 2 if cy is None else cy,
-        "fisheye": fisheye,
-        **{term: number(term) or 0.0 for term in terms},
-    }
+        "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "fisheye": fisheye, **terms
+    }  # fmt: skip
 
 
 def _colmap(folder: Path) -> GivenPath:

@@ -17,14 +17,13 @@ from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.pictures.read import read_picture
 from imaging.arrays import Array
 from imaging.errors import InputError
+from imaging.files.nerfstudio import FISHEYE, stated_centre, stated_focal, stated_terms
 from imaging.optics.exposure import Exposure
 from imaging.optics.lens import Lens, distort
 from imaging.optics.pose import Pose
 
 KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
-FISHEYE = "OPENCV_FISHEYE"
-"""The camera model whose distortion is that of k1, k2, k3 and k4, of the angle from the axis."""
 OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular", "orthographic")
 """Keys of Instant NGP that say that a picture was taken by another lens than those above."""
 DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -162,10 +161,8 @@ class PosedFrame:
         other = any(self.said(key) is not None and self.said(key) is not False for key in OTHER_LENSES)
         if other or (not fisheye and model not in KNOWN_MODELS):
             return None
-        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
-        others = [key for key in ("p1", "p2", "k3", "k4", "k5", "k6") if key not in names]
-        unlike = [key for key in others if self.number(key)]
-        if unlike and (fisheye or not set(unlike) <= {"k3", "k4"}):
+        terms, others = stated_terms(self.number, fisheye=fisheye)
+        if others and (fisheye or not set(others) <= {"k3", "k4"}):
             return None
         width, height = self.number("w"), self.number("h")
         if width is None or height is None:
@@ -173,40 +170,20 @@ class PosedFrame:
             width, height = picture.width, picture.height
         if not (0 < width < 1e6 and 0 < height < 1e6):
             raise InputError(f"{self.where} has a size of {width:g}x{height:g} pixels: correct w and h.")
-        fx, fy = self._focal("x", width, fisheye), self._focal("y", height, fisheye)
-        fx, fy = fx or fy, fy or fx
-        if fx is None or fy is None:
+        levels = [PosedFrame(level, {}, self.where).number for level in (self.values, self.top)]
+        focal = stated_focal(levels, width, height, self.where, fisheye=fisheye)
+        if focal is None:
             keys = "fl_x" if fisheye else "fl_x or camera_angle_x"
             raise InputError(f"{self.where} has no focal length: write {keys}.")
-        centre = {
-            key: half if value is None else value
-            for key, value, half in (
-                ("cx", self.number("cx"), width / 2),
-                ("cy", self.number("cy"), height / 2),
-            )
-        }
-        terms = {key: self.number(key) or 0.0 for key in names}
-        if unlike:
-            return self._nearest((int(width), int(height)), (fx, fy, centre["cx"], centre["cy"]), terms)
+        (fx, fy), (cx, cy) = focal, stated_centre(self.number, width, height)
+        if others:
+            return self._nearest((int(width), int(height)), (fx, fy, cx, cy), terms)
         return lens_of(
-            "OPENCV_FISHEYE" if fisheye else "OPENCV" if any(terms.values()) else "PINHOLE",
+            FISHEYE if fisheye else "OPENCV" if any(terms.values()) else "PINHOLE",
             (int(width), int(height)),
-            {"fx": fx, "fy": fy, **centre, **terms},
+            {"fx": fx, "fy": fy, "cx": cx, "cy": cy, **terms},
             self.where,
         )
-
-    def _focal(self, axis: str, pixels: float, fisheye: bool) -> float | None:
-        """Focal length, px, of the frame, else of the top; by an angle across `pixels` without one."""
-        for level in (self.values, self.top):
-            frame = PosedFrame(level, {}, self.where)
-            focal = frame.number(f"fl_{axis}")
-            if not focal and not fisheye:  # of which the angle says nothing without its terms
-                degrees = frame.number(f"{axis}_fov")
-                radians = frame.number(f"camera_angle_{axis}") if degrees is None else math.radians(degrees)
-                focal = _focal(radians, pixels)
-            if focal:
-                return focal
-        return None
 
     def _nearest(
         self, size: tuple[int, int], centred: tuple[float, float, float, float], terms: dict[str, float]
@@ -231,11 +208,6 @@ class PosedFrame:
         if time is not None and not 0 < time < 1e6:
             raise InputError(f"{self.where} has an exposure_time of {time:g} s: correct it.")
         return None if time is None else Exposure(time=time)
-
-
-def _focal(angle: float | None, pixels: float) -> float | None:
-    """Focal length, px, for a field of view in radians across that many pixels."""
-    return pixels / 2 / math.tan(angle / 2) if angle is not None and 0 < angle < math.pi else None
 
 
 def _is_finite(value: int | float) -> bool:

@@ -240,6 +240,16 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
         ("a.json", b'{"fl_x": 1e400, "frames": [{}]}', "too large"),
         ("a.json", b'{"k1": 0.1, "k3": 0.1, "frames": [{}]}', "a lens with k3"),
         ("a.json", b'{"is_fisheye": true, "p1": 0.1, "frames": [{}]}', "a lens with p1"),
+        (
+            "a.json",
+            b'{"is_fisheye": true, "camera_angle_x": 2, "frames": [{}]}',
+            "field of view of a fisheye",
+        ),
+        (
+            "a.json",
+            b'{"camera_angle_x": 4, "frames": [{}]}',
+            "a field of view of 229.183 degrees: correct it",
+        ),
         ("a.abc", b"", "Alembic"),
         ("a.usda", b"#usda 1.0\n", "has no camera"),
         ("a.usdc", b"nonsense", "damaged or not USD"),
