@@ -6,11 +6,9 @@ from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from capture.imports.copying import Place, append_plans, begin_or_continue, copy_all, take_back
+from capture.imports.copying import Place
 from capture.imports.given.depths import Depths, depths_asked, depths_note
-from capture.imports.given.given_calibration import FILE as CALIBRATION
-from capture.imports.given.given_calibration import check_sizes, has_poses, write_given, write_truth
-from capture.imports.given.given_split import write_split
+from capture.imports.given.given_calibration import check_sizes, has_poses
 from capture.imports.given.masks import masks_asked, masks_note
 from capture.imports.import_plans import places_of, plans_of
 from capture.imports.layouts import detect, read_layout
@@ -23,14 +21,11 @@ from capture.imports.sorting.frame_numbering import Numbered, frames_in_time, fr
 from capture.imports.sorting.pixel_shift import put_together
 from capture.imports.sorting.strays import without_strays
 from capture.imports.video.video import is_video, take_frames
-from capture.record.new_session import folder_made
+from capture.imports.written_session import write_session
 from imaging.arguments import checked
 from imaging.errors import InputError, PartialError
-from imaging.files import store
 from imaging.progress import Progress, unreported
-from imaging.session.lock import sole_writer
 from imaging.session.records import Band, PlanRecord
-from imaging.session.session import TURNTABLE
 
 _DEFAULTS = ImportRequest()
 
@@ -115,10 +110,7 @@ def _import_folder(
     folder: Path, out: Path, request: ImportRequest, on_progress: Progress, video: Path | None = None
 ) -> ImportResult:
     """Import the photographs of a folder; `video`: that they are frames of."""
-    exposures, masks, depths, bands = (
-        None if path is None else Path(path)
-        for path in (request.exposures, request.masks, request.depths, request.bands)
-    )
+    exposures, bands = (None if path is None else Path(path) for path in (request.exposures, request.bands))
     _check_folders(folder, out, request.bracket)
     # What a layout states is taken in place of guesses; without one, the files speak for themselves.
     name = request.layout or detect(folder)
@@ -140,21 +132,8 @@ def _import_folder(
         notes = [_layout_note(given, request.layout), *given.notes, *_absent(given), *notes]
     band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
     numbered, guesses = _numbered(folder, request, given, surveyed.originals, filters, band_of)
-    covers = (
-        dict(surveyed.masks)
-        if given is None
-        else {photo.path: photo.mask for photo in given.photos if photo.mask}
-    )
-    # Masks and depth maps that were asked for by hand come before those of the layout.
     paths = [original.path for original in surveyed.originals]
-    if masks is not None:
-        covers, mask_note = masks_asked(paths, folder, masks)
-        notes.append(mask_note)
-    elif covers:
-        notes.append(masks_note(covers, len(paths)))
-    deep = _depths(given, paths, folder, depths)
-    if deep:
-        notes.append(depths_note(deep, len(paths)))
+    covers, deep, beside = _beside(folder, request, given, surveyed.masks, paths)
     plans: list[PlanRecord] = []
     places: list[Place] = []
     for entry in numbered:
@@ -162,40 +141,44 @@ def _import_folder(
         plans.extend(new_plans)
         places.extend(places_of(entry, new_plans, covers, deep, band_of))
     places = [replace(place, video=video) for place in places]
-    records = tuple(entry.camera for entry in numbered)
-    # The file that is written last makes a session; a killed import lacks it and is completed.
-    last = CALIBRATION if has_poses(given) else "session.json"
-    with folder_made(out), sole_writer(out):
-        session, begun_here = begin_or_continue(out, records, plans, places, last, filters)
-        try:
-            append_plans(session, plans)
-            if given is not None:
-                notes += write_split(session, given, places)
-                notes += write_truth(session, given, places)
-                if given.turntable is not None:
-                    store.write_json(out / TURNTABLE, given.turntable.model_dump(mode="json"))
-            unread, moved = copy_all(session, places, on_progress)
-            notes += moved
-            given_views = 0
-            if given is not None and has_poses(given):
-                on_progress("writing the calibration", 0, 1)
-                given_views = len(write_given(session, given, places).views)
-                on_progress("writing the calibration", 1, 1)
-        except BaseException as error:
-            if begun_here and not isinstance(error, KeyboardInterrupt):
-                take_back(out)
-            raise
+    cameras = tuple(entry.camera for entry in numbered)
+    written = write_session(out, cameras, plans, places, given, filters, on_progress)
     unreadable = [original.error for original in surveyed.originals if original.error is not None]
     return ImportResult(
         session=out,
         layout=name,
-        cameras=len(records),
+        cameras=len(cameras),
         frames=len({place.shot_id.frame for place in places}),
-        shots=len([place for place in places if place.original.picture]) - len(unread),
-        views=given_views,
-        guesses=(*notes, *guesses),
-        missing=(*unreadable, *unread),
+        shots=len([place for place in places if place.original.picture]) - len(written.unread),
+        views=written.views,
+        guesses=(*notes, *beside, *written.notes, *guesses),
+        missing=(*unreadable, *written.unread),
     )
+
+
+def _beside(
+    folder: Path, request: ImportRequest, given: Given | None, masks: Mapping[Path, Path], paths: list[Path]
+) -> tuple[dict[Path, Path], Depths, list[str]]:
+    """Masks and depth maps of the photographs: those asked for by hand come before those of the layout.
+
+    masks: those that lie beside photographs without a layout.
+
+    Returns:
+        The mask and the depth map of each photograph that has one, and a sentence on each kind.
+    """
+    covers = (
+        dict(masks) if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
+    )
+    notes = []
+    if request.masks is not None:
+        covers, mask_note = masks_asked(paths, folder, Path(request.masks))
+        notes.append(mask_note)
+    elif covers:
+        notes.append(masks_note(covers, len(paths)))
+    deep = _depths(given, paths, folder, None if request.depths is None else Path(request.depths))
+    if deep:
+        notes.append(depths_note(deep, len(paths)))
+    return covers, deep, notes
 
 
 def _numbered(

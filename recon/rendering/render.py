@@ -2,32 +2,27 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from imaging.arguments import checked
-from imaging.arrays import Array, Array32, Bytes
+from imaging.arrays import Array
 from imaging.choices import Space
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from imaging.files.exr.camera import film_attributes
-from imaging.files.hdr_display import encode_avif
 from imaging.files.photo import encode_png
-from imaging.files.tiff.dng import write_dng
-from imaging.files.ultra_hdr import encode_ultra_hdr
 from imaging.progress import Progress, unreported
 from imaging.session.paths import find_reconstruction
 from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
 from recon.rendering.earlier_frames import earlier_frames
-from recon.rendering.light_files import header_of, seen_by, stem, write_light
+from recon.rendering.frame_files import Films, Frame, Pictures
+from recon.rendering.light_files import header_of, stem, write_light
 from recon.rendering.light_probe import light_probe
 from recon.rendering.request import RenderRequest
 from recon.rendering.simulated_raw import RawCamera, require_raw
-from recon.rendering.video import HdrVideo, HlgVideo, Video
 from recon.result.data_layers import DataLayers
 from recon.result.display import displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
@@ -40,19 +35,6 @@ PROBE_WIDTH = 1024
 FIRST_FRAME = 1001
 """First frame number of a path, as in film."""
 _DEFAULTS = RenderRequest()
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One picture to be drawn: the name of its files without suffix, that of its header, and the camera.
-
-    number: of a frame of a film; None of a view.
-    """
-
-    stem: str
-    name: str
-    camera: SplatCamera
-    number: int | None = None
 
 
 @checked
@@ -102,76 +84,26 @@ def render(
         require_raw(find_reconstruction(Path(folder)), request.raw)
     scene = open_scene(folder)
     _check_space(scene, request.space)
-    bands = scene.record.bands
-    factor = scene.exposure if request.exposure is None else 2.0**request.exposure
     path = _path(scene, request, on_message)
     frames = list(_frames(scene, request, path))
-    data = DataLayers(scene, on_progress)
     sensor = None if request.raw is None else RawCamera.of(scene, request.raw)
-    files, pictures, mosaics, empty = [], [], [], []
     store.make_folder(out)
-    title = path.name if path else "views"
     # Films are written while frames are drawn: a path has more of them than memory holds.
     with ExitStack() as stack:
-        film: Video | None = None
-        hdr_films: list[HdrVideo | HlgVideo] = []
-        if request.video:
-            film = stack.enter_context(Video(out / f"{title}.mp4", request.rate))
-            if request.hdr:
-                hdr_films = [
-                    stack.enter_context(HdrVideo(out / f"{title}.hdr.mp4", request.rate)),
-                    stack.enter_context(HlgVideo(out / f"{title}.hlg.mp4", request.rate)),
-                ]
+        films = Films(stack, out / (path.name if path else "views"), request) if request.video else None
+        pictures = Pictures(scene, out, request, DataLayers(scene, on_progress), sensor, films)
         for done, frame in enumerate(frames):
             on_progress("rendering", done, len(frames))
-            image, covered = scene.covered_layer(frame.camera)
-            alpha = covered if scene.record.transparent else None
-            if not covered.any():
-                empty.append(frame.name)
-            file = out / f"{frame.stem}.exr"
-            planes = {layer: data.layer(layer, frame.camera) for layer in request.layers}
-            header = header_of(scene.record, frame.name, factor) | seen_by(frame.camera)
-            if frame.number is not None:
-                header |= film_attributes(frame.number, request.rate)
-            values = image * np.float32(factor)
-            write_light(file, values, header, bands, request.space, alpha, planes, request.exr)
-            files.append(file)
-            for index, mosaic in enumerate(() if sensor is None else sensor.bracket(image, seed=done)):
-                file = out / f"{frame.stem}_{index}.dng"
-                write_dng(file, mosaic)
-                mosaics.append(file)
-            for index, step in enumerate(request.stops):
-                file = out / (
-                    f"{frame.stem}.png" if len(request.stops) == 1 else f"{frame.stem}_{step:+g}ev.png"
-                )
-                shot = picture(in_colour(image, bands), alpha, factor * 2.0**step, request.shown or displayed)
-                store.write_bytes(file, encode_png(shot))
-                pictures.append(file)
-                if film is not None and index == 0:
-                    film.add(shot)
-            if request.hdr:
-                bright = in_colour(image, bands) * np.float32(factor * 2.0 ** (*request.stops, 0.0)[0])
-                pictures += _write_hdr(out / frame.stem, bright, (request.shown or displayed)(bright, 1.0))
-                for hdr_film in hdr_films:
-                    hdr_film.add(bright)
+            pictures.draw(frame, seed=done)
     on_progress("rendering", len(frames), len(frames))
-    _tell_empty(scene, empty, len(frames), path is not None, on_message)
-    films = [one.path for one in (*hdr_films, film) if one is not None]
-    written = files + pictures + mosaics + films
+    _tell_empty(scene, pictures.empty, len(frames), path is not None, on_message)
+    written = pictures.written()
     if path is not None and (others := earlier_frames(out, path.name, written)):
         on_message(
             f"{out} also holds {others[0]}{f' and {len(others) - 1} more files' if others[1:] else ''} "
             f"of another render of {path.name}: programs read them as one shot, move away what is not of it"
         )
     return written
-
-
-def _write_hdr(stem: Path, light: Array32, base: Bytes) -> list[Path]:
-    """Write light for HDR screens, 1 as white, beside the PNG of that name; base: sRGB, for other screens."""
-    files = {".jpg": encode_ultra_hdr(light, base), ".avif": encode_avif(light)}
-    for suffix, data in files.items():
-        store.write_bytes(stem.with_name(stem.name + suffix), data)
-    return [stem.with_name(stem.name + suffix) for suffix in files]
 
 
 def _tell_empty(

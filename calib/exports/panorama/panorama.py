@@ -5,7 +5,7 @@ known. Parts of the file: light (R, G, B, and A where a part of all directions i
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from os import PathLike
@@ -14,24 +14,27 @@ from pathlib import Path
 import numpy as np
 
 from calib.exports.merge_session import current_calibration
-from calib.exports.panorama.gathering import Gathering, Map, SeenView, sampling
+from calib.exports.panorama.gathering import Map
+from calib.exports.panorama.laying import laid_views, require_measured
 from calib.exports.panorama.layout import header, solid_angles
 from calib.exports.panorama.seams import Seam, seams
 from calib.exports.panorama.standpoint import map_axes, parallax_of, upright_motion
 from calib.exports.panorama.sun import RECOVERED, ClippedRegion, clipped_regions, share_unseen, with_sun
 from calib.exports.request import PanoramaRequest
 from imaging.arguments import checked
+from imaging.arrays import Array
 from imaging.choices import SPACE_NAMES, SPACE_PRIMARIES, ExrStorage
 from imaging.colour.spaces import XYZ_FROM_REC709, space_from_rec709
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr.writing import EXPOSURE_FACTOR, LATLONG, ExrValue, white_luminance, write_exr
-from imaging.merge.picture import BITS, CLIPPED, DARK, HIDDEN, NOTHING
+from imaging.merge.picture import BITS, NOTHING
 from imaging.optics.pose import on_their_side
-from imaging.plates.merged_view import CAMERA_RGB, UNIT, view_light
+from imaging.plates.merged_view import CAMERA_RGB, UNIT
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from imaging.session.luminance import LuminanceScale
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 
@@ -41,8 +44,6 @@ WIDEST = 4096
 """Columns of a map whose width is not given, at most."""
 _BYTES = 80
 """Memory for each of its texels."""
-_BY_CHANCE = 0.2
-"""Share of the pixels of a view that may be measured, each for itself, without a texel that is."""
 _DEFAULTS = PanoramaRequest()
 
 
@@ -126,69 +127,30 @@ def merge_panorama(
     chosen = _chosen(opened, calibration, request.frame, request.camera)
     _require_one_band(session, chosen)
     views = [view for view, _ in chosen]
-    scale = calibration.luminance
-    absolute = scale is not None and all(view.camera in scale.cameras for view in views)
-    if request.sun is not None and (not absolute or request.exposure is not None):
+    scale = _scale_of(calibration, views)
+    if request.sun is not None and (scale is None or request.exposure is not None):
         raise InputError(
             "--sun is an illuminance, and needs the light in cd/m2: leave --exposure out, and run "
             "`rig calibrate --luminance` with a reading of a spot meter first."
         )
     apart, parallax = parallax_of(session, views)
-    if parallax is not None and parallax > MOST_PARALLAX:
-        raise InputError(
-            f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
-            "one than in another: turn the camera about its entrance pupil, name one --frame of a rig, or "
-            "draw a probe of a reconstructed scene with `rig render --probe`."
-        )
+    _require_one_place(session, parallax)
     store.require_writable(out.parent)
     factor = 1.0
     if request.exposure is not None:
         factor = 2.0**request.exposure
-    elif scale is not None and absolute:
+    elif scale is not None:
         factor = scale.value
     rows = _rows(calibration, views, request.width)
     upright = [upright_motion(opened, view, shots) for view, shots in chosen]
     axes = map_axes(upright)
+    warnings = list(_doubts(None if parallax is not None else apart, upright))
 
     # Every view is laid into the map, which keeps light, deviation and mask of each direction.
-    gathering, warnings, uncoloured, measured = Gathering(rows), list[str](), dict[str, None](), 0.0
-    if parallax is None:
-        warnings.append(
-            f"The positions of the views differ by at most {apart:.2g} units of the calibration, and no "
-            "scene points say how far away things are: near things may stand elsewhere in one view than in "
-            "another."
-        )
-    if on_their_side(upright):
-        warnings.append(
-            "The pictures stand on their side, and their files do not state which side is up, so that up and "
-            "down of the panorama may be exchanged."
-        )
-    for done, (view, shots) in enumerate(chosen):
-        on_progress("merging", done, len(chosen))
-        merged = view_light(opened, view.id, shots, calibration, space)
-        warnings += [f"{view.id}: {warning}" for warning in merged.warnings]
-        if not merged.picture.known_colour:
-            uncoloured[view.camera] = None
-        unmeasured = merged.picture.mask & (CLIPPED | DARK | NOTHING | HIDDEN)
-        measured = max(measured, float((unmeasured == 0).mean()))
-        lens = calibration.camera(view.camera).lens
-        assert lens is not None  # of every camera with a view
-        turn = view.cam_from_world.matrix()[:3, :3] @ axes.T
-        samples, shrunk = sampling(lens, rows)
-        rotated = SeenView(merged.picture, lens, turn, shrunk)
-        gathering.add(rotated, samples, noise=merged.picture.sigma is not None)
-    on_progress("merging", len(chosen), len(chosen))
-    gathered = _brighter(gathering.result(), factor)
-    if gathered.mask.all() and measured > _BY_CHANCE:
-        raise InputError(
-            f"{session}: --width {2 * rows} is too coarse for these views, none of which fills a texel with "
-            "light that is measured: give more columns."
-        )
-    if gathered.mask.all():
-        raise InputError(
-            f"{session}: no exposure of any view measures light, all is saturated or black: take shorter or "
-            "longer exposures."
-        )
+    laid = laid_views(opened, calibration, chosen, axes, rows, space, on_progress)
+    warnings += laid.warnings
+    gathered = _brighter(laid.gathering.result(), factor)
+    require_measured(session, gathered, laid.measured, rows)
 
     # What every exposure clips has the light that is missing on a card, if that was measured.
     luminance = XYZ_FROM_REC709[1] @ np.linalg.inv(space_from_rec709(space))
@@ -202,18 +164,50 @@ def merge_panorama(
             )
         unseen = share_unseen(gathered, clipped[0])
         gathered, clipped[0] = with_sun(gathered, (clipped[0], brightest), request.sun, luminance)
+
     known = float(((gathered.mask != NOTHING) * solid_angles(rows)).sum() / (4 * np.pi))
     panorama = Panorama(
-        out, 2 * rows, len(chosen), factor, absolute and request.exposure is None, known,
-        seams([view.id for view in views], gathering.compared, luminance), tuple(clipped), parallax, unseen,
-        tuple(uncoloured), tuple(warnings),
+        out, 2 * rows, len(chosen), factor, scale is not None and request.exposure is None, known,
+        seams([view.id for view in views], laid.gathering.compared, luminance), tuple(clipped), parallax,
+        unseen, tuple(laid.uncoloured), tuple(warnings),
     )  # fmt: skip
-    attributes = _attributes(panorama, CAMERA_RGB if uncoloured else SPACE_NAMES[space])
+    attributes = _attributes(panorama, CAMERA_RGB if laid.uncoloured else SPACE_NAMES[space])
     attributes |= header(axes)
-    if scale is not None and absolute and not uncoloured:
+    if scale is not None and not laid.uncoloured:
         attributes |= white_luminance(scale.value / factor, scale.error / factor)
-    _write(out, gathered, attributes, None if uncoloured else SPACE_PRIMARIES[space], request.exr)
+    _write(out, gathered, attributes, None if laid.uncoloured else SPACE_PRIMARIES[space], request.exr)
     return panorama
+
+
+def _scale_of(calibration: CalibrationRecord, views: Sequence[ViewCalibration]) -> LuminanceScale | None:
+    """The scale of the light in cd/m2; None unless it is that of every camera."""
+    scale = calibration.luminance
+    return scale if scale is not None and all(view.camera in scale.cameras for view in views) else None
+
+
+def _require_one_place(session: Path, parallax: float | None) -> None:
+    """InputError for views that stand apart."""
+    if parallax is not None and parallax > MOST_PARALLAX:
+        raise InputError(
+            f"{session}: the views stand apart, so that things are up to {parallax:.1f} degrees elsewhere in "
+            "one than in another: turn the camera about its entrance pupil, name one --frame of a rig, or "
+            "draw a probe of a reconstructed scene with `rig render --probe`."
+        )
+
+
+def _doubts(apart: float | None, upright: Sequence[Array]) -> Iterator[str]:
+    """A sentence for each reason to doubt the poses; apart: distance of the views, of unknown effect."""
+    if apart is not None:
+        yield (
+            f"The positions of the views differ by at most {apart:.2g} units of the calibration, and no "
+            "scene points say how far away things are: near things may stand elsewhere in one view than in "
+            "another."
+        )
+    if on_their_side(upright):
+        yield (
+            "The pictures stand on their side, and their files do not state which side is up, so that up and "
+            "down of the panorama may be exchanged."
+        )
 
 
 def _brighter(gathered: Map, factor: float) -> Map:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.exports.panorama import panorama, standpoint
+from calib.exports.panorama import laying, panorama, standpoint
 from calib.exports.panorama.sun import ClippedRegion
 from capture.simulated import capture_simulated
 from imaging.files import store
@@ -174,14 +174,14 @@ def test_texels_that_are_wider_than_the_views_are_said(rig: Run, toy: Path, tmp_
 def test_where_no_exposure_measures_anything_it_says_so(
     rig: Run, toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bit: int
 ) -> None:
-    real = panorama.view_light
+    real = laying.view_light
 
     def blind(*given: object) -> ViewLight:
         merged = real(*given)
         mask = np.full_like(merged.picture.mask, bit)
         return replace(merged, picture=replace(merged.picture, mask=mask))
 
-    monkeypatch.setattr(panorama, "view_light", blind)
+    monkeypatch.setattr(laying, "view_light", blind)
     one = ("--frame", "0", "--camera", "cam0")
     code, _, err = rig("merge", str(toy), "--panorama", str(tmp_path / "sky.exr"), *one)
     assert (code, "no exposure of any view measures light" in err) == (2, True)
