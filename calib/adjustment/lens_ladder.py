@@ -68,26 +68,9 @@ def climb(
         reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)
     sample = _judges(reconstruction)
-    trials: list[tuple[str, dict[str, Any], str]]
-    trials = [("lens_principal_point", {"principal_point": True}, "a principal point off the middle")]
-    if free.model == "RADIAL_FISHEYE":
-        what = "two more terms of the fisheye and two focal lengths"
-        trials.append(("lens_fisheye_far", {"model": "OPENCV_FISHEYE"}, what))
-    else:
+    if free.model != "RADIAL_FISHEYE":
         free = replace(free, radial=False)
-        trials = [
-            ("lens_radial_1", {"radial": True}, "a radial term"),
-            *trials,
-            ("lens_radial_2", {"radial": True, "model": "RADIAL"}, "a second radial term"),
-            (
-                "lens_tangential",
-                {"radial": True, "model": "OPENCV"},
-                "tangential terms and two focal lengths",
-            ),
-        ]
-        if uncut is not None:
-            fisheye = {"radial": True, "model": "RADIAL_FISHEYE"}
-            trials.append((FISHEYE, fisheye, "a fisheye of two terms instead"))
+    trials = _trials(free, fisheye=uncut is not None)
     rungs = []
     if any(one.held for one in free.focal.values()):
         # A middle aside looks like a tilt there, as a longer lens looks like more height.
@@ -114,12 +97,8 @@ def climb(
             f"{what}, common to all images of a camera",
             errors=1.0 if large else ONE_OF_SEVERAL,
         )
-        if rung.taken and _folds(sample, higher, scale, threads):
-            reason = f"{what} would fold a lens over within its image, where few points are seen"
-            rung = rung.model_copy(update={"taken": False, "reason": reason})
-        if rung.taken and gain < OBLONG_GAIN and _oblong(sample, higher, scale, threads):
-            reason = f"{what}, which would be more than {100 * OBLONG:g} % apart: pixels are square"
-            rung = rung.model_copy(update={"taken": False, "reason": reason})
+        if rung.taken and (why := _unlikely(sample, higher, scale, threads, gain)) is not None:
+            rung = rung.model_copy(update={"taken": False, "reason": f"{what}{why}"})
         rungs.append(rung)
         if rung.taken:
             free, below = higher, above
@@ -133,6 +112,33 @@ def sees_wide(reconstruction: Any) -> bool:
     An adjustment with radial terms drops those points, so the uncut model is judged.
     """
     return any(may_be_fisheye(lens_of(camera)) for camera in reconstruction.cameras.values())
+
+
+def _trials(free: Free, *, fisheye: bool) -> list[tuple[str, dict[str, Any], str]]:
+    """Terms to try on top of those to begin with, in order: names of rungs, changes of `Free`, and words."""
+    middle = ("lens_principal_point", {"principal_point": True}, "a principal point off the middle")
+    if free.model == "RADIAL_FISHEYE":
+        what = "two more terms of the fisheye and two focal lengths"
+        return [middle, ("lens_fisheye_far", {"model": "OPENCV_FISHEYE"}, what)]
+    trials: list[tuple[str, dict[str, Any], str]] = [
+        ("lens_radial_1", {"radial": True}, "a radial term"),
+        middle,
+        ("lens_radial_2", {"radial": True, "model": "RADIAL"}, "a second radial term"),
+        ("lens_tangential", {"radial": True, "model": "OPENCV"}, "tangential terms and two focal lengths"),
+    ]
+    if fisheye:
+        changed = {"radial": True, "model": "RADIAL_FISHEYE"}
+        trials.append((FISHEYE, changed, "a fisheye of two terms instead"))
+    return trials
+
+
+def _unlikely(sample: Any, free: Free, scale: float, threads: int, gain: float) -> str | None:
+    """The reason against terms that fit the points and make a lens that is hardly one; None without any."""
+    if _folds(sample, free, scale, threads):
+        return " would fold a lens over within its image, where few points are seen"
+    if gain < OBLONG_GAIN and _oblong(sample, free, scale, threads):
+        return f", which would be more than {100 * OBLONG:g} % apart: pixels are square"
+    return None
 
 
 def _folds(sample: Any, free: Free, scale: float, threads: int) -> bool:

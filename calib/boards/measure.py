@@ -1,7 +1,7 @@
 """Lenses and rigs of a session from its views of a board."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -164,33 +164,14 @@ def _joined(
             if name in solved.cam_from_rig:
                 lenses[name] = lens
             if name in doubt.lenses and np.isfinite(list(doubt.lenses[name].values())).all():
-                projection = tuple(
-                    tuple(one if np.isfinite(one) else None for one in row)
-                    for row in doubt.map[name].tolist()
-                )
-                lens_errors[name] = LensError.model_validate({**doubt.lenses[name], "projection": projection})
+                lens_errors[name] = _lens_error(doubt, name)
         if len(solved.cam_from_rig) > 1:
             for name, pose in solved.cam_from_rig.items():
                 mounted[name] = pose_of(pycolmap.Rigid3d(pose[:3]))
                 error = (doubt.rotation.get(name, np.nan), doubt.translation.get(name, np.nan))
                 if np.isfinite(error).all():
                     rig_errors[name] = PoseError(rotation=error[0], translation=error[1])
-        if group.isolated:
-            outliers.append(
-                f"{', '.join(group.isolated)} never saw the board together with the other cameras: hold it "
-                "where both see it."
-            )
-        if doubt.failed:
-            outliers.append(
-                f"{doubt.failed} of {doubt.failed + doubt.draws} random choices of the board's frames give "
-                f"no lens of {', '.join(group.names)}: show the board in more frames, and larger."
-            )
-        outliers += [
-            f"odd and even frames of the board disagree about the lens of {name} {ratio:.1f} times as far as "
-            "noise explains: lock its focus, keep the board flat, or its lens is of another kind."
-            for name, ratio in doubt.halves.items()
-            if ratio > DISAGREE
-        ]
+        outliers += _doubts(group, doubt)
         places += places_of(solved)
         misses.append(solved.misses)
         outliers += _named(solved)
@@ -213,6 +194,34 @@ def _joined(
     return MeasuredBoard(
         lenses, lens_errors, mounted, rig_errors, evidence, tuple(rungs), sure_lenses, sure_rig
     )
+
+
+def _lens_error(doubt: uncertainty.Uncertainty, name: str) -> LensError:
+    """The errors of a lens, and its map of errors of the projection, None where it is not known."""
+    projection = tuple(
+        tuple(one if np.isfinite(one) else None for one in row) for row in doubt.map[name].tolist()
+    )
+    return LensError.model_validate({**doubt.lenses[name], "projection": projection})
+
+
+def _doubts(group: Group, doubt: uncertainty.Uncertainty) -> Iterator[str]:
+    """A sentence for each reason to doubt the measurement of a group."""
+    if group.isolated:
+        yield (
+            f"{', '.join(group.isolated)} never saw the board together with the other cameras: hold it "
+            "where both see it."
+        )
+    if doubt.failed:
+        yield (
+            f"{doubt.failed} of {doubt.failed + doubt.draws} random choices of the board's frames give "
+            f"no lens of {', '.join(group.names)}: show the board in more frames, and larger."
+        )
+    for name, ratio in doubt.halves.items():
+        if ratio > DISAGREE:
+            yield (
+                f"odd and even frames of the board disagree about the lens of {name} {ratio:.1f} times as "
+                "far as noise explains: lock its focus, keep the board flat, or its lens is of another kind."
+            )
 
 
 def places_of(solved: rig.Solved) -> list[BoardPlace]:

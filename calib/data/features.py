@@ -159,6 +159,34 @@ def unmasked(features: Features, counts: Mask, width: int, height: int) -> Featu
     )
 
 
+def _write_views(
+    database: Any, cameras: Mapping[str, Any], features: Mapping[ViewId, Features]
+) -> dict[ViewId, int]:
+    """Write cameras, rigs of one each, and images with their features.
+
+    Returns:
+        The number of each image.
+    """
+    images: dict[ViewId, int] = {}
+    rigs: dict[str, int] = {}
+    for name, camera in cameras.items():
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
+        rigs[name] = database.write_rig(rig)
+    for view, view_features in features.items():
+        image = pycolmap.Image()
+        image.name = view.image_name
+        image.camera_id = cameras[view.camera].camera_id
+        index = images[view] = database.write_image(image)
+        instant = pycolmap.Frame()
+        instant.rig_id = rigs[view.camera]
+        instant.add_data_id(database.read_image(index).data_id)
+        database.write_frame(instant)
+        database.write_keypoints(index, view_features.points.astype(np.float32))
+    return images
+
+
 def fill_database(
     database: Any,
     cameras: Mapping[str, Any],
@@ -187,23 +215,7 @@ def fill_database(
     Raises:
         StorageError: The disk refuses to keep matches.
     """
-    images: dict[ViewId, int] = {}
-    rigs: dict[str, int] = {}
-    for name, camera in cameras.items():
-        camera.camera_id = database.write_camera(camera)
-        rig = pycolmap.Rig()
-        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
-        rigs[name] = database.write_rig(rig)
-    for view, view_features in features.items():
-        image = pycolmap.Image()
-        image.name = view.image_name
-        image.camera_id = cameras[view.camera].camera_id
-        index = images[view] = database.write_image(image)
-        instant = pycolmap.Frame()
-        instant.rig_id = rigs[view.camera]
-        instant.add_data_id(database.read_image(index).data_id)
-        database.write_frame(instant)
-        database.write_keypoints(index, view_features.points.astype(np.float32))
+    images = _write_views(database, cameras, features)
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0
     options.ransac.max_error = max_error

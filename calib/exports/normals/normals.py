@@ -6,7 +6,7 @@ sigma (of R, G, B and of the normal, degrees), mask.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -20,7 +20,7 @@ from calib.exports.normals.fit import FEWEST, PixelFit, fit
 from calib.exports.normals.lamps import check_lamps, differences, incoming, on_plane
 from calib.exports.normals.normal_file import Mosaic, Patch, write_normals
 from imaging.arguments import checked
-from imaging.arrays import Array, Array32
+from imaging.arrays import Array, Array32, Mask
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.files import store
@@ -99,64 +99,74 @@ def estimate_normals(
     if out.suffix.lower() != ".exr":
         raise InputError(f"{out} is no EXR file: name the normals such as normals.exr.")
     opened, calibration = Session.open(session), current_calibration(session)
-    record = opened.lamps()
-    if record is None:
-        raise InputError(
-            f"{session} has no {LAMPS}: write one that states where the lamp of each frame stands."
-        )
-    camera = _camera(opened, record)
-    if opened.camera(camera).kind == "hdr":
-        raise InputError(
-            f"{session} holds linear EXR or HDR pictures, whose noise is not known: import the RAW files or "
-            "photographs of the dome."
-        )
-    shots = {view.frame: view.shots for view in scene_views(opened) if view.camera.name == camera}
-    check_lamps(record, sorted(shots), session / LAMPS)
-    if any(len(of_one_band(group)) > 1 for group in shots.values()):
-        raise InputError(f"{session} was shot through filters, of which each has its own light: shoot one.")
-    lit = [frame for frame in sorted(shots) if record.places[frame] is not None]
+    dome = _dome(opened)
     store.require_writable(out.parent)
-    rooms = [_merged(opened, camera, shots[frame], calibration) for frame in sorted(set(shots) - set(lit))]
     # A new folder is made with the file in it only, so that a failure leaves none.
     with store.scratch(next(folder for folder in out.parents if folder.exists())) as file:
-        for done, frame in enumerate(lit):
-            on_progress("merging", done, len(lit))
-            merged = _merged(opened, camera, shots[frame], calibration)
-            height, width = merged.radiance.shape[:2]
-            if done == 0:
-                memory.check(f"normals of {width}x{height} pixels", _BYTES * width * height)
-                clipped, shape, cfa = merged.clipped, merged.radiance.shape, merged.cfa
-            if merged.sigma is None:
-                raise InputError(
-                    f"{session}: the noise of camera {camera} is not known: run "
-                    "`rig calibrate --only sensor`."
-                )
-            clipped = clipped | merged.clipped
-            _append(file, merged, rooms, out)
-        stack = np.memmap(file, np.float32, "r", shape=(len(lit), 2, *shape))
-        fitted, ratios = _fitted(record, lit, stack, calibration, camera, on_progress)
+        clipped, mosaic = _stacked(file, opened, dome, calibration, out, on_progress)
+        stack = np.memmap(file, np.float32, "r", shape=(len(dome.lit), 2, *mosaic.shape))
+        fitted, ratios = _fitted(dome.record, dome.lit, stack, calibration, dome.camera, on_progress)
     lighted = fitted.lamps >= FEWEST
     matt = float(fitted.known[lighted].mean()) if lighted.any() else 1.0  # the file is refused without any
-    misfit, warnings = differences(ratios, matt, record, lit, session / LAMPS)
+    misfit, warnings = differences(ratios, matt, dome.record, dome.lit, session / LAMPS)
     written = write_normals(
         out,
         fitted,
-        Mosaic(shape, cfa),
+        mosaic,
         clipped,
-        None if calibration is None else calibration.camera(camera),
+        None if calibration is None else calibration.camera(dome.camera),
         patch,
-        {"rig:lamps": json.dumps({frame: record.places[frame] for frame in lit}), "rig:misfit": misfit},
+        {
+            "rig:lamps": json.dumps({frame: dome.record.places[frame] for frame in dome.lit}),
+            "rig:misfit": misfit,
+        },
     )
     return Normals(
         file=out,
         preview=written.preview,
-        lamps=len(lit),
+        lamps=len(dome.lit),
         known=written.known,
         matt=matt,
         error=written.error,
         misfit=misfit,
         absolute=patch is not None,
         warnings=warnings,
+    )
+
+
+@dataclass(frozen=True)
+class _Dome:
+    """Brackets under known lamps. camera: that the axes of the lamps are of. shots: by frame. lit: frames
+    with a lamp; the others show the light of the room.
+    """
+
+    record: LampsRecord
+    camera: str
+    shots: Mapping[int, Sequence[ShotRecord]]
+    lit: list[int]
+
+
+def _dome(session: Session) -> _Dome:
+    """The lamps of a session and their brackets; InputError where no normals follow from them."""
+    record = session.lamps()
+    if record is None:
+        raise InputError(
+            f"{session.folder} has no {LAMPS}: write one that states where the lamp of each frame stands."
+        )
+    camera = _camera(session, record)
+    if session.camera(camera).kind == "hdr":
+        raise InputError(
+            f"{session.folder} holds linear EXR or HDR pictures, whose noise is not known: import the RAW "
+            "files or photographs of the dome."
+        )
+    shots = {view.frame: view.shots for view in scene_views(session) if view.camera.name == camera}
+    check_lamps(record, sorted(shots), session.folder / LAMPS)
+    if any(len(of_one_band(group)) > 1 for group in shots.values()):
+        raise InputError(
+            f"{session.folder} was shot through filters, of which each has its own light: shoot one."
+        )
+    return _Dome(
+        record, camera, shots, [frame for frame in sorted(shots) if record.places[frame] is not None]
     )
 
 
@@ -184,6 +194,40 @@ def _merged(
             for shot, scale in zip(shots, exposure_scales(session, shots, scales), strict=True)
         ]
     )
+
+
+def _stacked(
+    file: IO[bytes],
+    session: Session,
+    dome: _Dome,
+    calibration: CalibrationRecord | None,
+    out: Path,
+    progress: Progress,
+) -> tuple[Mask, Mosaic]:
+    """Write the light of each lamp and its standard deviation to a file; out: for which that is.
+
+    Returns:
+        Photosites that any bracket clips, and the shape and filters of all.
+    """
+    rooms = [
+        _merged(session, dome.camera, dome.shots[frame], calibration)
+        for frame in sorted(set(dome.shots) - set(dome.lit))
+    ]
+    for done, frame in enumerate(dome.lit):
+        progress("merging", done, len(dome.lit))
+        merged = _merged(session, dome.camera, dome.shots[frame], calibration)
+        height, width = merged.radiance.shape[:2]
+        if done == 0:
+            memory.check(f"normals of {width}x{height} pixels", _BYTES * width * height)
+            clipped, mosaic = merged.clipped, Mosaic(merged.radiance.shape, merged.cfa)
+        if merged.sigma is None:
+            raise InputError(
+                f"{session.folder}: the noise of camera {dome.camera} is not known: run "
+                "`rig calibrate --only sensor`."
+            )
+        clipped = clipped | merged.clipped
+        _append(file, merged, rooms, out)
+    return clipped, mosaic
 
 
 def _append(file: IO[bytes], merged: Merged, rooms: Sequence[Merged], out: Path) -> None:

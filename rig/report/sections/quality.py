@@ -1,7 +1,7 @@
 """The section "Quality": metrics in plain words, views, errors by brightness, training, files."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ ENDINGS = {
     "goal": "when held-out views were as good as asked for",
     "interrupted": "by Ctrl-C; the same command continues from there",
 }
+_Chart = tuple[str, str, Markup]
+"""A title, a sentence on what it shows, and the drawing."""
 
 
 FILES = {
@@ -135,84 +137,91 @@ def _column(key: str) -> str:
     return f"{metric.name}, {metric.unit}" if metric.unit else metric.name
 
 
-def _charts(
-    folder: Path, model: ModelRecord, metrics: Mapping[str, Any]
-) -> Iterable[tuple[str, str, Markup]]:
-    decades = metrics.get("relative_error_by_decade") or []
-    if decades:
-        # The truth is in a unit of its own; what aligns the light with it leads to that of the calibration.
-        absolute = None if model.luminance is None else model.luminance[0] / metrics["alignment_scale"]
-        middle = [(absolute or 1.0) * math.sqrt(row["low"] * row["high"]) for row in decades]
-        yield (
-            "Error by brightness",
-            "How far the light of held-out views is from the truth, for each power of ten of the true light.",
-            chart(
-                "Relative error by decade of the true light",
-                [
-                    Series(
-                        "95 % of the pixels are better",
-                        middle,
-                        [100 * row["p95"] for row in decades],
-                        colour=1,
-                    ),
-                    Series(
-                        "half of the pixels are better",
-                        middle,
-                        [100 * row["median"] for row in decades],
-                        colour=0,
-                    ),
-                ],
-                AxisStyle("true light, relative units" if absolute is None else "true light, cd/m²", "log"),
-                AxisStyle("relative error, %", "log"),
-            ),
-        )
-    log = [
-        row
-        for row in store.read_lines(folder / "train.jsonl")
-        if isinstance(row, dict) and "iteration" in row
-    ]
+def _charts(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[_Chart]:
+    if decades := metrics.get("relative_error_by_decade"):
+        yield _error_by_brightness(decades, model, metrics)
+    lines = store.read_lines(folder / "train.jsonl")
+    log = [row for row in lines if isinstance(row, dict) and "iteration" in row]
+    if looked := [row for row in log if "held_out_db" in row]:
+        yield _quality_over_time(looked, model)
     if log:
-        seconds = [float(row["seconds"]) for row in log]
-        looked = [row for row in log if "held_out_db" in row]
-        if looked:
-            kind = "Validation" if model.validation else "Held-out"
-            yield (
-                "Quality while it trained",
-                f"{kind} views against their shots over training time.",
-                chart(
-                    f"{kind} quality",
-                    [
-                        Series(
-                            "",
-                            [float(row["seconds"]) for row in looked],
-                            [float(row["held_out_db"]) for row in looked],
-                            colour=1,
-                        )
-                    ],
-                    AxisStyle("training time, s", zero=True),
-                    f"PSNR at {model.width} px, dB",
+        yield from _training_over_time(log)
+
+
+def _error_by_brightness(
+    decades: Sequence[Mapping[str, float]], model: ModelRecord, metrics: Mapping[str, Any]
+) -> _Chart:
+    # The truth is in a unit of its own; what aligns the light with it leads to that of the calibration.
+    absolute = None if model.luminance is None else model.luminance[0] / metrics["alignment_scale"]
+    middle = [(absolute or 1.0) * math.sqrt(row["low"] * row["high"]) for row in decades]
+    return (
+        "Error by brightness",
+        "How far the light of held-out views is from the truth, for each power of ten of the true light.",
+        chart(
+            "Relative error by decade of the true light",
+            [
+                Series(
+                    "95 % of the pixels are better",
+                    middle,
+                    [100 * row["p95"] for row in decades],
+                    colour=1,
                 ),
-            )
-        yield (
-            "Training",
-            "Loss over training time; each point is a mean over the last iterations.",
-            chart(
-                "Training loss",
-                [Series("", seconds, [float(row["loss"]) for row in log])],
-                AxisStyle("training time, s", zero=True),
-                AxisStyle("loss", "log" if min(float(row["loss"]) for row in log) > 0 else "linear"),
-            ),
-        )
-        yield (
-            "Size of the scene",
-            "Gaussians over training time.",
-            chart(
-                "Number of Gaussians",
-                [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
-                AxisStyle("training time, s", zero=True),
-                AxisStyle("Gaussians", zero=True),
-            ),
-        )
+                Series(
+                    "half of the pixels are better",
+                    middle,
+                    [100 * row["median"] for row in decades],
+                    colour=0,
+                ),
+            ],
+            AxisStyle("true light, relative units" if absolute is None else "true light, cd/m²", "log"),
+            AxisStyle("relative error, %", "log"),
+        ),
+    )
+
+
+def _quality_over_time(looked: Sequence[Mapping[str, Any]], model: ModelRecord) -> _Chart:
+    kind = "Validation" if model.validation else "Held-out"
+    return (
+        "Quality while it trained",
+        f"{kind} views against their shots over training time.",
+        chart(
+            f"{kind} quality",
+            [
+                Series(
+                    "",
+                    [float(row["seconds"]) for row in looked],
+                    [float(row["held_out_db"]) for row in looked],
+                    colour=1,
+                )
+            ],
+            AxisStyle("training time, s", zero=True),
+            f"PSNR at {model.width} px, dB",
+        ),
+    )
+
+
+def _training_over_time(log: Sequence[Mapping[str, Any]]) -> Iterable[_Chart]:
+    seconds = [float(row["seconds"]) for row in log]
+    yield (
+        "Training",
+        "Loss over training time; each point is a mean over the last iterations.",
+        chart(
+            "Training loss",
+            [Series("", seconds, [float(row["loss"]) for row in log])],
+            AxisStyle("training time, s", zero=True),
+            AxisStyle("loss", "log" if min(float(row["loss"]) for row in log) > 0 else "linear"),
+        ),
+    )
+    yield (
+        "Size of the scene",
+        "Gaussians over training time.",
+        chart(
+            "Number of Gaussians",
+            [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
+            AxisStyle("training time, s", zero=True),
+            AxisStyle("Gaussians", zero=True),
+        ),
+    )
 
 
 def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
