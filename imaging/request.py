@@ -5,8 +5,7 @@ command line shows it, and so does the reference. None keeps what an earlier run
 choice to the stage; FORGET drops what an earlier run was given; anything else is a value.
 """
 
-import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from os import PathLike, fspath
 from typing import Any, Final, Literal, Self
@@ -35,12 +34,6 @@ class Request:
         if isinstance(given, cls):
             return replace(given, **values)
         return cls(**({} if given is None else {names[0]: given}) | values)
-
-    @classmethod
-    def helps(cls) -> Iterator[tuple[str, str]]:
-        """Each option and its help."""
-        for field in fields(cls):
-            yield field.name, typing.get_args(field.type)[1]
 
 
 def forgets(value: str | PathLike[str] | None) -> bool:

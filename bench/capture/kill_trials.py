@@ -46,7 +46,6 @@ class Trial:
     states: list[str] = field(default_factory=list)
     reported: int = 0
     recorded: int = 0
-    retaken: int = 0
     failures: list[str] = field(default_factory=list)
 
 
@@ -145,7 +144,6 @@ def complete(out: Path, trial: Trial, reference: Reference) -> None:
     except InputError as error:
         trial.failures.append(f"cannot be resumed: {error}")
         return
-    trial.retaken = result.taken
     if result.earlier != trial.recorded or result.taken != SHOTS - trial.recorded:
         trial.failures.append(f"resuming took {result.taken} shots with {trial.recorded} recorded")
     if files_of(out) != reference.files:

@@ -139,7 +139,7 @@ def solve_group(
         solved = rig.solve(board, inliers, solved, free)
     except CalibrationError as error:
         return Group(names, None, None, (), refused=str(error))
-    doubt = uncertainty.bootstrap(board, inliers, solved, free, 0, progress)
+    doubt = uncertainty.bootstrap(board, inliers, solved, free, progress)
     return Group(names, solved, doubt, rungs, begun.isolated)
 
 

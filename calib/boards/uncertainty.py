@@ -55,17 +55,15 @@ def bootstrap(
     corners: Mapping[ViewId, Corners],
     solved: Solved,
     taken: Free,
-    seed: int,
     progress: Progress,
 ) -> Uncertainty:
-    """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
+    """Draw the frames with replacement and solve, DRAWS times, always the same draws.
 
     Args:
         board: Description of the board.
         corners: Corners by view, without outliers.
         solved: Rig that fits all of them.
         taken: Lens model with which `solved` was found; all terms of its kind of lens are free in the draws.
-        seed: Seed of the random draws.
         progress: Callback for the current step, the steps done, and all of them.
 
     Returns:
@@ -78,7 +76,7 @@ def bootstrap(
     except CalibrationError:
         return Uncertainty({}, {}, {}, {}, {}, draws=0, failed=DRAWS)
     # Frames are drawn whole: corners of one picture err together, by the bend of the board and by blur.
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     frames = sorted({view.frame for view in corners})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
     turns: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}

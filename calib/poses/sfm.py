@@ -33,7 +33,7 @@ class SceneModel:
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
     ladder of rig and lens. contradicted: views that were left out because others said that their poses were
-    false. hanging: views that one pair holds on the others. free: how it was adjusted; typical: its miss, px.
+    false. hanging: views that one pair holds on the others. free: how it was adjusted.
     by_motion: cameras that nothing but their motion ties to the others.
     """
 
@@ -49,7 +49,6 @@ class SceneModel:
     contradicted: frozenset[ViewId] = frozenset()
     hanging: frozenset[ViewId] = frozenset()
     free: Free | None = None
-    typical: float = 0.0
     by_motion: frozenset[str] = frozenset()
 
     @property
@@ -58,11 +57,6 @@ class SceneModel:
         held = set() if self.free is None else {key for key, one in self.free.focal.items() if one.held}
         images = self.reconstruction.images.values()
         return frozenset(ViewId.of_image(one.name).camera for one in images if one.camera_id in held)
-
-    @property
-    def rigged(self) -> bool:
-        """True if cameras are tied to each other."""
-        return any(rung.name == "rig_constraint" and rung.taken for rung in self.rungs)
 
 
 def solve(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> SceneModel:
@@ -125,7 +119,6 @@ def solve(inputs: PoseInputs, cameras: Mapping[str, Lens]) -> SceneModel:
         contradicted=adjusted.left_out,
         hanging=adjusted.hanging,
         free=adjusted.free,
-        typical=adjusted.typical,
         by_motion=adjusted.by_motion,
     )
 
@@ -139,7 +132,6 @@ def _turned(views: TurnedViews) -> SceneModel:
         rungs=(views.rung,),
         errors=None,
         metric=False,
-        typical=views.typical,
     )
 
 

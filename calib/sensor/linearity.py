@@ -34,11 +34,10 @@ class LevelPairs:
 
 @dataclass(frozen=True)
 class Straightness:
-    """Linearity. share: of the signal missing at white, and its standard error; points: number of levels."""
+    """Linearity. share: of the signal missing at white, and its standard error."""
 
     share: float
     error: float
-    points: int
 
     @property
     def linear(self) -> bool:
@@ -80,7 +79,6 @@ def straightness(pairs: Sequence[LevelPairs], black_error: float) -> Straightnes
         solution = inverse @ (scaled.T @ (target * weight * np.sqrt(trust)))
         apart = np.abs(target - design @ solution) * weight
         trust = np.minimum(1.0, 2.5 / np.maximum(apart, 1e-12))
-    points = len(weight) - 1
-    freedom = max(points - len(usable) - 1, 1)
+    freedom = max(len(weight) - len(usable) - 2, 1)
     excess = max(float((trust * apart**2)[:-1].sum()) / freedom, 1.0)
-    return Straightness(float(solution[0]), float(np.sqrt(inverse[0, 0] * excess)), points)
+    return Straightness(float(solution[0]), float(np.sqrt(inverse[0, 0] * excess)))

@@ -79,11 +79,8 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
             frames = _frames(session, of_iso[0], of_iso[1], nominal)
             measured, falloff = emva.measure_emva(frames, nominal, iso, gain)
             if falloff is not None and fall is None:
-                stops = [
-                    {shot.exposure.f_number for shot in shots if shot.exposure}
-                    for shots in (of_iso[1], scene)
-                ]
-                if len(stops[0]) == 1 and stops[1] <= stops[0]:
+                of_flats = _stops(of_iso[1])
+                if len(of_flats) == 1 and _stops(scene) <= of_flats:
                     fall = falloff
                 else:
                     missing.append(f"{camera.name} has flats at other f-numbers than the scene")

@@ -30,8 +30,8 @@ class Stack:
     every other frame, which share the fixed pattern and nothing else (of one frame, twice that frame).
     variance: float32 [H, W], in time, of frames brought to the level of the first. levels: float64
     [frames, sites], mean of the CFA sites in each frame. rows: variance of what is common to a row of a
-    frame, DN^2, and its standard error. top: largest DN. tile: rows and columns after which the CFA repeats,
-    whose sites are separate.
+    frame, DN^2, and its standard error. tile: rows and columns after which the CFA repeats, whose sites are
+    separate.
     """
 
     time: float
@@ -40,7 +40,6 @@ class Stack:
     variance: Array32
     levels: Array
     rows: tuple[float, float]
-    top: int
     tile: Period = EVEN
 
     @property
@@ -111,7 +110,7 @@ def gather(
         # What is scaled to the level of the first frame has its noise scaled too.
         apart = np.array([level.mean() for level in levels]) - black
         variance /= np.float32(np.mean((apart[0] / np.maximum(apart, 1e-6)) ** 2)) if apart[0] > 0 else 1.0
-    return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top, tile)
+    return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), tile)
 
 
 def _rows(common: list[Array], variance: Array32) -> tuple[float, float]:
@@ -140,8 +139,7 @@ class Tiles:
     """Tiles of a stack; all arrays [N].
 
     site: CFA site, in reading order; row, column: of the tile's middle, in photosites from the corner of the
-    image; mean: DN; variance: DN^2 in time; freedom: degrees of freedom of the variance; count: of
-    photosites.
+    image; mean: DN; variance: DN^2 in time; count: of photosites.
     """
 
     site: Integers
@@ -149,7 +147,6 @@ class Tiles:
     column: Array
     mean: Array
     variance: Array
-    freedom: Array
     count: Array
 
 
@@ -168,7 +165,6 @@ def tiles(stack: Stack, usable: Mask) -> Tiles:
         column=stack.tile[1] * side * (column.astype(np.float64) + 0.5),
         mean=(_pooled(mean * mask, side) / weight)[filled],
         variance=(_pooled(variance * mask, side) / weight)[filled],
-        freedom=(stack.frames - 1) * count[filled],
         count=count[filled],
     )
 

@@ -128,7 +128,7 @@ def read_capabilities(nodes: NodeMap) -> Capabilities:
     unit = units.gain_unit(nodes) if nodes.writable("Gain") else None
     if unit is not None and math.isfinite((gains := nodes.limits("Gain")).high - gains.low):
         low = max(units.iso_of(gains.low, unit), _LOWEST_ISO)
-        isos = ladder(low, max(units.iso_of(gains.high, unit), low), 3)
+        isos = ladder(low, max(units.iso_of(gains.high, unit), low))
     white = white_level(nodes, format_of(int(nodes.number("PixelFormat"))))
     return Capabilities(
         width=int(nodes.number("Width")),
@@ -145,7 +145,7 @@ def _times(nodes: NodeMap) -> tuple[float, ...]:
     name = time_feature(nodes)
     limits, second = nodes.limits(name), units.per_second(nodes, name)
     low = max(limits.low / second, _SHORTEST)
-    steps = ladder(low, max(min(limits.high / second, _LONGEST), low), 3)
+    steps = ladder(low, max(min(limits.high / second, _LONGEST), low))
     return tuple(dict.fromkeys(float(limits.nearest(time * second)) / second for time in steps))
 
 
@@ -155,10 +155,10 @@ def time_feature(nodes: NodeMap) -> str:
     return next((name for name in names if nodes.available(name)), names[0])
 
 
-def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
-    """Values from `low` to `high`, both included, `steps` to a doubling between."""
-    count = math.floor(steps * math.log2(high / low) + 1e-9)
-    values = [low * 2.0 ** (index / steps) for index in range(count + 1)]
+def ladder(low: float, high: float) -> tuple[float, ...]:
+    """Values from `low` to `high`, both included, three to a doubling between."""
+    count = math.floor(3 * math.log2(high / low) + 1e-9)
+    values = [low * 2.0 ** (index / 3) for index in range(count + 1)]
     return tuple(values) if math.isclose(values[-1], high, rel_tol=1e-6) else (*values, high)
 
 

@@ -32,11 +32,10 @@ _BACK = {6: 1, 8: -1}
 
 @dataclass(frozen=True)
 class Wrapped:
-    """Contents of a HEIF or WebP file. codes: uint8 [H, W, C]; icc: its colour profile, b"" for none."""
+    """Contents of a HEIF or WebP file. codes: uint8 [H, W, C]."""
 
     codes: Bytes
     metadata: FrameMetadata
-    icc: bytes
 
 
 def heif_is_read() -> bool:
@@ -68,7 +67,7 @@ def decode_webp(data: bytes, name: str) -> Wrapped:
     with Image.open(BytesIO(data)) as shell:
         check_picture(name, *shell.size)
     codes = np.asarray(imagecodecs.webp_decode(data), np.uint8)
-    return Wrapped(codes, webp_metadata(data), _chunk(data, b"ICCP"))
+    return Wrapped(codes, webp_metadata(data))
 
 
 def webp_metadata(data: bytes) -> FrameMetadata:
@@ -82,7 +81,7 @@ def decode_heif(data: bytes, name: str) -> Wrapped:
     check_picture(name, *image.size)
     codes = np.asarray(image)
     metadata, turns = _laid_back(image)
-    return Wrapped(np.rot90(codes, turns), metadata, image.info.get("icc_profile") or b"")
+    return Wrapped(np.rot90(codes, turns), metadata)
 
 
 def heif_metadata(data: bytes) -> FrameMetadata:

@@ -145,13 +145,11 @@ class Linearity:
     """Deviation of a response from a straight line.
 
     deviation: largest relative departure of a level from the pooled ratio that is not explained by
-    noise at two standard errors; raw: the same without allowing for noise; levels: [n, 3] level
-    relative to white, departure, standard error.
+    noise at two standard errors; raw: the same without allowing for noise.
     """
 
     deviation: float
     raw: float
-    levels: tuple[tuple[float, float, float], ...]
 
 
 def linearity(pairs: Sequence[tuple[Ratio, Sequence[Overlap]]]) -> Linearity | None:
@@ -160,19 +158,17 @@ def linearity(pairs: Sequence[tuple[Ratio, Sequence[Overlap]]]) -> Linearity | N
     for pooled, overlaps in pairs:
         sums = np.sum([o.levels for o in overlaps], axis=0)
         expected = np.exp(pooled.log)
-        for index, (long, short, long_var, short_var, number) in enumerate(sums):
+        for long, short, long_var, short_var, number in sums:
             if number < FEWEST / LEVELS or short <= 0:
                 continue
             chance = pooled.noise * np.sqrt(long_var + expected**2 * short_var) / long
             error = float(np.hypot(chance, pooled.error))
             if error < 0.01:
-                middle = LOWEST * (HIGHEST / LOWEST) ** ((index + 0.5) / LEVELS)
-                points.append((middle, float(long / short / expected - 1.0), error))
+                points.append((float(long / short / expected - 1.0), error))
     if not points:
         return None
-    departures = np.array(points)
-    beyond = np.maximum(np.abs(departures[:, 1]) - 2.0 * departures[:, 2], 0.0)
-    return Linearity(float(beyond.max()), float(np.abs(departures[:, 1]).max()), tuple(points))
+    departures, errors = np.abs(np.array(points)).T
+    return Linearity(float(np.maximum(departures - 2.0 * errors, 0.0).max()), float(departures.max()))
 
 
 def _neighbours(signal: Array, cfa: Cfa | None) -> Array:

@@ -8,26 +8,20 @@ import torch
 
 from bench.floaters.votes import evidence
 from bench.support import oracle
-from recon.data.light import light_of, radiance_image
+from recon.data.light import radiance_image
 from recon.data.load import load
-from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
-from recon.train.training import Plan, Training
+from recon.train.training import Plan
+from tests.recon.beginning import beginning
 
 
 @pytest.fixture(scope="module")
 def trained(made_once):
     """A short training on the toy session, and its data set."""
     dataset = load(made_once("recon-toy", lambda folder: oracle.oracle_session(folder, "toy", points=300)))
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 150, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, dataset.extent)
+    training = beginning(dataset, 150)()
     train(training, dataset, Plan(60, DensityRules(200)))
     return training, dataset
 

@@ -13,12 +13,7 @@ from imaging.errors import CaptureError, InputError, StorageError
 from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.session.session import Session, brackets
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
-    }
+from tests.trees import tree
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """A host of few words for simulated PTP cameras on the virtual bus."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -19,6 +19,7 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.timeline import LiveTimeline
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, find
 
@@ -100,6 +101,13 @@ class Host:
 @pytest.fixture(scope="session")
 def toys() -> dict[str, SimulatedRig]:
     return {name: simulate(name) for name in ("toy", "toy-ldr")}
+
+
+@pytest.fixture
+def timeline() -> Iterator[LiveTimeline]:
+    timeline = LiveTimeline()
+    yield timeline
+    timeline.close()
 
 
 @pytest.fixture

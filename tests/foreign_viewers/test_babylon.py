@@ -1,26 +1,19 @@
 """Files of `rig export` as Babylon.js draws them, against the light that they are of."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from imaging.colour.spaces import srgb_decode, srgb_encode
+from imaging.colour.spaces import srgb_encode
 from recon.exports.export import export
-from recon.exports.loss import stops_between
 from recon.result.scene import Scene
+from tests.foreign_viewers.likeness import loss_is_shown
 from tests.foreign_viewers.viewers import Viewer, needs, turn_of
-from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
+from tests.foreign_viewers.wall import RADIANCES, TINT, front, strips
 
+VIEWER = "babylon"
 pytestmark = needs("babylon")
-FAINT = 1 / 1024
-
-
-@pytest.fixture(scope="module")
-def viewer(browser: object) -> Iterator[Viewer]:
-    with Viewer(browser, "babylon", WIDTH, HEIGHT) as running:
-        yield running
 
 
 @pytest.mark.parametrize("kind", ["ply", "sog", "spz", "glb"])
@@ -37,11 +30,4 @@ def test_the_radiances_of_the_wall_are_seen(kind: str, wall: Scene, viewer: View
 def test_the_loss_that_is_printed_is_what_the_picture_shows(
     kind: str, veiled: Scene, viewer: Viewer, files: Path
 ) -> None:
-    exported = export(veiled, files / f"v.{kind}", exposure=0.0)
-    shown = srgb_decode(viewer.drawn(files / f"v.{kind}", front(), turn=turn_of(kind, veiled)) / 255)
-    light = veiled.render(front())
-    dim = (light < 0.95).all(2)
-    off = stops_between(light[dim], shown[dim], FAINT)
-    assert exported.loss is not None
-    assert np.median(off) < exported.loss.pixel_median + 0.015
-    assert np.median(off) < 0.12
+    loss_is_shown(veiled, viewer, files / f"v.{kind}", turn_of(kind, veiled))

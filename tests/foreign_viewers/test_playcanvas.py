@@ -1,6 +1,5 @@
 """Files of `rig export` as PlayCanvas's engine draws them, against the light that they are of."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,23 +7,15 @@ import pytest
 
 from imaging.arrays import Array
 from imaging.colour.spaces import srgb_decode, srgb_encode
-from recon.exports.canvas import PLAYCANVAS, canvas
+from recon.exports.canvas import PLAYCANVAS
 from recon.exports.export import export
-from recon.exports.loss import stops_between
-from recon.exports.splats import as_splats
 from recon.result.scene import Scene
-from recon.scene.ply_file import read_ply
+from tests.foreign_viewers.likeness import canvas_is_shown, loss_is_shown
 from tests.foreign_viewers.viewers import Viewer, needs, turn_of
-from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
+from tests.foreign_viewers.wall import RADIANCES, TINT, front, strips
 
+VIEWER = "playcanvas"
 pytestmark = needs("playcanvas")
-FAINT = 1 / 1024
-
-
-@pytest.fixture(scope="module")
-def viewer(browser: object) -> Iterator[Viewer]:
-    with Viewer(browser, "playcanvas", WIDTH, HEIGHT) as running:
-        yield running
 
 
 def aces(light: Array) -> Array:
@@ -71,21 +62,8 @@ def test_linear_light_is_seen_dark(wall: Scene, viewer: Viewer, files: Path) -> 
 def test_the_loss_that_is_printed_is_what_the_picture_shows(
     name: str, veiled: Scene, viewer: Viewer, files: Path
 ) -> None:
-    exported = export(veiled, files / name, exposure=0.0)
-    shown = srgb_decode(viewer.drawn(files / name, front(), turn=turn_of(name, veiled)) / 255)
-    light = veiled.render(front())
-    dim = (light < 0.95).all(2)
-    off = stops_between(light[dim], shown[dim], FAINT)
-    assert exported.loss is not None
-    assert np.median(off) < exported.loss.pixel_median + 0.015
-    assert np.median(off) < 0.12
+    loss_is_shown(veiled, viewer, files / name, turn_of(name, veiled))
 
 
 def test_the_canvas_is_what_the_loss_is_measured_on(veiled: Scene, viewer: Viewer, files: Path) -> None:
-    export(veiled, files / "w.ply", exposure=0.0)
-    world, offset = veiled.record.world, veiled.record.offset
-    splats = as_splats(read_ply(files / "w.ply"), world, offset, linear=False, factor=1.0)
-    painted = 255 * canvas(splats, world.camera(front()), PLAYCANVAS)
-    off = np.abs(viewer.drawn(files / "w.ply", front()) - painted)
-    assert np.median(off) < 1
-    assert off.mean() < 1.5
+    canvas_is_shown(veiled, viewer, files / "w.ply", PLAYCANVAS)

@@ -1,6 +1,5 @@
 """Files of `rig export` as three.js's own splats are drawn, against the light that they are of."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,11 @@ from recon.exports.export import export
 from recon.exports.request import FormatName
 from recon.result.scene import Scene
 from tests.foreign_viewers.viewers import Viewer, needs, turn_of
-from tests.foreign_viewers.wall import HEIGHT, RADIANCES, TINT, WIDTH, front, strips
+from tests.foreign_viewers.wall import RADIANCES, TINT, front, strips
 
+VIEWER = "three"
 pytestmark = needs("three")
 LIGHT = np.array(RADIANCES)[:, None] * np.ones(3)
-
-
-@pytest.fixture(scope="module")
-def viewer(browser: object) -> Iterator[Viewer]:
-    with Viewer(browser, "three", WIDTH, HEIGHT) as running:
-        yield running
 
 
 @pytest.mark.parametrize("format", ["ply", "spz", "spz4", "glb"])

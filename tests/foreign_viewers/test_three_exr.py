@@ -1,6 +1,5 @@
 """EXR files as three.js shows them, whose decoder is of its own, against the light that was written."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,8 @@ from imaging.files.exr.writing import write_exr
 from tests.foreign_viewers.viewers import Viewer, needs
 from tests.foreign_viewers.wall import HEIGHT, WIDTH, front
 
+VIEWER = "three_exr"
 pytestmark = needs("three")
-
-
-@pytest.fixture(scope="module")
-def viewer(browser: object) -> Iterator[Viewer]:
-    with Viewer(browser, "three_exr", WIDTH, HEIGHT) as running:
-        yield running
 
 
 @pytest.mark.parametrize(

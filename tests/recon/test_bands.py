@@ -1,5 +1,6 @@
 """A mono camera with a filter wheel, from its files to a scene of bands, against the simulator's truth."""
 
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,11 +9,13 @@ import pytest
 
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
-from drivers.sim.filter_wheel import photograph
-from drivers.sim.rigs import simulate
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.camera.filters import behind
+from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
 from imaging.errors import InputError
 from imaging.files.exr.reading import read_exr
+from imaging.files.tiff.dng import write_dng
 from imaging.optics.exposure import Exposure
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import Band
@@ -27,6 +30,7 @@ from recon.reconstruct import reconstruct
 from recon.rendering.light_files import write_light
 from recon.rendering.render import render
 from recon.result.scene import Scene, open_scene
+from tests.drivers.shots import raw_shot
 
 WHEEL = tuple(
     Band(name=name, wavelength_nm=wave) for name, wave in (("red", 630), ("g", 545), ("b", 465), ("ir", 690))
@@ -43,13 +47,25 @@ class Outcome(NamedTuple):
     metrics: Evaluation
 
 
+def photograph(rig: SimulatedRig, photos: Path, brackets: dict[str, tuple[Exposure, ...]]) -> None:
+    """Photographs of every camera at every frame through every band: `photos`/BAND/CAMERA/FRAME_STEP.dng."""
+    for index, mount in enumerate(rig.mounts):
+        for turn, band in enumerate(WHEEL):
+            camera = SimulatedCamera(behind(rig.bodies[index], band), partial(rig.radiance, index))
+            for frame in range(rig.frames):
+                camera.place(frame, turn)
+                for step, exposure in enumerate(brackets[band.name]):
+                    file = photos / band.name / mount.name / f"{frame:04d}_{step}.dng"
+                    write_dng(file, raw_shot(camera, exposure))
+
+
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """Eight views through four filters, each band at exposures of its own; from DNG files on."""
     home = tmp_path_factory.mktemp("wheel")
     rig = simulate("toy", cameras=2, positions=4, width=112, height=84, samples=2, wheel=WHEEL)
     brackets = {"red": (SHORT, LONG), "g": (SHORT, LONG), "b": (SHORT, LONG), "ir": (LONG, DARK)}
-    photograph(rig, home / "photos", WHEEL, brackets)
+    photograph(rig, home / "photos", brackets)
     (home / "bands.txt").write_text("\n".join(f"{band.name}, {band.wavelength_nm}" for band in WHEEL))
     session = home / "session"
     import_photos(home / "photos", session, bands=home / "bands.txt", cameras="folder")

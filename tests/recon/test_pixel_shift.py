@@ -11,7 +11,6 @@ import pytest
 
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
-from drivers.sim.pixel_shift import photograph
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import write_truth
 from imaging.demosaicking.demosaic import demosaic
@@ -28,6 +27,7 @@ from recon.measure.evaluate import evaluate
 from recon.measure.evaluation import Evaluation
 from recon.measure.truth import calibration_errors, true_radiance
 from recon.reconstruct import reconstruct
+from tests.drivers.pixel_shift import photograph
 
 TIMES = 1 / 500, 1 / 30
 

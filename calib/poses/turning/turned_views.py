@@ -31,12 +31,10 @@ REASON = (
 
 @dataclass(frozen=True, eq=False)
 class TurnedViews:
-    """The pycolmap model, with points at distance 1 in the direction of what they are; its rung, and the
-    median miss, px."""
+    """The pycolmap model, with points at distance 1 in the direction of what they are, and its rung."""
 
     reconstruction: Any
     rung: Rung
-    typical: float
 
 
 def turned_views(
@@ -78,7 +76,7 @@ def turned_views(
     model = _model(views, features, inside, turned.turns, turned.lenses, max_error)
     # A wider look than that of the adjustment, which saw some of the matches.
     typical = misses(model).typical
-    return TurnedViews(model, Rung(name=TURNED, taken=True, reason=REASON.format(typical)), typical)
+    return TurnedViews(model, Rung(name=TURNED, taken=True, reason=REASON.format(typical)))
 
 
 def _first_turns(

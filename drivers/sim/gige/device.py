@@ -51,14 +51,12 @@ class GigeDevice:
         network_time: NetworkTime | None = None,
         skew: float = 0.0,
         extended_ids: bool = False,
-        broadcast: str | None = None,
         beside: str | None = None,
         quirks: frozenset[Quirk] = frozenset(),
     ) -> None:
         """A camera of kind "raw". OSError.
 
-        broadcast: a second address that commands are taken at. beside: the address of a second interface, at
-        which it is discovered and not controlled.
+        beside: the address of a second interface, at which it is discovered and not controlled.
         """
         self._quirks, self._ptp, self._half = quirks, "Disabled", b""
         self.events = Events()
@@ -78,8 +76,6 @@ class GigeDevice:
         self._answered: tuple[Host, int, bytes] | None = None
         self._block = 0
         self._sockets = [_bound(address, gvcp.PORT)]
-        if broadcast is not None:
-            self._sockets.append(_bound(broadcast, gvcp.PORT))
         self._beside = None if beside is None else _bound(beside, gvcp.PORT)
         if self._beside is not None:
             self._sockets.append(self._beside)

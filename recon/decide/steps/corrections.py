@@ -81,7 +81,7 @@ def corrections_for(
         The corrections, with a rung for each of `ALL`.
     """
     asked, dataset = settings.overrides.refine, evidence.dataset
-    shares, glare = glare_of(dataset, evidence.images, "refine glare")
+    shares, glare = glare_of(dataset, evidence.images)
     if asked is not None:
         rungs = [_as_asked(name, dataset, settings) for name in ALL]
     else:

@@ -30,6 +30,7 @@ NOISE, SHIFT = 0.02, 0.3
 UNSURE = 0.2
 """Largest share of a halo that may come from clipped light, which is a lower bound."""
 FEWEST_VIEWS, FEWEST_POINTS = 5, 30
+NAME = "refine glare"
 FOLDS, ROUNDS, HUBER = 5, 10, 1.5
 UNIT = "ln(1 + r^2) per held-out point, r in standard deviations"
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -51,21 +52,21 @@ class DarkObservations:
         return DarkObservations(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
 
 
-def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], Rung]:
+def glare_of(dataset: Dataset, images: Images) -> tuple[list[float], Rung]:
     """The share that each camera of the training views scatters, in order of the views; and why.
 
-    images: radiance images of the training views. The rung, of that name, is taken where held-out points ask
-    for it and the share is no smaller than `LEAST`.
+    images: radiance images of the training views. The rung is taken where held-out points ask for it and the
+    share is no smaller than `LEAST`.
     """
     cameras = list(dict.fromkeys(view.camera for view in dataset.train))
     nothing = [0.0] * len(cameras)
     if dataset.bands:
-        return nothing, Rung(name=name, taken=False, reason="views of one band each are not compared")
+        return nothing, Rung(name=NAME, taken=False, reason="views of one band each are not compared")
     observations = dark_observations(dataset, images, cameras)
     points, fold = np.unique(observations.point, return_inverse=True)
     if len(points) < FEWEST_POINTS:
         reason = f"fewer than {FEWEST_POINTS} dark scene points are seen by {FEWEST_VIEWS} training views"
-        return nothing, Rung(name=name, taken=False, reason=reason)
+        return nothing, Rung(name=NAME, taken=False, reason=reason)
     gains = np.concatenate(
         [_gains(observations, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)]
     )
@@ -73,7 +74,7 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
     share = float(np.median(shares))
     what = f"{len(points)} dark scene points show that {100 * share:.2g} % of the light is scattered"
     error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    rung = Rung.judged(name, float(gains.mean()), error, UNIT, what, len(cameras))
+    rung = Rung.judged(NAME, float(gains.mean()), error, UNIT, what, len(cameras))
     return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
 
 

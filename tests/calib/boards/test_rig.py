@@ -232,10 +232,10 @@ def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: p
         return whole(*given, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(uncertainty, "solve", failing)
-    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, 0, unreported)
+    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, unreported)
     assert doubt.failed == 2
     assert doubt.draws == 4
     calls[:] = [1, 1]  # the next one, of all frames together, fails
-    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, 0, unreported)
+    doubt = uncertainty.bootstrap(stage.board, detected, group.solved, ladder.RICHEST, unreported)
     assert doubt.draws == 0
     assert doubt.lenses == {}

@@ -11,7 +11,7 @@ from imaging.arrays import Array, Array32, Floats
 from imaging.colour.spaces import PRIMARIES, REC709_FROM_XYZ, adaptation
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa, mosaic
-from imaging.sensor.mosaic import FrameMetadata, Matrix, RawMosaic, as_matrix
+from imaging.sensor.mosaic import FrameMetadata, Matrix, RawMosaic
 
 CAMERAS = {"nikon": "Nikon 5100 (NPL)", "sigma": "Sigma SDMerill (NPL)"}
 BLACK, WHITE = 512, 15871
@@ -120,10 +120,3 @@ def photograph(
             make="Maker", model="One", exposure=Exposure(time=time, f_number=1.0, iso=100.0)
         ),
     )
-
-
-def plain_matrix(camera: str) -> Matrix:
-    """XYZ to camera RGB as a maker might name it: a fit to the patches under D65, no heed paid to white."""
-    colours = world(camera, "D65")
-    xyz = colours.truth @ np.linalg.inv(REC709_FROM_XYZ).T
-    return as_matrix(np.linalg.lstsq(xyz, colours.camera, rcond=None)[0].T)

@@ -17,6 +17,7 @@ from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import from_raw
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 SHARES = np.array((0.7, 1.1, 1.5))
 """Shares of R, G and B in W; files state the sum."""
@@ -41,12 +42,7 @@ def shots(rig: SimulatedRig) -> list[RawMosaic]:
     for frame in range(rig.frames):
         camera.place(frame)
         for time in TIMES:
-            camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
-            camera.arm()
-            camera.trigger()
-            shot = camera.collect()
-            assert isinstance(shot, RawMosaic)
-            taken.append(shot)
+            taken.append(raw_shot(camera, Exposure(time=time, f_number=4.0, iso=100.0)))
     return taken
 
 

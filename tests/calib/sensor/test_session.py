@@ -16,10 +16,10 @@ from imaging.files import store
 from imaging.files.tiff.dng import write_dng
 from imaging.merge.linear_frame import read_linear
 from imaging.optics.exposure import Exposure
-from imaging.sensor.mosaic import RawMosaic
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
+from tests.drivers.shots import raw_shot
 
 FLATS = (1 / 1000, 1 / 250, 1 / 60, 1 / 30, 1 / 15, 1 / 8, 1 / 4)
 CHANGES = {"ceiling": 3600, "hot_share": 1e-3, "hot_current": 300.0, "dead_share": 5e-4, "prnu": 0.008}
@@ -45,11 +45,7 @@ class Shooting:
             self.rig.move_to(frame)
             for record, camera in zip(self.rig.records(), self.rig.cameras, strict=True):
                 for step, exposure in enumerate(wanted):
-                    camera.set_exposure(exposure)
-                    camera.arm()
-                    camera.trigger()
-                    image = camera.collect()
-                    assert isinstance(image, RawMosaic)
+                    image = raw_shot(camera, exposure)
                     file = f"raw/{frame:04d}/{record.name}_{step}.dng"
                     store.make_folder((self.folder / file).parent)
                     write_dng(self.folder / file, image)

@@ -22,7 +22,7 @@ def test_mean_variance_and_halves_are_those_of_the_frames() -> None:
     np.testing.assert_allclose(stack.halves[1], frames[1::2].mean(axis=0), atol=1e-3)
     np.testing.assert_allclose(stack.variance, even.var(axis=0, ddof=1), rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(stack.levels, [sites(f).mean(axis=(1, 2)) for f in frames], rtol=1e-12)
-    assert (stack.frames, stack.time, stack.top) == (7, 0.5, frames.max())
+    assert (stack.frames, stack.time) == (7, 0.5)
     assert stack.rows[0] < 4 * stack.rows[1]
 
 
@@ -42,7 +42,6 @@ def test_tiles_leave_out_what_is_not_usable() -> None:
     assert len(cut.mean) == 4 * 3 * 3
     assert np.all(np.abs(cut.mean - 500) < 4)
     assert cut.count.sum() == usable.sum()
-    assert np.array_equal(cut.freedom, 2 * cut.count)
 
 
 def test_frames_of_unlike_size_and_none_at_all() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.calibration.pose_error import true_poses
 from calib.poses import sfm
 from drivers.sim.camera.lens import project, unproject
 from drivers.sim.rigs import simulate
@@ -15,7 +16,6 @@ from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.optics.lens import Lens
-from imaging.optics.pose import Pose
 from imaging.session.calibration import read_calibration
 from imaging.session.coordinates import PointMark
 from imaging.session.view_id import ViewId
@@ -38,16 +38,6 @@ class Staked:
             }
             for name, by_view in self.pixels.items()
         }
-
-
-def true_poses(session: Path) -> dict[ViewId, Array]:
-    """cam_from_world [4, 4] of every view, m."""
-    truth = store.read_json(session / "truth" / "truth.json")
-    return {
-        ViewId(entry["frame"], name): Pose.model_validate(pose).matrix()
-        for entry in truth["frames"]
-        for name, pose in entry["cam_from_world"].items()
-    }
 
 
 def stake(session: Path, count: int, seed: int = 0) -> Staked:

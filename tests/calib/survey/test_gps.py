@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.calibration.pose_error import true_poses
 from calib.data.views import scene_views
 from calib.poses.sfm import SceneModel, centres, transformed
 from calib.survey.gps import GpsFit, fit_gps, place_by_gps, positions_of
@@ -19,7 +20,6 @@ from imaging.sensor.mosaic import FrameMetadata, GpsPosition
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from tests.calib.conftest import make_session
-from tests.calib.survey.conftest import true_poses
 
 ORIGIN = (48.5, -11.25, 500.0)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.calibration.pose_error import true_poses
 from calib.calibrate import calibrate
 from calib.data.features import Features, extract
 from calib.evidence import _target
@@ -22,7 +23,6 @@ from imaging.session.calibration import read_calibration
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from tests.calib.survey.conftest import true_poses
 from tests.conftest import fewer_rays
 
 LATER = 3

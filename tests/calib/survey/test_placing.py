@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.calibration.pose_error import true_poses
 from calib.calibrate import calibrate
 from calib.data.unfinished import FOLDER
 from calib.poses.sfm import SceneModel, centres
@@ -18,7 +19,7 @@ from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files.colmap import read_points
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
-from tests.calib.survey.conftest import Staked, true_poses, write_marks, write_points
+from tests.calib.survey.conftest import Staked, write_marks, write_points
 
 ModelOf = Callable[[Path], SceneModel]
 SIZES = {f"cam{number}": (320, 240) for number in range(4)}

@@ -1,7 +1,6 @@
 """The lines of shots.jsonl as tests damage them, and what a check says of it."""
 
 import json
-from pathlib import Path
 
 from capture.check.check import CheckReport
 from imaging.session.session import Session
@@ -18,9 +17,3 @@ def write(session: Session, records: list[dict]) -> None:
 
 def kinds(report: CheckReport) -> list[str]:
     return [problem.kind for problem in report.problems]
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
-    }

@@ -17,9 +17,10 @@ from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
+from tests.trees import tree
 
 from ..imports.photo_files import jpeg, put
-from .index_lines import kinds, lines, tree, write
+from .index_lines import kinds, lines, write
 
 
 def test_a_sound_session_has_no_problem_and_is_not_changed(rig):

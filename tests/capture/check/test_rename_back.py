@@ -11,8 +11,9 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
 from imaging.session.records import ShotRecord
+from tests.trees import tree
 
-from .index_lines import lines, tree, write
+from .index_lines import lines, write
 
 
 def test_files_that_were_renamed_or_swapped_get_their_names_back(rig):

@@ -15,8 +15,9 @@ from imaging.files.photo import encode_jpeg, encode_png
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
 from imaging.session.session import Session
+from tests.trees import tree
 
-from .index_lines import kinds, lines, tree, write
+from .index_lines import kinds, lines, write
 
 HOSTILE = [
     "../../etc/passwd",

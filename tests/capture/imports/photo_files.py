@@ -40,11 +40,5 @@ def put(folder: Path, files: dict[str, bytes]) -> Path:
     return folder
 
 
-def tree(folder: Path) -> dict[str, bytes]:
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
-    }
-
-
 def sources(session: Session) -> dict[tuple[int, str, int], str]:
     return {(s.frame, s.camera, s.step): Path(s.source).name for s in session.shots()}

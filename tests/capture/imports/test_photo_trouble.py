@@ -8,8 +8,9 @@ import pytest
 from capture.imports.photos import import_photos
 from imaging.errors import InputError, PartialError, StorageError
 from imaging.session.session import Session
+from tests.trees import tree
 
-from .photo_files import T, dng, jpeg, put, sources, tree
+from .photo_files import T, dng, jpeg, put, sources
 
 BAD = {
     "text": b"This is no picture.\n",

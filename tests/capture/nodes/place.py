@@ -15,6 +15,7 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.virtual_clock import VirtualClock
 from tests.capture.nodes.nearby import NearLink, near_node
+from tests.trees import tree
 
 RIG = """
 frames = 2
@@ -110,5 +111,4 @@ class Place:
         )
 
     def files(self, out: str) -> dict[str, bytes]:
-        folder = self.folder / out
-        return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.dng")}
+        return tree(self.folder / out, "*.dng")

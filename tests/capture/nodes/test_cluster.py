@@ -28,6 +28,7 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError, InputError
 from imaging.session.session import Session
+from tests.trees import tree
 
 pytest.importorskip("ray")
 NODES = ("left", "right")
@@ -123,11 +124,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     bus = BusRig(rig)
     file = read_rig_file(folder / "RIG.toml")
     capture_rig(file, folder / "S", operator=rig, positions=rig.frames, backend=bus.backend, clock=bus.clock)
-    return files(folder / "S")
-
-
-def files(session: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(session)): path.read_bytes() for path in session.rglob("*.dng")}
+    return tree(folder / "S", "*.dng")
 
 
 def test_a_session_over_processes_is_the_one_of_one_host(
@@ -136,7 +133,7 @@ def test_a_session_over_processes_is_the_one_of_one_host(
     said: list[str] = []
     result = capture_rig(hosts.rig(), tmp_path / "S", ray=hosts.address, on_message=said.append)
     assert (result.taken, result.missing, said) == (12, (), [])
-    assert files(tmp_path / "S") == alone
+    assert tree(tmp_path / "S", "*.dng") == alone
     assert check(tmp_path / "S").sound == 12
     for shot in Session.open(tmp_path / "S").shots():
         assert shot.node == NODES[int(shot.camera[-1]) % 2]
@@ -161,7 +158,7 @@ def test_a_node_that_is_switched_off_costs_its_frames_and_is_made_up_for(
     hosts.start("right")
     resumed = hosts.shoot(tmp_path / "S", said, resume=True)
     assert (resumed.taken, resumed.missing, len(said)) == (len(result.missing), (), 1)
-    assert files(tmp_path / "S") == alone
+    assert tree(tmp_path / "S", "*.dng") == alone
 
 
 def test_an_actor_that_dies_begins_anew(hosts: Hosts) -> None:

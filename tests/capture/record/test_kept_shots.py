@@ -18,6 +18,7 @@ from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN
+from tests.trees import tree
 
 TIMES = (4.0, 1 / 8, 4.0, 2.0)
 SLOW = 4000.0
@@ -59,8 +60,7 @@ class Capture:
         assert check(folder).sound
 
     def files(self) -> dict[str, bytes]:
-        raw = self.session.folder / "raw"
-        return {path.relative_to(raw).as_posix(): path.read_bytes() for path in sorted(raw.rglob("*.dng"))}
+        return tree(self.session.folder / "raw", "*.dng")
 
     def retried(self) -> set[tuple[str, int, int]]:
         return {(shot.camera, shot.frame, shot.step) for shot in self.session.shots() if shot.retries}

@@ -20,6 +20,7 @@ from imaging.optics.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN
+from tests.trees import tree
 
 BRACKET = tuple(Exposure(time=time, iso=100) for time in (1 / 1000, 1 / 60, 1 / 4))
 
@@ -74,8 +75,7 @@ class WiredRig:
         )
 
     def files(self) -> dict[str, bytes]:
-        raw = self.session.folder / "raw"
-        return {path.relative_to(raw).as_posix(): path.read_bytes() for path in sorted(raw.rglob("*.dng"))}
+        return tree(self.session.folder / "raw", "*.dng")
 
     def serial(self, name: str) -> str:
         return self.cameras[name].serial

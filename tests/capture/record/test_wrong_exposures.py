@@ -3,20 +3,15 @@
 from dataclasses import replace
 
 from capture.record import recorder
-from capture.record.recorder import record
-from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
 from imaging.files import store
 from imaging.optics.exposure import Exposure
 
-
-def run(rig, **options):
-    options = {"clock": VirtualClock()} | options
-    return record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to, **options)
+from .test_recorder import run
 
 
-def by_step(session, frame=0):
-    return {shot.step: shot for shot in session.shots() if shot.frame == frame}
+def by_step(session):
+    return {shot.step: shot for shot in session.shots() if shot.frame == 0}
 
 
 def test_a_frame_of_another_exposure_is_taken_again_and_accepted_when_it_agrees(fake_rig):

@@ -24,16 +24,14 @@ from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 from tests.drivers.test_plugins import NoNetwork
 
 from .conftest import SimulatedDevice, only
 
 
 def shoot(camera: GentlCamera, time: float) -> RawMosaic:
-    camera.set_exposure(Exposure(time=time))
-    camera.arm()
-    camera.trigger()
-    return camera.collect()
+    return raw_shot(camera, Exposure(time=time))
 
 
 def test_it_passes_all_examinations(simulated: SimulatedDevice) -> None:

@@ -14,9 +14,10 @@ from drivers.gige.actions import AHEAD, DEVICE_KEY, GROUP_KEY, GROUP_MASK, Netwo
 from drivers.gige.session import ActionTeam
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import together
 
 from .fakes import ARAVIS, aravis_fake, camera_at, only_at, port_of_aravis, viva_fake
-from .rows import MakeRow, Row
+from .rows import MakeRow
 from .test_sim_device import LABEL, shoot
 
 SKEWS = (0.0, 40e-6, 3e-3, 1.5e-3)
@@ -29,16 +30,6 @@ def join(cameras: Sequence[GigeCamera]) -> ActionTeam:
     for camera in cameras:
         camera.join(team, leads=camera is cameras[0])
     return team
-
-
-def together(row: Row, exposure: Exposure = LABEL) -> list[RawMosaic]:
-    """A frame of each, as a recorder takes it."""
-    for camera in row.cameras:
-        camera.set_exposure(exposure)
-        camera.arm()
-    for camera in row.cameras:
-        camera.trigger()
-    return [camera.collect() for camera in row.cameras]
 
 
 def openings(frames: Sequence[RawMosaic]) -> list[float]:
@@ -61,7 +52,7 @@ def test_injected_skew_is_given_back_within_10_us(
     assert team.synchronised
     row.lose(loss)
     for _ in range(3):
-        frames = together(row)
+        frames = together(row.cameras, LABEL)
         moments = openings(frames)
         assert moments == pytest.approx(SKEWS, abs=WANTED)
         truth = [device.opened[-1] - row.devices[0].opened[-1] for device in row.devices]
@@ -79,7 +70,7 @@ def test_cameras_without_a_common_time_are_triggered_at_once(make_row: MakeRow) 
     team = join(row.cameras)
     assert not any(camera.wait_for_time(0.0) for camera in row.cameras)
     assert not team.synchronised
-    frames = together(row)
+    frames = together(row.cameras, LABEL)
     for frame, device, twin in zip(frames, row.devices, row.twins, strict=True):
         assert frame.metadata.opened == pytest.approx(device.opened[-1], abs=0.02)
         assert np.array_equal(frame.pixels, shoot(twin).pixels)
@@ -93,7 +84,7 @@ def test_one_camera_without_the_time_has_all_triggered_at_once(make_row: MakeRow
     team = join(row.cameras)
     assert all(camera.wait_for_time(5.0) for camera in row.cameras)
     row.devices[1]._agree_on_time(False)
-    together(row)
+    together(row.cameras, LABEL)
     assert not team.synchronised
     assert row.devices[0].opened[-1] == pytest.approx(row.devices[1].opened[-1], abs=AHEAD / 2)
 

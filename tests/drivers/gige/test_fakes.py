@@ -18,6 +18,7 @@ from drivers.gige.registers import About, Bootstrap
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 from .fakes import aravis_fake, camera_at, only_at, own_address, viva_fake
 
@@ -25,12 +26,7 @@ TENTH = Exposure(time=0.01)
 
 
 def shoot(camera: Camera, exposure: Exposure = TENTH) -> RawMosaic:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    frame = camera.collect()
-    assert isinstance(frame, RawMosaic)
-    return frame
+    return raw_shot(camera, exposure)
 
 
 def ramp(block: int, shape: tuple[int, int]) -> npt.NDArray[np.uint16]:

@@ -15,10 +15,11 @@ from drivers.gige.control import ControlChannel
 from drivers.gige.registers import URL_SIZE, Bootstrap
 from drivers.sim.genicam.quirks import Quirk
 from imaging.optics.exposure import Exposure
+from tests.drivers.shots import together
 
 from .fakes import own_address
 from .rows import MakeRow, Row
-from .test_actions import join, together
+from .test_actions import join
 from .test_sim_device import LABEL, shoot
 
 MEANT = Exposure(time=2.0**-8, iso=200)
@@ -111,7 +112,7 @@ def test_a_clock_that_is_asked_by_a_latch_is_waited_for(make_row: MakeRow) -> No
     team = join(row.cameras)
     assert all(camera.wait_for_time(5.0) for camera in row.cameras)
     assert team.synchronised
-    together(row)
+    together(row.cameras, LABEL)
 
 
 def test_a_camera_that_takes_no_times_is_triggered_at_once(make_row: MakeRow) -> None:

@@ -19,6 +19,7 @@ from drivers.gige.registers import Bootstrap
 from drivers.sim.gige.memory import PACKET_SIZES
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 from .fakes import ARAVIS, only_at, port_of_aravis
 from .rows import MakeRow
@@ -27,12 +28,7 @@ LABEL = Exposure(time=1 / 250, iso=200)
 
 
 def shoot(camera: Camera, exposure: Exposure = LABEL) -> RawMosaic:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    frame = camera.collect()
-    assert isinstance(frame, RawMosaic)
-    return frame
+    return raw_shot(camera, exposure)
 
 
 @pytest.mark.parametrize(("bits", "extended"), [(12, False), (14, True)])

@@ -11,10 +11,11 @@ import pytest
 from drivers.gige.gvcp import PORT, Action, Command
 from drivers.sim.genicam.quirks import Quirk
 from drivers.sim.gige.device import GigeDevice
+from tests.drivers.shots import together
 
 from .rows import MakeRow
-from .test_actions import join, together
-from .test_sim_device import ask, shoot
+from .test_actions import join
+from .test_sim_device import LABEL, ask, shoot
 
 Packet = tuple[tuple[str, int], tuple[str, int], bytes]
 STREAM = 40000
@@ -106,7 +107,7 @@ def test_action_commands(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch, tmp
     packets = tapped(row.devices[0], monkeypatch)
     join(row.cameras)
     assert row.cameras[0].wait_for_time(5.0)
-    together(row)
+    together(row.cameras, LABEL)
     assert judged(packets, tmp_path / "actions.pcap")[1] == []
 
 

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.camera import CameraFile
 from drivers.clock import SystemClock
 from drivers.conformance import EXAMINATIONS, Subject, examine, frames, identity, settings
 from drivers.errors import CameraRefused
@@ -17,6 +16,7 @@ from drivers.gphoto2.body import Body
 from drivers.gphoto2.library import library
 from imaging.errors import CameraError
 from imaging.optics.exposure import Exposure
+from tests.drivers.shots import shot
 
 from .conftest import Served
 
@@ -29,13 +29,6 @@ def verdicts(camera: Gphoto2Camera, asked: Sequence[Asked] = EXAMINATIONS) -> di
     rows = list(examine(camera, SystemClock(), examinations=asked))
     assert not [row for row in rows if row.verdict == "failed"], rows
     return {row.name: row.verdict for row in rows}
-
-
-def shoot(camera: Gphoto2Camera, exposure: Exposure) -> CameraFile:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    return camera.collect()
 
 
 def test_a_body_passes_all_examinations(serve: Serve) -> None:
@@ -52,7 +45,7 @@ def test_libgphoto2s_own_virtual_camera_passes_them(virtual: Path) -> None:
     (camera,) = find_cameras(SystemClock())
     assert (camera.where, camera.identify().kind) == ("gphoto2:usb:001,001", "ldr")
     assert verdicts(camera) == ALL | {"light": "skipped"}
-    frame = shoot(camera, Exposure(time=0.01, f_number=5.6))
+    frame = shot(camera, Exposure(time=0.01, f_number=5.6))
     assert (frame.data, frame.suffix) == (virtual.read_bytes(), ".jpg")
     camera.close()
 
@@ -60,14 +53,14 @@ def test_libgphoto2s_own_virtual_camera_passes_them(virtual: Path) -> None:
 def test_a_canon_shoots(serve: Serve) -> None:
     camera = serve("canon-eos-6d").camera()
     asked = Exposure(time=1 / 500, f_number=5.6, iso=200.0)
-    frame = shoot(camera, asked)
+    frame = shot(camera, asked)
     assert (frame.suffix, frame.metadata.exposure) == (".cr2", asked)
     camera.close()
 
 
 def test_raw_and_jpeg_come_together(serve: Serve) -> None:
     camera = serve("sony-a7m4", jpeg=True).camera()
-    frame = shoot(camera, Exposure(time=1 / 500))
+    frame = shot(camera, Exposure(time=1 / 500))
     assert frame.suffix in (".arw", ".dng")
     assert frame.developed is not None
     assert (frame.developed[0], frame.developed[1][:2]) == (".jpg", b"\xff\xd8")
@@ -114,7 +107,7 @@ def test_a_body_that_goes_is_told_and_found_again(serve: Serve) -> None:
     with pytest.raises(CameraError, match="call set_exposure, arm, trigger and collect in this order"):
         camera.collect()
     serve("generic", served.port)
-    frame = shoot(camera, Exposure(time=1 / 500))
+    frame = shot(camera, Exposure(time=1 / 500))
     assert frame.metadata.exposure is not None
     assert frame.metadata.exposure.time == 1 / 500
     camera.close()

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.camera import CameraFile
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera
 from drivers.ptp.autobracket import AutoBracket, best_fit, fit, shows
@@ -17,6 +16,7 @@ from drivers.sim.ptp import profiles
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.optics.dial_settings import SHUTTER_TIMES
 from imaging.optics.exposure import Exposure
+from tests.drivers.shots import shot
 
 LABELS = sorted(SHUTTER_TIMES)
 OFFERED = tuple(
@@ -75,14 +75,7 @@ def opened(rig: SimulatedRig, model: str, *faults: Fault) -> tuple[BusRig, PtpCa
     return bus, camera
 
 
-def single(camera: PtpCamera, exposure: Exposure) -> CameraFile:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    return camera.collect()
-
-
-def shot(rig: SimulatedRig, model: str, times: tuple[float, ...]) -> tuple[float, float]:
+def compared(rig: SimulatedRig, model: str, times: tuple[float, ...]) -> tuple[float, float]:
     """Seconds of the third bracket in a row, and of the same one by one; all is as asked for."""
     bus, camera = opened(rig, model)
     wanted = exposures(*times)
@@ -91,10 +84,10 @@ def shot(rig: SimulatedRig, model: str, times: tuple[float, ...]) -> tuple[float
         exposures_shot = [frame.metadata.exposure for frame in camera.bracket(wanted)]
         seconds = bus.clock.now() - began
         assert all(exposures_shot.count(exposure) == 1 for exposure in wanted)
-    assert single(camera, wanted[-1]).metadata.exposure == wanted[-1]
+    assert shot(camera, wanted[-1]).metadata.exposure == wanted[-1]
     began = bus.clock.now()
     for exposure in wanted:
-        assert single(camera, exposure).metadata.exposure == exposure
+        assert shot(camera, exposure).metadata.exposure == exposure
     alone = bus.clock.now() - began
     camera.close()
     return seconds, alone
@@ -117,11 +110,11 @@ def test_a_bracket_of_the_body_is_faster_than_one_by_one(
     share: float,
 ) -> None:
     """Compare bodies of which an order takes 0.3 s, as on many, and none."""
-    seconds, alone = shot(toy, model, times)
+    seconds, alone = compared(toy, model, times)
     assert seconds < at_once * alone
     slow = replace(profiles.PROFILES[model], lag=0.3)
     monkeypatch.setitem(profiles.PROFILES, model, slow)
-    seconds, alone = shot(toy, model, times)
+    seconds, alone = compared(toy, model, times)
     assert seconds < share * alone
 
 
@@ -133,10 +126,10 @@ def test_four_frames_take_less_than_half_the_time_of_one_by_one(
     Nikon's shoots 5.5, and five of them for four.
     """
     monkeypatch.setitem(profiles.PROFILES, "sony-a7m4", replace(profiles.PROFILES["sony-a7m4"], lag=0.3))
-    seconds, alone = shot(toy, "sony-a7m4", STOPS)
+    seconds, alone = compared(toy, "sony-a7m4", STOPS)
     assert seconds < 0.5 * alone
     monkeypatch.setitem(profiles.PROFILES, "nikon-z6", replace(profiles.PROFILES["nikon-z6"], lag=0.3))
-    seconds, alone = shot(toy, "nikon-z6", STOPS)
+    seconds, alone = compared(toy, "nikon-z6", STOPS)
     assert seconds < 0.65 * alone
 
 
@@ -148,7 +141,7 @@ def test_what_no_bracket_holds_is_refused_before_anything_is_exposed(
     _, camera = opened(toy, model)
     with pytest.raises(CameraRefused, match=r"has no such bracket: set and trigger each exposure\.$"):
         next(camera.bracket(exposures(*times)))
-    assert single(camera, exposures(1 / 60)[0]).metadata.exposure == exposures(1 / 60)[0]
+    assert shot(camera, exposures(1 / 60)[0]).metadata.exposure == exposures(1 / 60)[0]
     camera.close()
 
 

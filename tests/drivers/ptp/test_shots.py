@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.camera import Camera, CameraFile
+from drivers.camera import CameraFile
 from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
 from drivers.ptp.protocol.codec import Event
@@ -23,6 +23,7 @@ from imaging.errors import CameraError
 from imaging.files.tiff.dng import encode_dng
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import shot
 
 EXPOSURE = Exposure(time=1 / 125, f_number=5.6, iso=200)
 SHOOTING = {
@@ -56,13 +57,6 @@ class Bench:
     def truth(self, exposure: Exposure) -> RawMosaic | CameraFile:
         """The first shot at an exposure, taken without any bus between."""
         return shot(SimulatedCamera(self.rig.bodies[0], lambda frame: self.rig.radiance(0, frame)), exposure)
-
-
-def shot(camera: Camera, exposure: Exposure) -> RawMosaic | CameraFile:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    return camera.collect()
 
 
 def same(one: RawMosaic | CameraFile, other: RawMosaic | CameraFile) -> bool:

@@ -12,6 +12,7 @@ from drivers.sim.rigs import SimulatedRig, names, simulate
 from imaging.errors import InputError
 from imaging.sensor.cfa import bilinear
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
 
@@ -24,15 +25,7 @@ def demo() -> SimulatedRig:
 def shoot(rig: SimulatedRig, camera: int, frame: int) -> list[RawMosaic]:
     """The bracket of one camera at one frame."""
     rig.move_to(frame)
-    device, shots = rig.cameras[camera], []
-    for exposure in rig.bracket:
-        device.set_exposure(exposure)
-        device.arm()
-        device.trigger()
-        shot = device.collect()
-        assert isinstance(shot, RawMosaic)
-        shots.append(shot)
-    return shots
+    return [raw_shot(rig.cameras[camera], exposure) for exposure in rig.bracket]
 
 
 def preview(shots: list[RawMosaic]) -> np.ndarray:

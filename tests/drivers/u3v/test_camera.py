@@ -15,6 +15,7 @@ from imaging.errors import CameraError
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import BAYER, Cfa
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 from .conftest import Bench, MakeBench
 
@@ -22,12 +23,7 @@ LABEL = Exposure(time=1 / 60, iso=200)
 
 
 def shoot(camera: Camera, exposure: Exposure = LABEL) -> RawMosaic:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    frame = camera.collect()
-    assert isinstance(frame, RawMosaic)
-    return frame
+    return raw_shot(camera, exposure)
 
 
 @pytest.mark.parametrize("bits", [12, 14])

@@ -15,6 +15,7 @@ import pytest
 from drivers.genicam.nodemap.formula import parse
 from drivers.u3v.registers import Abrm, read_xml
 from drivers.u3v.session import open_session
+from tests.drivers.genicam.judge import judge_of
 from tests.drivers.genicam.nodemap.test_formula import BOTH, FLOAT, WHOLE
 from tests.drivers.gige.fakes import port_of_aravis
 
@@ -56,22 +57,7 @@ def test_the_committees_node_map_agrees_on_every_feature(genapi: Any, make_bench
     control = session.stream._control
     xml = read_xml(control, control.read_number(Abrm.MANIFEST, 8)).decode()
 
-    class Port(genapi.AbstractPort):  # type: ignore[misc]
-        def read(self, address: int, length: int) -> bytes:
-            return memory.read(address, length)
-
-        def write(self, address: int, data: bytes) -> None:
-            control.write(address, bytes(data))
-
-        def is_open(self) -> bool:
-            return True
-
-        def get_access_mode(self) -> int:
-            return int(genapi.EAccessMode.RW)
-
-    judge, port = genapi.NodeMap(), Port()
-    judge.load_xml_from_string(xml)
-    judge.connect(port, "Device")
+    judge, _port = judge_of(genapi, xml, memory.read, control.write)
     ours = session.nodes
     ours.set("DeviceLinkThroughputLimitMode", "On")
     ours.set("LineMode", "Output")

@@ -24,6 +24,7 @@ from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 from imaging.session.session import Session
+from tests.drivers.shots import raw_shot, together
 
 LABEL = Exposure(time=1 / 60, iso=200)
 BRACKET = [Exposure(time=time, iso=100) for time in (1 / 1000, 1 / 60, 1 / 4)]
@@ -46,23 +47,12 @@ class Trio:
             camera.listen("Line0")
 
     def shoot(self, exposure: Exposure) -> list[RawMosaic]:
-        """A frame of each, as a recorder takes it: all are armed before the first is triggered."""
-        for camera in self.cameras:
-            camera.set_exposure(exposure)
-            camera.arm()
-        for camera in self.cameras:
-            camera.trigger()
-        return [camera.collect() for camera in self.cameras]
+        return together(self.cameras, exposure)
 
     def right(self, frames: Sequence[RawMosaic], exposure: Exposure) -> bool:
         """Return whether they equal the shots of cameras without USB."""
         for frame, twin in zip(frames, self.twins, strict=True):
-            twin.set_exposure(exposure)
-            twin.arm()
-            twin.trigger()
-            truth = twin.collect()
-            assert isinstance(truth, RawMosaic)
-            if not np.array_equal(frame.pixels, truth.pixels):
+            if not np.array_equal(frame.pixels, raw_shot(twin, exposure).pixels):
                 return False
         return True
 

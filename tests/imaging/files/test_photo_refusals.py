@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from imaging.errors import InputError
 from imaging.files.photo import encode_jpeg, encode_png, read_metadata, read_photo
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import FrameMetadata
+from tests.imaging.files.damage import damaged
 
 from .photographs import RGB8, RGB16, codes, pillow, tiff
 
@@ -47,12 +47,9 @@ def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPa
     data, path = SOUND[name], tmp_path_factory.mktemp("photo") / name
 
     @settings(max_examples=150)
-    @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=5))
-    def damage(changes: list[tuple[int, int]]) -> None:
-        damaged = bytearray(data)
-        for position, value in changes:
-            damaged[position if value % 2 else position % 400] = value
-        path.write_bytes(damaged)
+    @given(damaged(data, 400))
+    def damage(wrong: bytes) -> None:
+        path.write_bytes(wrong)
         for read in (read_photo, read_metadata):
             try:
                 read(path)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
@@ -15,6 +14,7 @@ from imaging.files.tiff.directory import BYTE, DOUBLE, LONG, RATIONAL, SHORT, SR
 from imaging.files.tiff.dng import encode_dng, write_dng
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic
+from tests.imaging.files.damage import damaged
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]
@@ -292,12 +292,9 @@ def test_damaged_bytes_never_raise_anything_else(
     data = encode_dng(make_raw(), compression)
 
     @settings(max_examples=250)
-    @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=6))
-    def damage(changes: list[tuple[int, int]]) -> None:
-        damaged = bytearray(data)
-        for position, value in changes:
-            damaged[position if value % 2 else position % 900] = value
-        path.write_bytes(damaged)
+    @given(damaged(data, 900, 6))
+    def damage(wrong: bytes) -> None:
+        path.write_bytes(wrong)
         try:
             raw = read_raw(path)
         except InputError:

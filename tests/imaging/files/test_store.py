@@ -12,12 +12,9 @@ from hypothesis import strategies as st
 
 from imaging.errors import InputError, StorageError
 from imaging.files import store
+from tests.trees import tree
 
 Refuse = Callable[..., None]
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(f.relative_to(folder)): f.read_bytes() for f in folder.rglob("*") if f.is_file()}
 
 
 def names(folder: Path) -> set[str]:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.pixel_shift import displaced
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
@@ -20,6 +19,8 @@ from imaging.merge.pixel_shift import Shift, combined, shifts
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import BAYER, Cfa
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.pixel_shift import displaced
+from tests.drivers.shots import raw_shot
 
 ORDERS: tuple[tuple[Shift, ...], ...] = (
     ((0, 0), (0, 1), (1, 1), (1, 0)),
@@ -40,12 +41,7 @@ def shot(rig: SimulatedRig, order: Sequence[Shift], cfa: Cfa = Cfa.RGGB) -> list
         body = replace(rig.bodies[0], cfa=cfa)
         camera = SimulatedCamera(body, lambda frame, by=(-row, -column): np.roll(view, by, (0, 1)))
         camera.place(0, step)
-        camera.set_exposure(Exposure(time=1 / 60, f_number=4.0, iso=100.0))
-        camera.arm()
-        camera.trigger()
-        frame = camera.collect()
-        assert isinstance(frame, RawMosaic)
-        frames.append(frame)
+        frames.append(raw_shot(camera, Exposure(time=1 / 60, f_number=4.0, iso=100.0)))
     return frames
 
 
@@ -145,12 +141,7 @@ def test_groups_by_half_photosites_are_refused_with_what_to_do(toy: SimulatedRig
     for step, by in enumerate(((0.0, 0.0), (0.0, 0.5), (0.5, 0.5), (0.5, 0.0))):
         camera = SimulatedCamera(toy.bodies[0], partial(displaced, toy, 0, by))
         camera.place(0, step)
-        camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
-        camera.arm()
-        camera.trigger()
-        frame = camera.collect()
-        assert isinstance(frame, RawMosaic)
-        frames.append(frame)
+        frames.append(raw_shot(camera, Exposure(time=time, f_number=4.0, iso=100.0)))
     with pytest.raises(InputError, match=r"groups of 4 \(those of 8 and 16, by half photosites, are not"):
         combined(frames)
 

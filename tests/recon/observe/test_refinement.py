@@ -8,7 +8,6 @@ import torch
 
 from imaging.files import store
 from recon.data.geometry import project
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.overrides import Overrides
@@ -22,11 +21,11 @@ from recon.result.opened import open_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat.corrected_camera import moved
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of, light_in, restored
+from tests.recon.beginning import beginning
 
 EXPOSURE_ERROR, VIGNETTING_ERROR = 0.05, (0.2, 0.1, -0.05)
 
@@ -64,13 +63,7 @@ def wrong(true):
 
 
 def begin(dataset, names, count=600) -> Training:
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, count, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    refinement = Refinement.of(dataset, names)
-    return Training.begin(method, light, gaussians, dataset.extent, refinement=refinement)
+    return beginning(dataset, count)(refinement=Refinement.of(dataset, names))
 
 
 def run(training, dataset, iterations, until=None):
@@ -163,18 +156,14 @@ def test_a_few_wrong_samples_do_not_drown_what_the_others_tell(wrong, trained):
 
 def test_nor_do_they_in_photographs(toy_ldr):
     dataset = load(toy_ldr)
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 300, np.random.Generator(np.random.PCG64(0)))
+    begin_again = beginning(dataset, 300)
     off = torch.tensor([0.0] * 3 + [0.01, 0, 0] + [0.0] * 8)
 
     def gain(views):
         """Gain of the right pose over a wrong one; a method keeps the codes of a view, so each has its
         own.
         """
-        method = METHODS["hdr-gs"](dataset, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        training = Training.begin(method, light, gaussians, dataset.extent)
+        training = begin_again("hdr-gs")
         run(training, dataset, 120)
         turned = [replace(view, lens=moved(view.lens, off)[0]) for view in views]
         right, other = (
@@ -211,12 +200,7 @@ def test_exposures_half_a_stop_off_are_fitted_as_well(wrong, trained, off):
 
 def test_the_colour_of_a_held_out_photograph_is_fitted_first(toy_ldr):
     dataset = load(toy_ldr)
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 300, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["hdr-gs"](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, dataset.extent)
+    training = beginning(dataset, 300)("hdr-gs")
     run(training, dataset, 60)
     (view, *_) = dataset.held_out
     cold = replace(view, frame=100, sensor=replace(view.sensor, white_balance=(0.7, 1.0, 1.4)))

@@ -16,6 +16,7 @@ from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.training_folder import default_name, names_of
 from recon.train.interrupt import Interrupted
+from tests.trees import tree
 
 
 @pytest.fixture(autouse=True)
@@ -27,10 +28,6 @@ def small(monkeypatch):
 def scene(session_copy) -> Path:
     """A finished one."""
     return reconstruct(session_copy, TrainingRequest(quality="draft", name="c1"))
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_scene_is_called_by_what_was_asked_for():
@@ -55,26 +52,26 @@ def test_a_scene_is_called_by_what_was_asked_for():
     ],
 )
 def test_other_settings_do_not_overwrite_a_scene(scene, options, words):
-    session, before = scene.parent.parent, files(scene.parent)
+    session, before = scene.parent.parent, tree(scene.parent)
     with pytest.raises(InputError, match=rf"c1 exists already, {words}.* --name, or --replace"):
         reconstruct(session, TrainingRequest(quality="draft", name="c1", **options))
-    assert files(scene.parent) == before
+    assert tree(scene.parent) == before
 
 
 def test_nor_does_another_calibration(scene):
     path = scene.parent.parent / "calibration" / "calibration.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"reprojection_px": 0.9}))
-    before = files(scene)
+    before = tree(scene)
     with pytest.raises(InputError, match="an earlier calibration"):
         reconstruct(scene.parent.parent, TrainingRequest(quality="draft", name="c1"))
-    assert files(scene) == before
+    assert tree(scene) == before
 
 
 def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
-    session, before = scene.parent.parent, files(scene)
+    session, before = scene.parent.parent, tree(scene)
 
     def interrupt(message: str, done: int, total: int) -> None:
-        assert files(scene) == before
+        assert tree(scene) == before
         if "loss" in message and done < total:
             raise KeyboardInterrupt
 
@@ -82,7 +79,7 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
         reconstruct(
             session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True), on_progress=interrupt
         )
-    assert files(scene) == before
+    assert tree(scene) == before
     assert reconstruct(session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True)) == scene
     assert read_model(scene).settings.seed == 7
     assert [path.name for path in scene.parent.iterdir()] == ["c1"]
@@ -107,7 +104,7 @@ def test_a_scene_under_way_is_trained_by_one_alone(session_copy, monkeypatch):
 
 def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     """Stop it by the user, who finds both: the old scene, and the state of the new one."""
-    session, before, iterations = scene.parent.parent, files(scene), []
+    session, before, iterations = scene.parent.parent, tree(scene), []
 
     def progress(message: str, done: int, total: int) -> None:
         if "loss" in message:
@@ -122,7 +119,7 @@ def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     monkeypatch.setattr(stage, "train", stopping)
     with pytest.raises(Interrupted, match=r"\.c1\.new has the scene after 10 iterations"):
         reconstruct(session, TrainingRequest(quality="draft", name="c1", seed=7, replace=True))
-    assert files(scene) == before
+    assert tree(scene) == before
     assert read_model(scene.with_name(".c1.new")).ending == "interrupted"
     monkeypatch.setattr(stage, "train", train)
     reconstruct(

@@ -8,8 +8,9 @@ import torch
 
 import imaging.compute.threads as threads
 from imaging.errors import InputError
-from recon.splat import Render, SplatCamera, SplatStats, rasterize
+from recon.splat import SplatStats, rasterize
 from recon.splat.cpu.rasterizer import Buffers
+from tests.recon.splat.oracle import same_gradient, same_image, same_statistics
 
 NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
 
@@ -33,35 +34,9 @@ def test_equals_oracle(scene: Any) -> None:
     loss(render).backward()
     loss(expected).backward()
     for name, a, b in zip(NAMES, fast, truth, strict=False):
-        same_gradient(name, a.grad, b.grad)
+        same_gradient(a.grad, b.grad, name, 1e-3)
     assert ((ours.weight > 0) != (theirs.weight > 0)).sum() <= 0.02 * count
-    for name in ("tension", "radius", "weight"):
-        a, b = getattr(ours, name), getattr(theirs, name)
-        assert (a - b).norm() <= 1e-3 * b.norm(), name
-
-
-def same_image(render: Render, expected: Render, camera: SplatCamera) -> None:
-    image, truth = render.image.detach().double(), expected.image.detach()
-    error = ((image - truth).abs() / (truth.abs() + 1e-6 * truth.abs().max() + 1e-30)).flatten()
-    # A pixel at the very edge of a Gaussian may fall on either side of a cut-off; hence no maximum.
-    assert error.mean() < 1e-5
-    assert torch.quantile(error, 0.99) < 1e-5
-    assert (render.alpha.double() - expected.alpha).abs().mean() < 1e-6
-    assert render.culled == expected.culled == 0
-    assert render.visible >= expected.visible
-    blocks = -(-camera.width // 8) * -(-camera.height // 8)
-    assert 64 * expected.visible <= render.pairs <= 64 * blocks * render.visible
-
-
-def same_gradient(name: str, ours: torch.Tensor | None, theirs: torch.Tensor | None) -> None:
-    assert ours is not None, name
-    assert torch.isfinite(ours).all(), name
-    if theirs is None or not theirs.any():
-        assert not ours.any(), name
-        return
-    error = (ours.double() - theirs).abs()
-    assert error.norm() < 1e-3 * theirs.norm(), name
-    assert error.median() < 1e-5 * theirs.abs().mean(), name
+    same_statistics(ours, theirs, 1e-3)
 
 
 def test_statistics_add_up_over_renders(scene_of: Any) -> None:

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 import recon.splat as splat
-from recon.splat import SplatCamera, SplatStats, rasterize
+from recon.splat import SplatCamera, rasterize
 from recon.splat.corrected_camera import DELTA
 from tests.recon.splat.conftest import BACK, LENS, Scene, camera, cloud
-from tests.recon.splat.test_gpu import NAMES, loss, same_gradient, same_image
+from tests.recon.splat.test_gpu import agrees, loss
 
 pytest.importorskip("triton", reason="Triton is for Linux")
 
@@ -71,21 +71,6 @@ def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     for module, name in KERNELS:
         monkeypatch.setattr(module, name, Counted(getattr(module, name), counts, occupied))
     return counts
-
-
-def agrees(scene: Scene, device: str) -> None:
-    """Image, alpha, gradients and statistics are those of the float64 oracle."""
-    fast, truth = scene.tensors(torch.float32), scene.tensors(torch.float64)
-    ours, theirs = SplatStats(len(fast[0]), torch.device(device)), SplatStats(len(fast[0]))
-    render, expected = scene.render_on(device, fast, ours), scene.render(truth, theirs)
-    same_image(render, expected, scene.camera)
-    loss(render).backward()
-    loss(expected).backward()
-    for a, b, what in zip(fast, truth, (*NAMES, "background"), strict=False):
-        same_gradient(a.grad, b.grad, what)
-    for what in ("tension", "radius", "weight"):
-        a, b = getattr(ours, what).cpu(), getattr(theirs, what)
-        assert (a - b).norm() <= 1e-4 * b.norm(), what
 
 
 def test_300_gaussians_on_64x40(device: str, programs: dict[str, int]) -> None:

@@ -9,13 +9,11 @@ import torch
 from drivers.sim.scene.tabletop import demo_scene
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.methods import METHODS
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
-from recon.train.training import Plan, Training
+from recon.train.training import Plan
+from tests.recon.beginning import beginning
 
 NEAR = 1.0
 """In scene coordinates, along the axis of a view: what lies behind is cut out of the photographs."""
@@ -52,12 +50,7 @@ def errors_of_alpha(dataset: Dataset, with_alpha: bool) -> float:
     """Mean absolute error of the rendered alpha, over the training views, of a short training."""
     goal = [cut_out(dataset, view, True).alpha for view in dataset.train]
     part = replace(dataset, train=tuple(cut_out(dataset, view, with_alpha) for view in dataset.train))
-    images = [radiance_image(view) for view in part.train]
-    light = light_of(part, images)
-    start = start_points(part, images, 600, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["hdr-gs"](part, light)
-    gaussians = gaussians_at(start, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, part.extent)
+    training = beginning(part, 600)("hdr-gs")
     train(training, part, Plan(80, DensityRules(800)))
     off = []
     for view, cover in zip(part.train, goal, strict=True):

@@ -10,13 +10,11 @@ import torch
 
 import recon.reconstruct as stage
 from imaging.errors import ReconstructionError
-from recon.data.light import light_of, radiance_image
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
 from recon.methods import METHODS
 from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train import half_size, live_curve
 from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
@@ -26,6 +24,7 @@ from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of, light_in, restored
+from tests.recon.beginning import beginning
 
 CAP = 300
 
@@ -33,16 +32,7 @@ CAP = 300
 @pytest.fixture(scope="module")
 def begun(toy_dataset):
     """A function that makes a new small training on the toy session, always the same."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, 150, np.random.Generator(np.random.PCG64(0)))
-
-    def begin() -> Training:
-        method = METHODS["nh-3dgs"](toy_dataset, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, toy_dataset.extent)
-
-    return begin
+    return beginning(toy_dataset, 150)
 
 
 class Clock:

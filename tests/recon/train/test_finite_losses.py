@@ -7,16 +7,14 @@ import pytest
 import torch
 
 from imaging.errors import ReconstructionError
-from recon.data.light import light_of, radiance_image
-from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.scene.environment import Environment
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.finite_losses import FiniteLosses
 from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from tests.recon.beginning import beginning
 
 VICTIM = 2
 
@@ -24,13 +22,7 @@ VICTIM = 2
 @pytest.fixture
 def begun(toy_dataset):
     """A training on the toy session."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, 200, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](toy_dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    refinement = Refinement.of(toy_dataset, ("exposures",))
-    return Training.begin(method, light, gaussians, toy_dataset.extent, refinement=refinement)
+    return beginning(toy_dataset, 200)(refinement=Refinement.of(toy_dataset, ("exposures",)))
 
 
 def run(training, dataset, saved, iterations=40):

@@ -7,15 +7,12 @@ import torch
 from bench.support import oracle
 from imaging import metrics
 from recon.data.dataset import Dataset
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.measure.truth import true_radiance
-from recon.methods import METHODS
-from recon.scene.gaussians import Gaussians
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
-from recon.train.training import Plan, Training
+from recon.train.training import Plan
+from tests.recon.beginning import beginning
 
 
 @pytest.fixture(scope="module")
@@ -25,12 +22,7 @@ def dataset(tmp_path_factory) -> Dataset:
 
 def test_a_session_of_fisheyes_is_learned_up_to_the_corners(dataset):
     assert all(view.lens.fisheye for view in dataset.views)
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](dataset, light)
-    gaussians: Gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, dataset.extent)
+    training = beginning(dataset, 600)()
     (view,) = dataset.held_out
     truth = true_radiance(dataset.session, view)
     y, x = np.mgrid[0 : view.lens.height, 0 : view.lens.width] + 0.5

@@ -2,21 +2,19 @@
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import torch
 
-from recon.data.light import light_of, radiance_image
 from recon.decide.cost.duration import slowdown
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train import half_size, trainer
 from recon.train.densification import DensityRules
 from recon.train.half_size import begins_halved, halves
 from recon.train.trainer import train
-from recon.train.training import Plan, Training
+from recon.train.training import Plan
 from recon.train.training_checkpoint import checkpoint_of, light_in, restored
+from tests.recon.beginning import beginning
 
 CAP = 600
 
@@ -46,16 +44,7 @@ def test_where_a_training_begins_at_half_size(pixels, gaussians, half):
 @pytest.fixture(scope="module")
 def begun(toy_dataset):
     """A function that makes a new training on the toy session, always the same."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, 300, np.random.Generator(np.random.PCG64(0)))
-
-    def begin() -> Training:
-        method = METHODS["nh-3dgs"](toy_dataset, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, toy_dataset.extent)
-
-    return begin
+    return beginning(toy_dataset, 300)
 
 
 def run(training, dataset, until=None):

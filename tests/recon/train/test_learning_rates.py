@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from recon.data.light import light_of, radiance_image
 from recon.decide import trials
 from recon.decide.settings import Settings
-from recon.methods import METHODS
 from recon.observe.refinement import RATES, Refinement
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import RATE, Environment
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.devices.ranks import Ranks
 from recon.train.schedule import USUAL, rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from tests.recon.beginning import beginning
 
 CAP = 400
 
@@ -24,16 +22,7 @@ CAP = 400
 @pytest.fixture(scope="module")
 def begun(toy_dataset):
     """A function that makes a new training on the toy session, always the same."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, CAP // 2, np.random.Generator(np.random.PCG64(0)))
-
-    def begin(refinement=None) -> Training:
-        method = METHODS["nh-3dgs"](toy_dataset, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, toy_dataset.extent, refinement=refinement)
-
-    return begin
+    return beginning(toy_dataset, CAP // 2)
 
 
 def run(training, dataset, plan, until=None):
@@ -73,7 +62,7 @@ def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
 def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
     rates = []
     for factor in (1.0, 3.0):
-        training = begun(Refinement.of(toy_dataset, ["poses", "exposures"]))
+        training = begun(refinement=Refinement.of(toy_dataset, ["poses", "exposures"]))
         run(training, toy_dataset, Plan(100, DensityRules(CAP), rate_factor=factor), until=1)
         rates.append({group["name"]: group["lr"] for group in training.optimizer.param_groups})
     for name, usual in rates[0].items():
@@ -86,7 +75,7 @@ def test_light_from_far_away_moves_no_further_in_a_longer_training(begun, toy_da
     far = Environment(torch.zeros(3, 8, 16), np.eye(3))
     rates = {}
     for iterations in (100, 300, 3000):
-        training = begun(None)
+        training = begun()
         training = Training.begin(
             training.method, training.light, training.gaussians, 1.0, environment=far.copied()
         )

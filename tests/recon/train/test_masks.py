@@ -20,6 +20,7 @@ from recon.start.initialisation import colours_at, gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from tests.recon.beginning import beginning
 
 RECTANGLE = (18, 14)
 """Width and height, px, of what is painted over."""
@@ -48,14 +49,8 @@ def painted(dataset, *, masked, seed=4, colours=None):
 
 def trained(dataset, name, iterations, seed) -> Training:
     """A short training; the seed is that of its start and of all that it draws."""
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(seed)))
-    method = METHODS[name](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, dataset.extent)
-    plan = Plan(iterations, DensityRules(900), seed=seed)
-    train(training, dataset, plan)
+    training = beginning(dataset, 600, seed)(name)
+    train(training, dataset, Plan(iterations, DensityRules(900), seed=seed))
     return training
 
 

@@ -12,19 +12,18 @@ import pytest
 import torch
 
 from imaging import metrics
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.data.shot import HeldPlanes
 from recon.measure.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of, light_in, restored
+from tests.recon.beginning import beginning
 
 CAP = 900
 
@@ -32,16 +31,7 @@ CAP = 900
 @pytest.fixture(scope="module")
 def begun(toy_dataset):
     """A function that makes a new training of a method on the toy session, always the same."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, 600, np.random.Generator(np.random.PCG64(0)))
-
-    def begin(name="nh-3dgs") -> Training:
-        method = METHODS[name](toy_dataset, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, toy_dataset.extent)
-
-    return begin
+    return beginning(toy_dataset, 600)
 
 
 def run(training, dataset, plan, until=None):
@@ -182,13 +172,8 @@ def test_checkpoints_come_every_so_often(begun, toy_dataset):
 
 def test_hdr_gs_learns_light_and_curve_from_photographs(toy_ldr):
     dataset = load(toy_ldr)
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["hdr-gs"](dataset, light)
-    training = Training.begin(
-        method, light, gaussians_at(points, method.appearance, method.observation.units), dataset.extent
-    )
+    training = beginning(dataset, 600)("hdr-gs")
+    method = training.method
     curve = method.observation.theta.detach().clone()
     before, _ = quality(training, dataset)
     run(training, dataset, Plan(10, DensityRules(CAP)), until=2)
@@ -214,12 +199,7 @@ def test_scenes_without_information_stay_finite(begun, toy_dataset, what):
             shots.append(type(shot)(shot.file, shot.k, planes))
         views.append(type(view)(view.camera, view.frame, view.lens, view.sensor, tuple(shots)))
     dataset = replace(toy_dataset, train=tuple(views), held_out=())
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 400, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    training = Training.begin(method, light, gaussians, dataset.extent)
+    training = beginning(dataset, 400)()
     lines, _ = run(training, dataset, Plan(30, DensityRules(500), log_every=10))
     assert all(np.isfinite(line["loss"]) for line in lines)
     assert all(torch.isfinite(value).all() for value in training.gaussians.parameters.values())

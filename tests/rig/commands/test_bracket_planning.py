@@ -16,14 +16,10 @@ from imaging.sensor.noise import SensorNoise
 from imaging.session.records import PlanRecord
 from rig.cameras import rehearsal
 
+from .test_capture import json_of
+
 NOISE = RawNoise(SensorNoise(gain=1.0, read_noise=3.0), 3839.0)
 NOTHING = Forecast(0.0, 0.0, 0, 0, {}, 0, "nothing", 0)
-
-
-def json_of(rig, *arguments: str) -> dict:
-    code, out, err = rig(*arguments, "--json")
-    assert (code, err) == (0, "")
-    return json.loads(out)
 
 
 def test_the_dry_run_of_an_automatic_bracket_is_what_is_then_shot(rig, tmp_path: Path) -> None:

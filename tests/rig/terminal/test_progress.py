@@ -18,15 +18,20 @@ class FakeClock:
         return self.now
 
 
+def begun(name: str) -> tuple[Stage, FakeClock]:
+    clock = FakeClock()
+    stage = Stage(clock)
+    stage.begin(name)
+    return stage, clock
+
+
 def status() -> tuple[PlainStatusLine, FakeClock, io.StringIO]:
     clock, stream = FakeClock(), io.StringIO()
     return PlainStatusLine(stream, clock), clock, stream
 
 
 def test_time_left_is_the_pace_so_far_applied_to_the_rest() -> None:
-    clock = FakeClock()
-    stage = Stage(clock)
-    stage.begin("train")
+    stage, clock = begun("train")
     stage.move("iterations", 0, 100)
     clock.now += 10
     stage.move("iterations", 25, 100)
@@ -35,9 +40,7 @@ def test_time_left_is_the_pace_so_far_applied_to_the_rest() -> None:
 
 
 def test_a_resumed_stage_does_not_count_what_was_there_before() -> None:
-    clock = FakeClock()
-    stage = Stage(clock)
-    stage.begin("train")
+    stage, clock = begun("train")
     stage.move("iterations", 90, 100)
     assert stage.remaining() is None
     clock.now += 10
@@ -46,9 +49,7 @@ def test_a_resumed_stage_does_not_count_what_was_there_before() -> None:
 
 
 def test_a_new_part_starts_a_new_pace() -> None:
-    clock = FakeClock()
-    stage = Stage(clock)
-    stage.begin("calibrate")
+    stage, clock = begun("calibrate")
     stage.move("keypoints", 0, 10)
     clock.now += 100
     stage.move("keypoints", 10, 10)
@@ -60,9 +61,7 @@ def test_a_new_part_starts_a_new_pace() -> None:
 
 
 def test_the_time_left_falls_while_the_next_report_is_under_way() -> None:
-    clock = FakeClock()
-    stage = Stage(clock)
-    stage.begin("train")
+    stage, clock = begun("train")
     stage.move("iterations", 0, 10)
     clock.now += 10
     stage.move("iterations", 5, 10)
@@ -76,9 +75,7 @@ def test_the_time_left_falls_while_the_next_report_is_under_way() -> None:
 
 
 def test_an_unknown_length_has_no_count_and_no_time_left() -> None:
-    clock = FakeClock()
-    stage = Stage(clock)
-    stage.begin("calibrate")
+    stage, clock = begun("calibrate")
     clock.now += 70
     stage.move("bundle adjustment", 3, 0)
     assert stage.remaining() is None

@@ -9,16 +9,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from capture.imports.layouts import detect, rawnerf
-from capture.imports.photos import import_photos
 from imaging.errors import InputError
 from imaging.files.colmap import pycolmap, read_points
 from imaging.files.tiff.dng import encode_dng
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import Cfa
 from imaging.sensor.mosaic import FrameMetadata, RawMosaic
-from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
 from recon.data.load import load
+
+from .test_llff import imported
 
 SIZE = (48, 64)
 NAMES = [f"IMG_{number}" for number in (9, 10, 11, 12, 13, 14, 15, 16, 17, 18)]
@@ -82,12 +82,6 @@ def scene_with_clean_mosaic(folder: Path, picture, put) -> Path:
         put(folder / "images" / f"{name}.JPG", picture(1, SIZE))
     model(folder, names)
     return folder
-
-
-def imported(folder: Path):
-    result = import_photos(folder, folder.parent / "s")
-    session = Session.open(folder.parent / "s")
-    return result, session, read_calibration(session.folder)
 
 
 def stems(session: Session) -> dict[int, list[str]]:

@@ -16,8 +16,8 @@ from imaging.files import store
 from imaging.files.raw import read_raw
 from imaging.files.tiff.dng import write_dng
 from imaging.optics.exposure import Exposure
-from imaging.sensor.mosaic import RawMosaic
 from imaging.session.session import Session
+from tests.drivers.shots import raw_shot
 
 ORDER = ((0, 0), (0, 1), (1, 1), (1, 0))
 TIMES = (1 / 250, 1 / 30)
@@ -37,11 +37,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for number, by in enumerate(ORDER):
                 camera = SimulatedCamera(rig.bodies[0], partial(shifted, rig, by))
                 camera.place(frame, 4 * turn + number)
-                camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
-                camera.arm()
-                camera.trigger()
-                shot = camera.collect()
-                assert isinstance(shot, RawMosaic)
+                shot = raw_shot(camera, Exposure(time=time, f_number=4.0, iso=100.0))
                 write_dng(folder / f"IMG_{frame}{turn}{number}.dng", shot)
     return folder
 

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.nodemap import NodeMap
+from tests.drivers.genicam.judge import judge_of
 from tests.drivers.u3v.test_judges import HEAD
 
 from .nodes import Bytes, node_map
@@ -54,22 +55,8 @@ def test_a_formula_in_place_is_part_of_the_address(register: str) -> None:
     genapi: Any = pytest.importorskip("genicam.genapi", reason="the package genicam is not installed")
     theirs, ours = filled(), filled()
 
-    class Port(genapi.AbstractPort):  # type: ignore[misc]
-        def read(self, address: int, length: int) -> bytes:
-            return theirs.read(address, length)
-
-        def write(self, address: int, data: bytes) -> None:
-            theirs.write(address, bytes(data))
-
-        def is_open(self) -> bool:
-            return True
-
-        def get_access_mode(self) -> int:
-            return int(genapi.EAccessMode.RW)
-
-    judge, port = genapi.NodeMap(), Port()
-    judge.load_xml_from_string(f'{HEAD}{NODES}{register}<Port Name="Device"/></RegisterDescription>')
-    judge.connect(port, "Device")
+    xml = f'{HEAD}{NODES}{register}<Port Name="Device"/></RegisterDescription>'
+    judge, _port = judge_of(genapi, xml, theirs.read, theirs.write)
     nodes = node_map(NODES + register, ours)
     for index, offset in ((3, 0x20), (0, 0x30), (7, 0x00)):
         for name, value in (("Index", index), ("Offset", offset)):

@@ -2,7 +2,6 @@
 
 import struct
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -45,13 +44,6 @@ def rig() -> SimulatedRig:
     rig = simulate("toy")
     rig.radiance(0, 0)
     return rig
-
-
-@pytest.fixture
-def timeline() -> Iterator[LiveTimeline]:
-    timeline = LiveTimeline()
-    yield timeline
-    timeline.close()
 
 
 def test_cameras_know_this_computer_again() -> None:

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from drivers.camera import Camera, CameraFile
+from drivers.camera import CameraFile
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -19,19 +19,7 @@ from imaging.files.photo import read_photo
 from imaging.optics.exposure import Exposure
 from imaging.sensor.cfa import BAYER, Cfa
 from imaging.sensor.mosaic import RawMosaic
-
-
-def expose(camera: Camera, exposure: Exposure) -> RawMosaic | CameraFile:
-    camera.set_exposure(exposure)
-    camera.arm()
-    camera.trigger()
-    return camera.collect()
-
-
-def raw(camera: Camera, exposure: Exposure) -> RawMosaic:
-    frame = expose(camera, exposure)
-    assert isinstance(frame, RawMosaic)
-    return frame
+from tests.drivers.shots import raw_shot, shot
 
 
 def ideal(rig: SimulatedRig, index: int, **changes: object) -> SimulatedCamera:
@@ -50,7 +38,7 @@ def test_mean_signal_is_the_radiometric_model(cfa: Cfa, bits: int) -> None:
     label = Exposure(time=1 / 60, f_number=5.6, iso=200)
     takes = 64
     camera.place(2)
-    frames = np.stack([raw(camera, label).pixels for _ in range(takes)]).astype(float)
+    frames = np.stack([raw_shot(camera, label).pixels for _ in range(takes)]).astype(float)
 
     # The contract's formula, written out again: x = V gain (M L) k.
     v, u = np.mgrid[0 : lens.height, 0 : lens.width] + 0.5
@@ -84,7 +72,7 @@ def test_mean_signal_is_the_radiometric_model(cfa: Cfa, bits: int) -> None:
 def test_metadata_tell_what_a_raw_file_tells() -> None:
     rig = simulate("toy")
     for index, camera in enumerate(rig.cameras):
-        frame = raw(camera, Exposure(time=0.012))
+        frame = raw_shot(camera, Exposure(time=0.012))
         body, identity = rig.bodies[index], camera.identify()
         assert frame.metadata.exposure == Exposure(time=1 / 80, f_number=4.0, iso=100.0)
         assert (frame.metadata.serial, frame.metadata.model) == (identity.serial, identity.model)
@@ -175,12 +163,12 @@ def test_equal_exposures_of_one_frame_have_their_own_noise() -> None:
     rig = simulate("toy")
     exposure = rig.bracket[2]
     rig.move_to(1)
-    first, second = (raw(rig.cameras[0], exposure).pixels for _ in range(2))
+    first, second = (raw_shot(rig.cameras[0], exposure).pixels for _ in range(2))
     assert not np.array_equal(first, second)
     rig.move_to(1)
-    np.testing.assert_array_equal(raw(rig.cameras[0], exposure).pixels, first)
+    np.testing.assert_array_equal(raw_shot(rig.cameras[0], exposure).pixels, first)
     rig.move_to(1, step=1)
-    assert not np.array_equal(raw(rig.cameras[0], exposure).pixels, first)
+    assert not np.array_equal(raw_shot(rig.cameras[0], exposure).pixels, first)
 
 
 def test_trigger_times_come_from_the_clock_if_there_is_one() -> None:
@@ -212,14 +200,14 @@ def test_effects_jitter_the_shutter_and_stripe_the_rows() -> None:
             pair = []
             for rig in (plain, rough):
                 rig.move_to(frame)
-                pair.append(raw(rig.cameras[0], exposure).signal())
+                pair.append(raw_shot(rig.cameras[0], exposure).signal())
             lit = (pair[0] > 0.05) & (pair[0] < 0.9)
             ratios.append(float(np.median(pair[1][lit] / pair[0][lit])))
     assert np.std(ratios) > 0.003
     assert np.all(np.abs(np.log(ratios)) < 0.08)
     stripes = simulate("toy", light=0.0, effects=True, width=128, height=96)
-    rows = raw(stripes.cameras[0], short).signal().mean(axis=1)
-    quiet = raw(simulate("toy", light=0.0, width=128, height=96).cameras[0], short).signal().mean(axis=1)
+    rows = raw_shot(stripes.cameras[0], short).signal().mean(axis=1)
+    quiet = raw_shot(simulate("toy", light=0.0, width=128, height=96).cameras[0], short).signal().mean(axis=1)
     assert rows.std() > 1.3 * quiet.std()
 
 
@@ -255,7 +243,7 @@ def test_photographs_follow_the_response(tmp_path: Path) -> None:
     radiance = rig.radiance(0, 1).astype(float)
     optics, compared = rig.bodies[0].optics, 0
     for exposure in rig.bracket:
-        photo = expose(rig.cameras[0], exposure)
+        photo = shot(rig.cameras[0], exposure)
         assert isinstance(photo, CameraFile)
         assert photo.suffix == ".jpg"
         path = tmp_path / "photo.jpg"

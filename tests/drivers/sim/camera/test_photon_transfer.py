@@ -20,6 +20,7 @@ from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.files.raw import decode_raw
 from imaging.optics.exposure import Exposure
 from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import shot
 
 TIMES = (1 / 500, 1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8)
 
@@ -27,10 +28,7 @@ TIMES = (1 / 500, 1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8)
 def pair(camera: Camera, time: float) -> tuple[np.ndarray, np.ndarray]:
     frames = []
     for _ in range(2):
-        camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
-        camera.arm()
-        camera.trigger()
-        frame = camera.collect()
+        frame = shot(camera, Exposure(time=time, f_number=4.0, iso=100.0))
         mosaic = frame if isinstance(frame, RawMosaic) else decode_raw(frame.data, frame.suffix)
         frames.append(mosaic.pixels.astype(np.float64))
     return frames[0], frames[1]

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
 from imaging.files.tiff.dng import encode_dng
-from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}
 """1/250 s as libgphoto2 writes it for each profile."""
@@ -26,13 +25,6 @@ FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.
 @pytest.fixture(scope="module")
 def gp() -> Any:
     return pytest.importorskip("gphoto2", reason="the package gphoto2 is not installed")
-
-
-@pytest.fixture
-def timeline() -> Iterator[LiveTimeline]:
-    timeline = LiveTimeline()
-    yield timeline
-    timeline.close()
 
 
 def sensor() -> SimulatedCamera:
@@ -91,11 +83,7 @@ def test_libgphoto2_sets_shoots_and_downloads(
     assert done.returncode == 0, done.stderr
     twin = sensor()
     for shot, iso in enumerate((400, 200)):
-        twin.set_exposure(responder.shooting.exposure.model_copy(update={"iso": iso}))
-        twin.arm()
-        twin.trigger()
-        frame = twin.collect()
-        assert isinstance(frame, RawMosaic)
+        frame = raw_shot(twin, responder.shooting.exposure.model_copy(update={"iso": iso}))
         assert (tmp_path / str(shot)).read_bytes() == encode_dng(frame)
     assert responder.shooting.shots == 2
 

@@ -5,7 +5,6 @@ import shutil
 import socket
 import struct
 import subprocess
-from collections.abc import Iterator
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +20,7 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.timeline import LiveTimeline
 from imaging.files.tiff.dng import encode_dng
-from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 GPHOTO2 = shutil.which("gphoto2")
 FAST = dict.fromkeys(PROFILES, "1/250") | {"generic": "0.0040s", "nikon-z6": "0.0040s"}
@@ -37,13 +36,6 @@ def rig() -> SimulatedRig:
 
 def camera(rig: SimulatedRig) -> SimulatedCamera:
     return SimulatedCamera(rig.bodies[0], lambda frame: rig.radiance(0, frame))
-
-
-@pytest.fixture
-def timeline() -> Iterator[LiveTimeline]:
-    timeline = LiveTimeline()
-    yield timeline
-    timeline.close()
 
 
 def gphoto2(server: PtpIpServer, folder: Path, *arguments: str) -> str:
@@ -86,13 +78,7 @@ def test_gphoto2_summarises_sets_shoots_and_downloads(
     tags = exifread.process_file(BytesIO(data), details=False)
     assert tags["EXIF ExposureTime"].values == [Fraction(1, 250)]
     assert tags["EXIF ISOSpeedRatings"].values == [400]
-    reference = camera(rig)
-    reference.set_exposure(responder.shooting.exposure)
-    reference.arm()
-    reference.trigger()
-    frame = reference.collect()
-    assert isinstance(frame, RawMosaic)
-    assert data == encode_dng(frame)
+    assert data == encode_dng(raw_shot(camera(rig), responder.shooting.exposure))
 
 
 class Client:

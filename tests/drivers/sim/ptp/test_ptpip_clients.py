@@ -3,7 +3,6 @@
 import socket
 import struct
 import tracemalloc
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -21,13 +20,6 @@ from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
 
 from .test_ptpip import INTRODUCTION, Client, begin
-
-
-@pytest.fixture
-def timeline() -> Iterator[LiveTimeline]:
-    timeline = LiveTimeline()
-    yield timeline
-    timeline.close()
 
 
 def server(timeline: LiveTimeline, name: str = "generic") -> PtpIpServer:

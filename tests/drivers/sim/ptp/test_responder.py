@@ -24,6 +24,7 @@ from drivers.ptp.protocol.datasets import DeviceInfo, DevicePropDesc, EnumForm, 
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.usb import STILL_IMAGE, EndpointStalled, find
+from tests.drivers.shots import raw_shot
 
 OK = ResponseCode.OK
 Plug = Callable[..., Any]
@@ -77,10 +78,7 @@ def test_the_file_is_a_dng_of_the_sensors_frame(plug: Plug) -> None:
     reference = SimulatedCamera(
         host.responder.shooting.camera.body, lambda frame: host.rig.radiance(0, frame)
     )
-    reference.set_exposure(host.responder.shooting.exposure)
-    reference.arm()
-    reference.trigger()
-    assert np.array_equal(pixels, reference.collect().pixels)
+    assert np.array_equal(pixels, raw_shot(reference, host.responder.shooting.exposure).pixels)
     pieces = [host.get(Operation.GET_PARTIAL_OBJECT, handle, at, 1000) for at in range(0, len(data), 1000)]
     assert b"".join(pieces) == data
     assert host.run(Operation.DELETE_OBJECT, handle).code == OK

@@ -21,19 +21,14 @@ from imaging.sensor.cfa import bilinear
 from imaging.sensor.mosaic import RawMosaic
 from imaging.session.records import SessionRecord, ShotRecord
 from imaging.session.session import Session
+from tests.drivers.shots import raw_shot
 
 MIDDLE = Exposure(time=1 / 60, f_number=4.0, iso=100.0)
 
 
 def shoot(rig: SimulatedRig, camera: int, frame: int, exposure: Exposure = MIDDLE) -> RawMosaic:
     rig.move_to(frame)
-    device = rig.cameras[camera]
-    device.set_exposure(exposure)
-    device.arm()
-    device.trigger()
-    shot = device.collect()
-    assert isinstance(shot, RawMosaic)
-    return shot
+    return raw_shot(rig.cameras[camera], exposure)
 
 
 def test_the_scene_is_the_same_whatever_was_shown_before() -> None:

@@ -14,7 +14,6 @@ from imaging.files.photo import read_metadata, read_photo
 from tests.imaging.files.tags.test_icc import profile
 
 RGB8 = np.random.default_rng(7).integers(0, 256, (24, 30, 3), dtype=np.uint8)
-CURVE = (291, 3, 256, [7] * 256, True)
 SMALL = np.zeros((8, 10, 3), np.uint8)
 
 

@@ -3,22 +3,18 @@
 import itertools
 import shutil
 
-import numpy as np
 import pytest
 
 from imaging.files import store
-from recon.data.light import light_of, radiance_image
 from recon.decide.cost.budget import Budget
 from recon.decide.cost.probe import has_time_for_trials
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.request import TrainingRequest
-from recon.methods import nh_3dgs
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
-from recon.scene.gaussians import Gaussians
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.training import Plan, Training
+from recon.train.training import Plan
+from tests.recon.beginning import beginning
 
 from ..runs import settings
 from ..steps.test_corrections import rungs_of
@@ -29,16 +25,7 @@ SHORT, LONG = Plan(20, DensityRules(400), 0), Plan(2000, DensityRules(400), 0)
 @pytest.fixture
 def begin(toy_dataset):
     """Function that begins a training of the toy, each time the same."""
-    images = [radiance_image(view) for view in toy_dataset.train]
-    light = light_of(toy_dataset, images)
-    points = start_points(toy_dataset, images, 200, np.random.default_rng(0))
-    method = nh_3dgs.compose(toy_dataset, light)
-
-    def begun() -> Training:
-        start: Gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, start, toy_dataset.extent)
-
-    return begun
+    return beginning(toy_dataset, 200)
 
 
 @pytest.fixture

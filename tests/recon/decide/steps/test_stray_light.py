@@ -32,7 +32,7 @@ def as_modelled(light, share):
 
 @pytest.mark.parametrize("share", [0.004, 0.02])
 def test_the_share_is_told(toy_long, share):
-    shares, rung = glare_of(toy_long, before_a_lamp(toy_long, share, as_modelled), "refine glare")
+    shares, rung = glare_of(toy_long, before_a_lamp(toy_long, share, as_modelled))
     assert rung.taken, rung.reason
     assert len(shares) == len({view.camera for view in toy_long.train})
     np.testing.assert_allclose(shares, share, rtol=0.1)
@@ -41,7 +41,7 @@ def test_the_share_is_told(toy_long, share):
 @pytest.mark.parametrize("share", [0.004, 0.02])
 def test_the_dark_is_nearer_to_its_light_though_the_halo_has_another_shape(toy_long, share):
     images = before_a_lamp(toy_long, share)
-    shares, rung = glare_of(toy_long, images, "refine glare")
+    shares, rung = glare_of(toy_long, images)
     assert rung.taken, rung.reason
     veiled = torch.from_numpy(np.stack([light for light, _ in images])).double()
     freed = torch.stack([(one - shares[0] * glare.spread(one)) / (1 - shares[0]) for one in veiled])
@@ -51,14 +51,14 @@ def test_the_dark_is_nearer_to_its_light_though_the_halo_has_another_shape(toy_l
 
 
 def test_none_is_found_where_there_is_none(toy_long):
-    shares, rung = glare_of(toy_long, before_a_lamp(toy_long, 0.0), "refine glare")
+    shares, rung = glare_of(toy_long, before_a_lamp(toy_long, 0.0))
     assert not rung.taken
     assert max(shares) < 0.001
 
 
 def test_clipped_lamps_tell_nothing(toy_long):
     images = [(light, light.max(-1) < 1) for light, _ in before_a_lamp(toy_long, 0.02)]
-    shares, rung = glare_of(toy_long, images, "refine glare")
+    shares, rung = glare_of(toy_long, images)
     assert not rung.taken
     assert not any(shares)
     assert f"fewer than {FEWEST_POINTS} dark scene points" in rung.reason

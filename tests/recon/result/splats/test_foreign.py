@@ -24,7 +24,6 @@ from tests.foreign_gsply import gsply
 from tests.recon.exports.made_scene import write_made
 
 COUNT = 200
-NAMES = ("means", "scales", "quats", "opacities", "sh0", "shN")
 
 
 def cloud(degree: int, seed: int = 0) -> dict[str, np.ndarray]:

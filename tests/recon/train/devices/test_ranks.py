@@ -15,33 +15,26 @@ import torch
 from imaging.compute.threads import thread_count
 from imaging.errors import ReconstructionError
 from recon.data.dataset import Dataset
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.decide.cost.countdown import TooShort
-from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.devices.ranks import Ranks, joined
 from recon.train.monitor import Hooks
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of
+from tests.recon.beginning import beginning
 
 ROOT = Path(__file__).parents[4]
 PLAN = Plan(12, DensityRules(700, every=0.1), seed=5, batch=2, log_every=4)
 
 
 def begin(dataset: Dataset) -> Training:
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 500, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
     refinement = Refinement.of(dataset, ["poses", "exposures", "vignetting"])
-    return Training.begin(method, light, gaussians, dataset.extent, refinement=refinement)
+    return beginning(dataset, 500)(refinement=refinement)
 
 
 def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]:

@@ -6,29 +6,21 @@ and so does a value that is read back, which on a GPU would wait for all that is
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
-from recon.data.light import light_of, radiance_image
 from recon.data.load import load
-from recon.methods import METHODS
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
-from recon.start.initialisation import gaussians_at, start_points
 from recon.train.devices.training_device import device_name, gpus, training_device
 from recon.train.training import Training
+from tests.recon.beginning import beginning
 
 META = torch.device("meta")
 
 
 def begun(session: Path, name: str) -> tuple[Training, object]:
     dataset = load(session)
-    images = [radiance_image(view) for view in dataset.train]
-    light = light_of(dataset, images)
-    points = start_points(dataset, images, 100, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS[name](dataset, light)
-    gaussians = gaussians_at(points, method.appearance, method.observation.units)
-    return Training.begin(method, light, gaussians, dataset.extent, META), dataset.train[0]
+    return beginning(dataset, 100)(name, device=META), dataset.train[0]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from drivers.sim.rigs import SimulatedRig
 from imaging.arrays import Array32
 from imaging.files.tiff.dng import write_dng
 from imaging.optics.exposure import Exposure
-from imaging.sensor.mosaic import RawMosaic
+from tests.drivers.shots import raw_shot
 
 Step = tuple[float, float]
 AROUND: tuple[Step, ...] = ((0, 0), (0, 1), (1, 1), (1, 0))
@@ -27,20 +27,13 @@ def displaced(rig: SimulatedRig, camera: int, by: Step, frame: int) -> Array32:
     return rig.scene_at(frame).render(there, rig.cam_from_world(camera, frame), rig.settings.samples)
 
 
-def photograph(
-    rig: SimulatedRig, photos: Path, exposures: Sequence[Exposure], steps: Sequence[Step] = AROUND
-) -> None:
+def photograph(rig: SimulatedRig, photos: Path, exposures: Sequence[Exposure]) -> None:
     """Photographs of every camera at every frame: `photos`/CAMERA/FRAME_EXPOSURE_STEP.dng."""
     for index, mount in enumerate(rig.mounts):
-        for number, by in enumerate(steps):
+        for number, by in enumerate(AROUND):
             camera = SimulatedCamera(rig.bodies[index], partial(displaced, rig, index, by))
             for frame in range(rig.frames):
                 for turn, exposure in enumerate(exposures):
-                    camera.place(frame, len(steps) * turn + number)
-                    camera.set_exposure(exposure)
-                    camera.arm()
-                    camera.trigger()
-                    shot = camera.collect()
-                    assert isinstance(shot, RawMosaic)
-                    write_dng(photos / mount.name / f"{frame:04d}_{turn}_{number}.dng", shot)
-            camera.close()
+                    camera.place(frame, len(AROUND) * turn + number)
+                    file = photos / mount.name / f"{frame:04d}_{turn}_{number}.dng"
+                    write_dng(file, raw_shot(camera, exposure))
