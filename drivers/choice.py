@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 from usb.backend import IBackend
 
-from drivers import gphoto2, ptp
+from drivers import ptp
 from drivers.at_once import all_at_once
 from drivers.camera import Camera
 from drivers.clock import Clock
 from drivers.errors import CameraRefused
+from drivers.gphoto2 import camera as gphoto2
+from drivers.gphoto2.library import is_installed
 from imaging.errors import CameraError
 
 BY_RIG = "rig's own PTP, which can set and trigger it"
@@ -47,7 +49,7 @@ def find_cameras(
     Raises:
         CameraError: The USB or libgphoto2 cannot list its cameras.
     """
-    library = library and gphoto2.is_installed()
+    library = library and is_installed()
     known = {one.port: one for one in gphoto2.find_cameras(clock)} if library else {}
     for camera in ptp.find_cameras(backend, clock):
         other = known.pop(_port_of(camera.where), None)

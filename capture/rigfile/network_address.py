@@ -9,7 +9,7 @@ from ipaddress import IPv4Address
 from typing import Any, Literal
 
 from drivers.choice import Place
-from drivers.gphoto2 import SCHEME
+from drivers.gphoto2.library import SCHEME
 from drivers.ptp.ip.packets import PORT, place_of
 
 _FORMS = 'gige: or ptpip: and an IPv4 address, as "gige:192.168.1.20" or "ptpip:192.168.1.2"'

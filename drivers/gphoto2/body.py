@@ -5,8 +5,7 @@ from contextlib import suppress
 from time import monotonic
 from typing import Any
 
-from drivers.gphoto2 import dials
-from drivers.gphoto2.dials import Decode
+from drivers.gphoto2 import formats
 from drivers.gphoto2.library import errors_translated, library
 from imaging.errors import CameraError
 
@@ -56,17 +55,13 @@ class Body:
         with errors_translated(self._where):
             return str(self._camera.get_single_config(name).get_value())
 
-    def choices(self, names: tuple[str, ...], decode: Decode) -> tuple[str, dict[str, float]]:
-        """The first of these settings that is numbers that can be set, and those; "" and none without one."""
-        for name in names:
-            if name in self._names:
-                with errors_translated(self._where):
-                    widget = self._camera.get_single_config(name)
-                    listed = [] if widget.get_readonly() else self._listed(widget)
-                values = dials.choices(listed, decode)
-                if values:
-                    return name, values
-        return "", {}
+    def choices(self, name: str) -> list[str]:
+        """The choices of a setting, none where there is no such setting or it cannot be set."""
+        if name not in self._names:
+            return []
+        with errors_translated(self._where):
+            widget = self._camera.get_single_config(name)
+            return [] if widget.get_readonly() else self._listed(widget)
 
     def set(self, name: str, choice: str) -> str:
         """Set one of the choices, unless it is there already, and read back what the camera then has."""
@@ -81,11 +76,11 @@ class Body:
         """Return whether its pictures are RAW files: by its format, or else by what it says it captures."""
         format_text = self.text(self._format)
         if format_text and "unknown" not in format_text.lower():
-            return dials.says_raw(format_text)
+            return formats.says_raw(format_text)
         with errors_translated(self._where):
             summary = str(self._camera.get_summary())
         lines = [line for line in summary.splitlines() if line.startswith("Capture Formats:")]
-        return any(dials.says_raw(line) for line in lines)
+        return any(formats.says_raw(line) for line in lines)
 
     def shoot(self) -> Place:
         """Expose, wait until the picture is stored, and return its place."""
@@ -128,18 +123,16 @@ class Body:
 
     def _prepare(self) -> None:
         """RAW where there is a choice, and no focusing before each shot."""
-        self._format = next((name for name in dials.FORMATS if name in self._names), "")
+        self._format = next((name for name in formats.FORMATS if name in self._names), "")
         if "autofocus" in self._names:
             with suppress(CameraError):  # it focuses then: the shot is the same
                 self.set("autofocus", "Off")
         format_text = self.text(self._format)
-        if self._format and not dials.says_raw(format_text):
-            with errors_translated(self._where):
-                widget = self._camera.get_single_config(self._format)
-                wanted = None if widget.get_readonly() else dials.plain_raw(self._listed(widget))
+        if self._format and not formats.says_raw(format_text):
+            wanted = formats.plain_raw(self.choices(self._format))
             if wanted is not None:
                 format_text = self.set(self._format, wanted)
-        self._both = dials.says_both(format_text)
+        self._both = formats.says_both(format_text)
 
     def _listed(self, widget: Any) -> list[str]:
         kinds = (self._gp.GP_WIDGET_RADIO, self._gp.GP_WIDGET_MENU)

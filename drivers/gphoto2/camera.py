@@ -156,9 +156,9 @@ class Gphoto2Camera:
         return CameraIdentity(serial, make, model, "raw" if body.do(Body.delivers_raw) else "ldr")
 
     def _able(self, body: BodyProcess) -> Capabilities:
-        times = body.do(Body.choices, dials.TIMES, dials.seconds)[1].values()
-        f_numbers = body.do(Body.choices, dials.F_NUMBERS, dials.f_number)[1].values()
-        isos = body.do(Body.choices, dials.ISOS, dials.iso)[1].values()
+        times = _numbers(body, dials.TIMES, dials.seconds)[1].values()
+        f_numbers = _numbers(body, dials.F_NUMBERS, dials.f_number)[1].values()
+        isos = _numbers(body, dials.ISOS, dials.iso)[1].values()
         obstacle = "" if times else "its exposure time cannot be set: turn its mode dial to M"
         if not body.do(Body.can_shoot):
             obstacle = "libgphoto2 cannot trigger it"
@@ -198,11 +198,20 @@ def _suffix(place: Place) -> str:
     return suffix if suffix in raw.SUFFIXES or suffix in photo.SUFFIXES else ""
 
 
+def _numbers(body: BodyProcess, names: tuple[str, ...], decode: dials.Decode) -> tuple[str, dict[str, float]]:
+    """The first of these settings that is numbers that can be set, and those; "" and none without one."""
+    for name in names:
+        values = dials.choices(body.do(Body.choices, name), decode)
+        if values:
+            return name, values
+    return "", {}
+
+
 def _nearest(
     body: BodyProcess, names: tuple[str, ...], decode: dials.Decode, wanted: float | None
 ) -> float | None:
     """Set what is nearest to `wanted`, where that is something, and return what is read back, if a number."""
-    name, listed = body.do(Body.choices, names, decode)
+    name, listed = _numbers(body, names, decode)
     if not listed:
         return None
     if wanted is None:

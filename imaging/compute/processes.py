@@ -6,7 +6,6 @@ without an `if __name__ == "__main__"` begins anew.
 
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +20,7 @@ from imaging.compute.workers import Share
 
 T = TypeVar("T")
 
-_PROGRAM = "from imaging.compute.processes import serve; serve()"
+_PROGRAM = "from imaging.compute.process_server import serve; serve()"
 _LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 """Threads of libraries, which would share each core among all processes."""
 
@@ -81,22 +80,6 @@ class _Process:
         self._child.stdin.flush()
         done, answer = pickle.load(self._child.stdout)
         return done, answer
-
-
-def serve() -> None:
-    """Answer calls, in a process of the pool, until the other end of the pipe closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller gets the error, and ends this
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what is printed is no answer
-    with suppress(EOFError, BrokenPipeError):
-        while True:
-            function, arguments = pickle.load(sys.stdin.buffer)
-            try:
-                answer = True, function(*arguments)
-            except Exception as error:
-                answer = False, error
-            answers.write(pickle.dumps(answer))
-            answers.flush()
 
 
 def in_processes(count: int, function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]) -> Iterator[T]:

@@ -8,7 +8,6 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from imaging.arrays import Array, Array32, Bytes, Floats, Mask
 
@@ -216,6 +215,8 @@ def bilinear_variance(variance: Array, cfa: Cfa, valid: Mask) -> Array:
 
     Infinite next to a photosite whose own is, NaN where nothing is known.
     """
+    from scipy import ndimage  # as cv2 below
+
     channels = cfa.channels(*variance.shape)
     planes = []
     for channel, weights in enumerate(tents(cfa)):
@@ -247,6 +248,8 @@ def tents(cfa: Cfa) -> Iterable[Array]:
     """Interpolation kernels: for each channel the narrowest tent, 1 at its middle, that reaches a photosite
     from everywhere.
     """
+    from scipy import ndimage  # as cv2 above
+
     for channel in range(len(cfa.letters)):
         reach = 0
         while not ndimage.maximum_filter(cfa.pattern == channel, 2 * reach + 1, mode="wrap").all():

@@ -10,7 +10,7 @@ import pytest
 from drivers.camera import Capabilities
 from drivers.clock import SystemClock
 from drivers.discovery import ConnectedCamera, ask_all, find_cameras
-from drivers.gphoto2 import Gphoto2Camera
+from drivers.gphoto2.camera import Gphoto2Camera
 from drivers.ptp.protocol.codes import VendorId
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.ptp import dials
@@ -106,7 +106,7 @@ def test_what_libgphoto2_cannot_drive_either_stays_with_the_standard(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
-        "drivers.gphoto2.Gphoto2Camera.capabilities",
+        "drivers.gphoto2.camera.Gphoto2Camera.capabilities",
         lambda camera: Capabilities(0, 0, 0, (), (), (), "libgphoto2 cannot trigger it"),
     )
     bus = VirtualBus(VirtualClock())

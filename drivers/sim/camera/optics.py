@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import irfft2, rfft2
 
 from imaging.arrays import Array, Floats
 from imaging.optics.lens import Lens
@@ -17,6 +16,8 @@ def scattered(light: Floats, share: float) -> Array:
 
     Each part falls off as `exp(-r / scale)`. What is beyond the picture is as the picture mirrored.
     """
+    from scipy.fft import irfft2, rfft2  # which takes a while to load, and few cameras have glare
+
     height, width = light.shape[:2]
     mirrored = np.pad(light, ((0, height), (0, width), (0, 0)), "symmetric").astype(np.float64)
     size = mirrored.shape[:2]

@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from drivers.sim.camera.lens import unproject
@@ -54,6 +53,8 @@ class SimulatedBoard:
 
     def reflectance(self) -> Array:
         """Reflectance of every texel of the board with its border, float64 [rows, columns]."""
+        import cv2  # which takes a while to load, and most of what imports this draws no board
+
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = (self.columns, self.rows)
         board = cv2.aruco.CharucoBoard(size, self.square, self.marker, dictionary)

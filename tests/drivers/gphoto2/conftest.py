@@ -10,10 +10,11 @@ import pytest
 from PIL import Image
 
 from drivers.clock import SystemClock
-from drivers.gphoto2 import Gphoto2Camera, cameras_at
+from drivers.gphoto2.camera import Gphoto2Camera, cameras_at
 
 SERVE = """
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 import numpy as np
 from drivers.sim.camera.camera import SimulatedCamera
@@ -23,46 +24,81 @@ from drivers.sim.ptp.responder import Responder
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.timeline import LiveTimeline
 
-name, port, jpeg = sys.argv[1], int(sys.argv[2]), sys.argv[3] == "True"
-body, timeline = simulate("toy").bodies[0], LiveTimeline()
+body = simulate("toy").bodies[0]
 lens = body.optics.lens
 shape = lens.height, lens.width, 3
 view = np.linspace(0.2, 40.0, lens.height * lens.width * 3, dtype=np.float32).reshape(shape)
-responder = Responder(SimulatedCamera(body, lambda frame: view), replace(profile(name), jpeg=jpeg), timeline)
-with PtpIpServer(responder, listen(port=port)) as server:
-    print(server.port, flush=True)
-    sys.stdin.read()
-timeline.close()
+served = {}
+for line in sys.stdin:
+    name, port, jpeg = line.split()
+    if name == "stop":
+        served.pop(int(port)).close()
+    else:
+        with ExitStack() as stack:
+            timeline = LiveTimeline()
+            stack.callback(timeline.close)
+            camera = SimulatedCamera(body, lambda frame: view)
+            responder = Responder(camera, replace(profile(name), jpeg=jpeg == "True"), timeline)
+            server = stack.enter_context(PtpIpServer(responder, listen(port=int(port))))
+            port = server.port
+            served[port] = stack.pop_all()
+    print(port, flush=True)
+for one in served.values():
+    one.close()
 """
-"""A process each: while it asks for a summary, the package gphoto2 lets no other thread run."""
+"""Of another process: while it asks for a summary, the package gphoto2 lets no other thread run."""
+
+
+class Bodies:
+    """The process that serves simulated bodies, each before a bright wall, on ports of this machine."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-c", SERVE]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def order(self, name: str, port: int, jpeg: bool = False) -> int:
+        """The port of a body that begins, or of one that ends, by the name `stop`."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        print(name, port, jpeg, file=self._process.stdin, flush=True)
+        return int(self._process.stdout.readline())
+
+    def close(self) -> None:
+        self._process.communicate()
 
 
 class Served:
-    """A simulated body, before a bright wall, on a port of this machine."""
+    """A simulated body, until it is stopped."""
 
-    def __init__(self, name: str, port: int = 0, *, jpeg: bool = False) -> None:
-        command = [sys.executable, "-c", SERVE, name, str(port), str(jpeg)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        self.port = int(self._process.stdout.readline())
+    def __init__(self, bodies: Bodies, name: str, port: int = 0, *, jpeg: bool = False) -> None:
+        self._bodies, self._stopped = bodies, False
+        self.port = bodies.order(name, port, jpeg)
 
     def camera(self) -> Gphoto2Camera:
         (camera,) = cameras_at([("127.0.0.1", self.port)], SystemClock())
         return camera
 
     def stop(self) -> None:
-        if self._process.poll() is None:
-            self._process.communicate()
+        if not self._stopped:
+            self._bodies.order("stop", self.port)
+        self._stopped = True
+
+
+@pytest.fixture(scope="session")
+def bodies() -> Iterator[Bodies]:
+    pytest.importorskip("gphoto2", reason="the package gphoto2 is not installed")
+    bodies = Bodies()
+    yield bodies
+    bodies.close()
 
 
 @pytest.fixture
-def serve(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., Served]]:
-    pytest.importorskip("gphoto2", reason="the package gphoto2 is not installed")
+def serve(bodies: Bodies, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., Served]]:
     monkeypatch.setenv("HOME", str(tmp_path))  # libgphoto2 keeps its settings there
     served: list[Served] = []
 
     def start(name: str, port: int = 0, *, jpeg: bool = False) -> Served:
-        served.append(Served(name, port, jpeg=jpeg))
+        served.append(Served(bodies, name, port, jpeg=jpeg))
         return served[-1]
 
     yield start

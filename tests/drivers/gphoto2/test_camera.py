@@ -1,6 +1,7 @@
 """The driver above libgphoto2, judged by the examinations of `rig doctor --camera`."""
 
 import os
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,8 +12,8 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.conformance import EXAMINATIONS, Subject, examine, frames, identity, settings
 from drivers.errors import CameraRefused
-from drivers.gphoto2 import Gphoto2Camera, cameras_at, find_cameras
 from drivers.gphoto2.body import Body
+from drivers.gphoto2.camera import Gphoto2Camera, cameras_at, find_cameras
 from drivers.gphoto2.library import library
 from imaging.errors import CameraError
 from imaging.optics.exposure import Exposure
@@ -120,6 +121,15 @@ def test_nothing_of_this_process_is_closed(serve: Serve) -> None:
     camera.identify()
     camera.close()
     assert os.path.samestat(os.fstat(0), before)
+
+
+def test_the_process_of_a_camera_imports_only_what_it_serves_with() -> None:
+    program = "import sys; from drivers.gphoto2.process import serve; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "drivers.gphoto2.body" in loaded
+    assert not {"numpy", "pydantic", "drivers.camera", "drivers.ptp"} & set(loaded)
 
 
 def test_without_the_package_the_command_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

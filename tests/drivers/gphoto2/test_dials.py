@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.gphoto2.dials import choices, f_number, iso, plain_raw, says_both, says_raw, seconds
+from drivers.gphoto2.dials import choices, f_number, iso, seconds
+from drivers.gphoto2.formats import plain_raw, says_both, says_raw
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Calls in processes of their own: the same answers in the same order, whatever becomes of a process."""
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,32 +9,7 @@ import pytest
 
 from imaging.compute.processes import in_processes
 from imaging.errors import InputError
-
-
-def half(number: int) -> tuple[int, int]:
-    """Half of an even number, and who found it."""
-    if number % 2:
-        raise InputError(f"{number} is odd: name an even number.")
-    print("this is no answer")
-    return number // 2, os.getpid()
-
-
-def killed_there(number: int, here: int) -> int:
-    """Twice the number, unless another process than `here` is asked."""
-    if os.getpid() != here:
-        os.kill(os.getpid(), signal.SIGTERM)
-    return 2 * number
-
-
-def marked(folder: Path, number: int) -> int:
-    """Leave a file in the folder."""
-    (folder / str(number)).touch()
-    return number
-
-
-def unsendable(number: int) -> object:
-    """Function that cannot be pickled."""
-    return lambda: number
+from tests.imaging.compute.calls import half, killed_there, marked, unsendable
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

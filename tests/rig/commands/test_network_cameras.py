@@ -14,6 +14,7 @@ from imaging.files.raw import read_raw
 from rig.cameras.usb_bus import UsbBus
 from tests.drivers.gige.fakes import own_address, viva_fake
 from tests.drivers.gphoto2.conftest import Served
+from tests.drivers.gphoto2.conftest import bodies as bodies
 from tests.drivers.gphoto2.conftest import serve as serve
 
 
