@@ -41,6 +41,10 @@ PIXELS_EACH = 36
 FEWEST_MATCHES = 15
 PLANAR_SHARE = 0.85
 """Share of a pair's matches that one homography explains, above which they show a plane or a rotation."""
+TRIALS = 200
+"""Most samples of four matches that are tried for such a homography: where that share fits, every second
+sample has none but such, and a pair that no homography explains takes a tenth of the time of OpenCV's 2,000.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,7 @@ class MatchedPair:
         the pictures, px.
         """
         cv2.setRNGSeed(0)
-        homography, mask = cv2.findHomography(self.one, self.other, cv2.RANSAC, max_error)
+        homography, mask = cv2.findHomography(self.one, self.other, cv2.RANSAC, max_error, maxIters=TRIALS)
         if homography is None or float(np.mean(mask)) < PLANAR_SHARE:
             return float("inf")
         cameras = np.tile([[0, 0, size[0] / 2], [0, 0, size[1] / 2], [0, 0, 1]], (300, 1, 1))

@@ -2,9 +2,11 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from calib.data.features import MatchedPair
 from imaging.arrays import Array, Mask
@@ -115,10 +117,9 @@ def turn_of(pair: MatchedPair, one: Lens, other: Lens) -> Turn:
     step = -(-len(pair.one) // _MATCHES)
     here, there = every[0][::step], every[1][::step]
     reach = TOLERANCE * one.width / one.fx
-    rng = np.random.default_rng(0)
-    chosen = np.array([rng.choice(len(here), 2, replace=False) for _ in range(HYPOTHESES)])
+    chosen = _samples(len(here))
     proposed = _axes(there[chosen]) @ np.swapaxes(_axes(here[chosen]), 1, 2)
-    miss = np.linalg.norm(np.einsum("tij,mj->tmi", proposed, here) - there, axis=-1)
+    miss = np.linalg.norm(here @ np.swapaxes(proposed, 1, 2) - there, axis=-1)
     rotation = proposed[int(np.argmax((miss < reach).sum(axis=1)))]
     fits = np.zeros(len(pair.one), bool)
     for _ in range(3):
@@ -128,6 +129,13 @@ def turn_of(pair: MatchedPair, one: Lens, other: Lens) -> Turn:
         u, _, vt = np.linalg.svd(every[1][fits].T @ every[0][fits])
         rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return Turn(rotation, fits)
+
+
+@cache
+def _samples(matches: int) -> npt.NDArray[np.int64]:
+    """Pairs [HYPOTHESES, 2] of that number of matches, the same for every lens that is tried."""
+    rng = np.random.default_rng(0)
+    return np.array([rng.choice(matches, 2, replace=False) for _ in range(HYPOTHESES)])
 
 
 def _axes(two: Array) -> Array:
