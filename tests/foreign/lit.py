@@ -100,6 +100,11 @@ class LitScene:
         with np.load(file) as arrays:
             return {name: arrays[name] for name in arrays.files}
 
+    @cached_property
+    def _greys(self) -> dict[str, list[float]]:
+        """Mean reflectance of each panel."""
+        return {name: panel.reflectance.mean((0, 1)).tolist() for name, panel in self.panels.items()}
+
     def _hash(self) -> str:
         settings = (self.width, self.height, self.samples, self.traced, self.angle, BOUNCES, MORE, BRIGHTEST)
         digest = hashlib.sha256(repr(settings).encode() + self.poses.tobytes())
@@ -216,7 +221,7 @@ class LitScene:
                     "type": "diffuse",
                     "reflectance": {
                         "type": "rgb",
-                        "value": [1.0] * 3 if other == name else panel.reflectance.mean((0, 1)).tolist(),
+                        "value": [1.0] * 3 if other == name else self._greys[other],
                     },
                 },
             }

@@ -1,7 +1,12 @@
 """Results of rig on photographs of foreign light."""
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
 
 from imaging.arrays import Array32
 
@@ -28,3 +33,11 @@ class Taken:
     def reconstruction(self) -> Path:
         """The scene that was trained, if it was."""
         return self.session / "reconstructions" / "scene"
+
+
+@contextmanager
+def all_measured() -> Iterator[None]:
+    """The evaluation at the end of `rig reconstruct` takes its time, as `rig evaluate` after it would."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rig.commands.reconstruct.REPORT_SHARE", math.inf)
+        yield

@@ -10,14 +10,14 @@ from rig.__main__ import main
 
 from . import judge, subjects
 from .folder import Body, photograph, tell_poses
-from .taken import Taken
+from .taken import Taken, all_measured
 
 pytest.importorskip("mitsuba")
 
 
 def imported(folder: Path, body: Body, times: tuple[tuple[float, ...], ...], developed: bool) -> Taken:
     """Photographed, imported with poses, and calibrated but for them."""
-    scene = subjects.objects(views=14, width=160, samples=9, traced=64, span=160.0)
+    scene = subjects.objects(views=14, width=160, samples=4, traced=64, span=160.0)
     light = scene.light()
     shots = photograph(folder / "photos", light, body, times, developed=developed)
     tell_poses(shots, scene.poses, scene.focal, (scene.width, scene.height), scene.surface_points())
@@ -31,8 +31,8 @@ def imported(folder: Path, body: Body, times: tuple[tuple[float, ...], ...], dev
 def trained(taken: Taken, *options: str) -> Taken:
     """The same, reconstructed and evaluated."""
     few = ["--quality", "draft", "--set", "iterations=200", *options, "--name", "scene"]
-    taken.exits["reconstruct"] = main(["reconstruct", str(taken.session), *few])
-    taken.exits["evaluate"] = main(["evaluate", str(taken.reconstruction)])
+    with all_measured():
+        taken.exits["reconstruct"] = main(["reconstruct", str(taken.session), *few])
     return taken
 
 

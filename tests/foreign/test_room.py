@@ -19,7 +19,7 @@ BRACKET = (1 / 4000, 1 / 250, 1 / 15, 1.0)
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Taken:
     folder = tmp_path_factory.mktemp("room")
-    scene = subjects.room(views=18, width=160, samples=9, traced=64)
+    scene = subjects.room(views=18, width=160, samples=4, traced=64)
     light = scene.light()
     shots = photograph(folder / "photos", light, Body(14, seed=1), (BRACKET,))
     session = folder / "S"

@@ -19,6 +19,7 @@ from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files.colmap import read_points
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
+from tests.calib.conftest import STEPS, even_light
 from tests.calib.survey.conftest import Staked, write_marks, write_points
 
 ModelOf = Callable[[Path], SceneModel]
@@ -136,29 +137,24 @@ def test_points_on_a_line_and_too_few_marks_are_refused(arm: Path, staked: Stake
 
 
 @pytest.fixture(scope="module")
-def matched(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The arm, whose calibration of poses was stopped when all views were matched; it goes on in copies."""
-    session = Path(shutil.copytree(arm, tmp_path_factory.mktemp("matched") / "session"))
+def unsurveyed(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The arm as if its calibration had been stopped when all views were placed; it goes on in copies."""
+    session = Path(shutil.copytree(arm, tmp_path_factory.mktemp("unsurveyed") / "session"))
 
-    def stop(message: str, done: int, total: int) -> None:
-        if message == "placing views":
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        calibrate(session, CalibrationRequest(only="poses"), on_progress=stop)
-    assert (session / FOLDER).is_dir()
+    shutil.copytree(arm.with_name(STEPS), session / FOLDER)
     return session
 
 
 @pytest.fixture(scope="module")
-def placed(matched: Path, staked: Staked, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def placed(unsurveyed: Path, staked: Staked, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The arm, calibrated in UTM coordinates."""
     folder = tmp_path_factory.mktemp("placed")
-    session = Path(shutil.copytree(matched, folder / "session"))
+    session = Path(shutil.copytree(unsurveyed, folder / "session"))
     points = write_points(folder / "points.csv", {name: place + UTM for name, place in staked.places.items()})
     points.write_text("# EPSG:25832\n" + points.read_text())
     marks = write_marks(folder / "marks.csv", staked.marks(CLICK))
-    calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
+    with even_light():
+        calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
     return session
 
 
@@ -196,16 +192,16 @@ def test_a_survey_stays_until_it_is_forgotten(placed: Path) -> None:
 
 
 def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
-    matched: Path, staked: Staked, tmp_path: Path
+    unsurveyed: Path, staked: Staked, tmp_path: Path
 ) -> None:
-    session = Path(shutil.copytree(matched, tmp_path / "session"))
+    session = Path(shutil.copytree(unsurveyed, tmp_path / "session"))
     few = dict(list(staked.places.items())[:4])
     few["P0"], few["P1"] = few["P1"], few["P0"]
     points = write_points(tmp_path / "points.csv", few)
     marks = write_marks(
         tmp_path / "marks.csv", {n: by_view for n, by_view in staked.marks(CLICK).items() if n in few}
     )
-    with pytest.raises(PartialError, match=r"arbitrary coordinates.*exchanged"):
+    with even_light(), pytest.raises(PartialError, match=r"arbitrary coordinates.*exchanged"):
         calibrate(session, CalibrationRequest(only="poses", survey=points, marks=marks))
     record = read_calibration(session)
     assert len(record.views) == 12

@@ -11,6 +11,7 @@ from calib import evidence
 from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
 from calib.poses.rigs.known_rig import KnownRig, tie_rigs
+from calib.view_images import ViewSummary
 from imaging.arrays import Array
 from imaging.files import store
 from imaging.files.colmap import pycolmap
@@ -21,13 +22,15 @@ from imaging.session.calibration import CalibrationRecord, LensError, PoseError
 from imaging.session.calibration_evidence import BoardEvidence
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
+from tests.calib.conftest import even_light
 
 FRAMES = 2
 
 
 @pytest.fixture
-def short(own_arm: Path) -> Path:
-    """The first frames of the arm, not calibrated yet."""
+def short(own_arm: Path, arm_looks: dict[ViewId, ViewSummary], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The first frames of the arm, not calibrated yet, but for the features of its pictures."""
+    monkeypatch.setattr("calib.view_images.summarise", lambda session, view, *rest: arm_looks[view.id])
     shutil.rmtree(own_arm / "calibration")
     shots = store.read_lines(own_arm / "shots.jsonl")
     (own_arm / "shots.jsonl").unlink()
@@ -73,7 +76,8 @@ def test_measured_positions_give_the_scale(short: Path) -> None:
         if camera["name"] != "cam2":  # two of them would do
             camera["position"] = centre(mounted(truth[camera["name"]])).tolist()
     store.write_json(short / "session.json", identity)
-    record = calibrate(short, on_progress=unreported)
+    with even_light():
+        record = calibrate(short, on_progress=unreported)
     assert record.unit == "m"
     ratios = [
         distance / float(np.linalg.norm(centre(mounted(truth[name])) - centre(mounted(truth["cam0"]))))
@@ -105,7 +109,8 @@ def test_what_a_board_knows_well_stays_as_it_is(short: Path, monkeypatch: pytest
         sure_rig=True,
     )
     monkeypatch.setattr(evidence, "measure_board", lambda *args: board)
-    record = calibrate(short, on_progress=unreported)
+    with even_light():
+        record = calibrate(short, on_progress=unreported)
     assert record.unit == "m"
     assert record.board == board.evidence
     reference = record.camera("cam0")
