@@ -3,12 +3,14 @@
 import re
 import shlex
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.sim.mounting import TURN_SPREAD
+from drivers.sim.rig_settings import RIGS
 from drivers.sim.rigs import simulate
 from drivers.sim.scene.turntable import turntable_scene
 from imaging.merge.masks import read_mask
@@ -16,7 +18,7 @@ from imaging.optics.lens import rays
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.measure.truth import calibration_errors
-from tests.conftest import fewer_features, fewer_rays
+from tests.conftest import fewer_features
 
 SHORTER = ("--quality draft", "--quality draft --set iterations=60 --set environment=0")
 """Masks and poses are held to the truth; that the scene is trained is enough, without the trials by which
@@ -39,7 +41,9 @@ def things(frames: Iterable[int]) -> Iterator[np.ndarray]:
 @pytest.mark.timeout(600)
 def test_the_turntable_of_the_page(rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with fewer_rays("turntable"), fewer_features():
+    smaller = replace(RIGS["turntable"], width=320, height=240, samples=1)
+    monkeypatch.setitem(RIGS, "turntable", smaller)
+    with fewer_features():
         for line in re.findall(r"^```sh\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0].splitlines():
             code, _, err = rig(*shlex.split(line.replace(*SHORTER), comments=True)[1:])
             assert code == 0, err

@@ -13,6 +13,7 @@ from drivers.sim.genicam.quirks import Quirk
 from drivers.sim.gige.device import GigeDevice
 from tests.drivers.shots import together
 
+from .fakes import own_address
 from .rows import MakeRow
 from .test_actions import join
 from .test_sim_device import LABEL, ask, shoot
@@ -64,42 +65,39 @@ def judged(packets: list[Packet], file: Path) -> tuple[list[str], list[str]]:
         pytest.skip("Wireshark (tshark) is not installed")
     capture(packets, file)
 
-    def dissected(*words: str) -> list[str]:
-        command = [tshark, "-r", str(file), "-d", f"udp.port=={STREAM},gvsp", *words]
-        return subprocess.run(
-            command, capture_output=True, text=True, check=True, timeout=60
-        ).stdout.splitlines()
+    fields = ("_ws.col.Protocol", "_ws.malformed", "_ws.col.Info")
+    command = [tshark, "-r", str(file), "-d", f"udp.port=={STREAM},gvsp", "-T", "fields"]
+    command += [word for field in fields for word in ("-e", field)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    rows = [line.split("\t") for line in done.stdout.splitlines()]
+    return [protocol for protocol, _, _ in rows], [info for _, malformed, info in rows if malformed]
 
-    return dissected("-T", "fields", "-e", "_ws.col.Protocol"), dissected("-Y", "_ws.malformed")
 
-
-@pytest.mark.parametrize(
-    "quirks",
-    [
-        (),
-        (Quirk.CHUNK_PAYLOAD,),
-        (Quirk.EXTENDED_CHUNK_PAYLOAD,),
-        (Quirk.PENDING,),
-        (Quirk.NO_WRITE_MEMORY,),
-        (Quirk.EVENTS,),
-    ],
-    ids=lambda quirks: "+".join(one.name for one in quirks) or "plain",
+QUIRKS = (
+    (),
+    (Quirk.CHUNK_PAYLOAD,),
+    (Quirk.EXTENDED_CHUNK_PAYLOAD,),
+    (Quirk.PENDING,),
+    (Quirk.NO_WRITE_MEMORY,),
+    (Quirk.EVENTS,),
 )
+
+
 @pytest.mark.parametrize("extended", [False, True])
-def test_shots(
-    make_row: MakeRow,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    quirks: tuple[Quirk, ...],
-    extended: bool,
-) -> None:
-    row = make_row(quirks=frozenset(quirks), extended_ids=extended)
-    packets = tapped(row.devices[0], monkeypatch)
-    shoot(row.cameras[0])
-    row.cameras[0].close()
-    protocols, malformed = judged(packets, tmp_path / "shots.pcap")
+def test_shots(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, extended: bool) -> None:
+    """By one tshark, which takes longer to begin than to judge."""
+    shots = []
+    for number, quirks in enumerate(QUIRKS):
+        at = (own_address(number),)
+        row = make_row(addresses=at, quirks=frozenset(quirks), extended_ids=extended)
+        shots.append(tapped(row.devices[0], monkeypatch))
+        shoot(row.cameras[0])
+        row.cameras[0].close()
+    protocols, malformed = judged([packet for shot in shots for packet in shot], tmp_path / "shots.pcap")
     assert malformed == []
-    assert {"GVCP", "GVSP"} == set(protocols)
+    judgements = iter(protocols)
+    for quirks, shot in zip(QUIRKS, shots, strict=True):
+        assert {next(judgements) for _ in shot} == {"GVCP", "GVSP"}, quirks
 
 
 def test_action_commands(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -122,12 +120,10 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("code", "payload"), REFUSED.values(), ids=REFUSED.keys())
-def test_refused_requests(
-    make_row: MakeRow, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: int, payload: bytes
-) -> None:
+def test_refused_requests(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     row = make_row()
     packets = tapped(row.devices[0], monkeypatch)
-    ask(row.devices[0].address, Command(code, 7, payload))
-    assert len(packets) == 2
+    for number, (name, (code, payload)) in enumerate(REFUSED.items(), start=1):
+        ask(row.devices[0].address, Command(code, 7, payload))
+        assert len(packets) == 2 * number, name
     assert judged(packets, tmp_path / "refused.pcap")[1] == []

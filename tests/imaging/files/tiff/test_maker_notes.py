@@ -9,7 +9,7 @@ from PIL import Image
 from imaging.files.photo import read_metadata
 from imaging.files.tiff.directory import ASCII, LONG, SHORT, UNDEFINED, Entry, encode_directory
 from imaging.files.tiff.maker_notes import _CANON_PLACES
-from tests.imaging.files.exiftool import exiftool, needs_exiftool
+from tests.imaging.files.exiftool import exiftool_of_each, needs_exiftool
 
 RED, BLUE = 1.75, 1.375
 LEVELS = [round(1024 * RED), 1024, 1024, round(1024 * BLUE)]
@@ -76,22 +76,23 @@ def test_gains_are_read(tmp_path: Path, name: str) -> None:
 
 
 @needs_exiftool
-@pytest.mark.parametrize("name", [name for name in CASES if not name.startswith("Canon ")])
-def test_exiftool_reads_the_same(tmp_path: Path, name: str) -> None:
-    tags = exiftool(photo(tmp_path / "a.jpg", *CASES[name]), "-n")
-    if name == "Panasonic":
-        assert [tags[f"WB{colour}Level"] for colour in ("Red", "Green", "Blue")] == [1792, 1024, 1408]
-    else:
-        assert (tags["RedBalance"], tags["BlueBalance"]) == pytest.approx((RED, BLUE))
+def test_exiftool_reads_the_same(tmp_path: Path) -> None:
+    names = [name for name in CASES if not name.startswith("Canon ")]
+    files = [photo(tmp_path / f"{name}.jpg", *CASES[name]) for name in names]
+    for name, tags in zip(names, exiftool_of_each(files, "-n"), strict=True):
+        if name == "Panasonic":
+            assert [tags[f"WB{colour}Level"] for colour in ("Red", "Green", "Blue")] == [1792, 1024, 1408]
+        else:
+            assert (tags["RedBalance"], tags["BlueBalance"]) == pytest.approx((RED, BLUE)), name
 
 
 @needs_exiftool
 def test_exiftool_finds_them_at_every_place_of_canon(tmp_path: Path) -> None:
-    # one call for all files: each count of numbers is a generation of bodies
+    # Each count of numbers is a generation of bodies.
     names = [name for name in CASES if name.startswith("Canon ")]
-    for name in names:
-        photo(tmp_path / f"{name}.jpg", *CASES[name])
-        tags = exiftool(tmp_path / f"{name}.jpg", "-n", "-fast", "-WB_RGGBLevelsAsShot")
+    files = [photo(tmp_path / f"{name}.jpg", *CASES[name]) for name in names]
+    every = exiftool_of_each(files, "-n", "-fast", "-WB_RGGBLevelsAsShot")
+    for name, tags in zip(names, every, strict=True):
         assert tags.get("WB_RGGBLevelsAsShot") == " ".join(map(str, LEVELS)), name
 
 

@@ -54,9 +54,10 @@ class Training:
     """The process, from here."""
 
     def __init__(self, session: Path, name: str) -> None:
-        spawning = multiprocessing.get_context("spawn")
-        self.pipe, other = spawning.Pipe()
-        self.process = spawning.Process(target=train, args=(other, session, name))
+        forking = multiprocessing.get_context("forkserver")
+        forking.set_forkserver_preload([__name__, "recon.reconstruct"])  # imported once for all trainings
+        self.pipe, other = forking.Pipe()
+        self.process = forking.Process(target=train, args=(other, session, name))
         self.process.start()
         other.close()
 
