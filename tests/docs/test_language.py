@@ -64,8 +64,10 @@ def test_a_name_says_what_it_is_of(folder: str) -> None:
     """Of modules, classes, functions, attributes, parameters and variables, private or not."""
     unnamed = []
     for name, text in sources(folder).items():
-        words = re.findall(r"[a-z]+", text.lower())
-        for scope in ast.walk(ast.parse(text)) if UNNAMED & set(words) else ():
+        if not UNNAMED & set(re.findall(r"[a-z]+", text.lower())):
+            continue
+        module = ast.parse(text)
+        for scope in ast.walk(module) if UNNAMED & names_in(module) else ():
             if isinstance(scope, ast.Module | ast.ClassDef | ast.FunctionDef | ast.Lambda):
                 bound, line = names_in(scope), getattr(scope, "lineno", 1)
                 allowed = {"left"} if bound & SIDES else set()

@@ -164,14 +164,12 @@ def _trained(session: Path, method: MethodName, seed: int) -> Outcome:
     return outcome
 
 
-SEEDS = 3
-"""Number of seeds. The stops of one training scatter by 1 to 4 % with its last bits, and by 1 to 4 % from
-seed to seed.
-"""
+def mean_stops(session: Path, method: MethodName = "auto", seeds: int = 1) -> float:
+    """`Outcome.stops` in the mean over trainings of several seeds.
 
-
-def mean_stops(session: Path, method: MethodName = "auto", seeds: int = SEEDS) -> float:
-    """`Outcome.stops` in the mean over trainings of so many seeds: what may be held to a few percent."""
+    The stops of one training scatter by 1 to 4 % with its last bits, and by 1 to 4 % from seed to seed: what
+    lies within a tenth of its bound is held to it in the mean over more than one.
+    """
     return float(np.mean([_stops(session, method, seed) for seed in range(seeds)]))
 
 

@@ -34,6 +34,7 @@ def sixteen(toy_long, tmp_path, monkeypatch):
     monkeypatch.setitem(QUALITIES, "standard", Quality(30, 400, 64))
     monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 2)
     monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 400)
+    monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 4)
     return shutil.copytree(toy_long.session, tmp_path / "session")
 
 

@@ -94,6 +94,7 @@ def test_display_values_are_not_corrected_as_light(toy_ldr):
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
     monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_LOOKS", 2)
     monkeypatch.setattr("recon.decide.steps.corrections.TRIAL_GAUSSIANS", 200)
+    monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 4)
     rung = tried(toy_long, ["poses"], settings(), unreported)["poses"]
     assert rung.name == "refine poses"
     assert rung.gain is not None

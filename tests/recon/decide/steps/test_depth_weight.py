@@ -117,7 +117,7 @@ def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):
 
 def test_a_training_that_was_stopped_goes_on_with_its_depth(session_copy):
     add_depths(session_copy, noise=0.01, holes=0.2, seed=0, unit=0.5e-3)
-    chosen = Overrides(iterations=80, gaussians=200, degree=0, refine="none", environment=False, depth=0.5)
+    chosen = Overrides(iterations=30, gaussians=200, degree=0, refine="none", environment=False, depth=0.5)
     whole = reconstruct(session_copy, TrainingRequest(method="nh-3dgs", overrides=chosen, name="whole"))
 
     def interrupt(message: str, done: int, total: int) -> None:

@@ -54,6 +54,12 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gains of views that judge are fitted in fewer steps, which otherwise take longer than the trials."""
+    monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 12)
+
+
+@pytest.fixture
 def no_trial(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*arguments: object) -> None:
         raise AssertionError("a trial was made")
@@ -76,7 +82,7 @@ def off(dataset: Dataset, stated: Dataset) -> float:
     return float(np.abs(errors).max())
 
 
-@pytest.mark.usefixtures("short")
+@pytest.mark.usefixtures("short", "short_fits")
 @pytest.mark.parametrize("method", ["vanilla", "hdr-gs"])
 def test_light_that_varied_overrules_the_files(varied: Path, method: str) -> None:
     dataset, said = load(varied), list[str]()
@@ -92,7 +98,7 @@ def test_light_that_varied_overrules_the_files(varied: Path, method: str) -> Non
         assert float(line.split("differs by ")[1].split(" %")[0]) == pytest.approx(100 * size, rel=0.15)
 
 
-@pytest.mark.usefixtures("short")
+@pytest.mark.usefixtures("short", "short_fits")
 def test_light_that_was_constant_stays_so(constant: Path) -> None:
     dataset, said = load(constant), list[str]()
     run = run_of(dataset, settings(method="vanilla"), said=said)

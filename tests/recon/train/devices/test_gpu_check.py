@@ -60,16 +60,7 @@ def small() -> GpuCheck:
 
 
 def test_both_scenes_agree() -> None:
-    assert max(small().errors.values()) < 1e-5
-
-
-def test_every_kernel_agrees_where_it_runs_several_programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """136 Gaussians are two programs of the projection and five of `match`; and four tiles.
-
-    Through the fisheye, whose camera has a gradient that is summed over programs.
-    """
-    monkeypatch.setattr(gpu_check, "_LENSES", {"a fisheye": gpu_check._LENSES["a fisheye"]})
-    check = compared(DEVICE, 136, 24)
+    check = small()
     assert check.wrong == ""
     assert set(check.errors) == set(gpu_check.LIMITS)
     assert max(check.errors.values()) < 1e-5

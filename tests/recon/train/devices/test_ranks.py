@@ -1,10 +1,12 @@
 """Two processes over Gloo train what one trains that looks at two views a step."""
 
 import json
+import multiprocessing
 import os
 import socket
-import subprocess
 import sys
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,6 @@ from recon.train.training import Plan, Training
 from recon.train.training_checkpoint import checkpoint_of
 from tests.recon.beginning import beginning
 
-ROOT = Path(__file__).parents[4]
 PLAN = Plan(12, DensityRules(700, every=0.1), seed=5, batch=2, log_every=4)
 
 
@@ -54,29 +55,60 @@ def free_port() -> str:
         return str(probe.getsockname()[1])
 
 
-def together(arguments: list[str], count: int = 2) -> list[tuple[int, str, str]]:
-    """Run Python `count` times over, as torchrun does; exit code, output and error of each."""
-    common = {**os.environ, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free_port(), "WORLD_SIZE": str(count)}
-    common |= {"LOCAL_WORLD_SIZE": str(count), "GLOO_SOCKET_IFNAME": "lo", "PYTHONPATH": str(ROOT)}
+def together(folder: Path, call: Callable[..., int], *arguments: object) -> list[tuple[int | None, str, str]]:
+    """Call a function in two processes, as torchrun starts them; exit code, output and error of each."""
+    common = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free_port(), "GLOO_SOCKET_IFNAME": "lo"}
+    common |= {"WORLD_SIZE": "2", "LOCAL_WORLD_SIZE": "2"}
+    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+    context.set_forkserver_preload([__name__, "rig.commands.reconstruct"])  # imported once for all ranks
+    places = [[folder / f"{rank}.{name}" for name in ("out", "err")] for rank in range(2)]
     started = [
-        subprocess.Popen(
-            [sys.executable, *arguments],
-            env={**common, "RANK": str(rank), "LOCAL_RANK": str(rank)},
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
+        context.Process(
+            target=as_rank,
+            args=(common | {"RANK": str(rank), "LOCAL_RANK": str(rank)}, streams, call, *arguments),
         )
-        for rank in range(count)
+        for rank, streams in enumerate(places)
     ]
-    return [(process.returncode, out, err) for process in started for out, err in [process.communicate()]]
+    for process in started:
+        process.start()
+    for process in started:
+        process.join()
+    return [
+        (process.exitcode, out.read_text(), err.read_text())
+        for process, (out, err) in zip(started, places, strict=True)
+    ]
+
+
+def as_rank(
+    environment: Mapping[str, str], streams: Sequence[Path], call: Callable[..., int], *arguments: object
+) -> None:
+    """Call a function with these variables, its output and error in files, and exit with what it returns."""
+    os.environ.update(environment)
+    for number, path in enumerate(streams, 1):
+        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), number)
+    sys.exit(call(*arguments))
+
+
+def command(*words: str) -> int:
+    """Run `rig`, as `python -m rig` does."""
+    code: int = import_module("rig.__main__").main(words)
+    return code
+
+
+def decide_and_train(session: Path, out: Path) -> int:
+    """Print as JSON what a rank decided, and the log of what it trained."""
+    with joined() as here:
+        decided = decide_here(here)
+        lines = train_here(session, out, here)
+    print(json.dumps({"decided": decided, "lines": lines}))
+    return 0
 
 
 @pytest.fixture(scope="module")
 def two(toy: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]]]:
     """What two processes decided and trained: their folder, and what each of them printed."""
     folder = tmp_path_factory.mktemp("ranks")
-    results = together([__file__, str(toy), str(folder)])
+    results = together(folder, decide_and_train, toy, folder)
     assert [code for code, _, _ in results] == [0, 0], results[0][2] + results[1][2]
     return folder, [json.loads(out) for _, out, _ in results]
 
@@ -104,21 +136,9 @@ def test_two_ranks_give_what_one_gives(
     assert len(expected["gaussians.means"]) == 700
 
 
-def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path) -> None:
-    command = [
-        "-m",
-        "rig",
-        "reconstruct",
-        str(session_copy),
-        "--quality",
-        "draft",
-        "--budget",
-        "90s",
-        "--set",
-        "iterations=20",
-        "--json",
-    ]
-    first, second = together(command)
+def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path, tmp_path: Path) -> None:
+    words = ["reconstruct", str(session_copy), "--quality", "draft", "--budget", "90s"]
+    first, second = together(tmp_path, command, *words, "--set", "iterations=20", "--json")
     assert first[0] == second[0] == 0, first[2] + second[2]
     assert json.loads(first[1])["command"] == "reconstruct"
     assert second[1] == second[2] == ""
@@ -160,8 +180,10 @@ def test_the_first_rank_decides_for_all_and_its_error_is_that_of_all(
     assert first == [[0.0, 1.0, 2.0], torch.full((2,), 0.1).tolist(), 1234, "5 s are too short."]
 
 
-def test_a_time_that_is_too_short_ends_both_ranks_with_one_sentence(session_copy: Path) -> None:
-    first, second = together(["-m", "rig", "reconstruct", str(session_copy), "--budget", "1s"])
+def test_a_time_that_is_too_short_ends_both_ranks_with_one_sentence(
+    session_copy: Path, tmp_path: Path
+) -> None:
+    first, second = together(tmp_path, command, "reconstruct", str(session_copy), "--budget", "1s")
     assert (first[0], second[0]) == (2, 2), first[2] + second[2]
     assert "1 s are too short for this scene" in second[2]
     assert first[2].endswith(second[2])
@@ -181,10 +203,3 @@ def test_more_processes_than_gpus_are_refused(monkeypatch: pytest.MonkeyPatch) -
         ):
             raise AssertionError
     assert thread_count() == before
-
-
-if __name__ == "__main__":
-    with joined() as here:
-        decided = decide_here(here)
-        lines = train_here(Path(sys.argv[1]), Path(sys.argv[2]), here)
-        print(json.dumps({"decided": decided, "lines": lines}))
