@@ -261,4 +261,4 @@ def test_a_file_that_is_no_producer_is_told(tmp_path: Path, monkeypatch: pytest.
 def no_gige(monkeypatch: pytest.MonkeyPatch) -> None:
     """There is neither a network nor anything that libgphoto2 may find."""
     monkeypatch.setattr("drivers.gige.find_cameras", lambda network, clock: [])
-    monkeypatch.setattr("drivers.gphoto2.is_installed", lambda: False)
+    monkeypatch.setattr("drivers.choice.is_installed", lambda: False)
