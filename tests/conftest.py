@@ -48,6 +48,7 @@ LONGEST = (
     "recon/methods/test_extreme_light.py",
     "foreign/test_objects.py",
     "calib/boards/test_rig.py",
+    "calib/test_stopped_calibration.py",
     "rig/test_stability.py",
     "calib/survey/test_placing.py",
     "calib/light/curves/test_response.py",
