@@ -7,7 +7,7 @@ import typer
 
 from capture.rigfile import network_address
 from drivers import discovery
-from rig.cameras.usb_bus import open_bus, open_network
+from rig.cameras import usb_bus
 from rig.options.camera_addresses import CameraOption, rig_or_addresses
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
@@ -31,7 +31,7 @@ def cameras(
     """
     with running("cameras") as status:
         sim, addresses = rig_or_addresses(context, sim, camera)
-        bus, network = open_bus(sim), open_network(sim, addresses)
+        bus, network = usb_bus.open_bus(sim), usb_bus.open_network(sim, addresses)
         places = network_address.ptpip_places(addresses)
         listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))
     lines = [line for one in listed for line in _lines(one)] or [

@@ -13,7 +13,7 @@ from imaging.errors import CameraError, InputError
 from recon.train.devices import gpu_check
 from recon.train.devices import training_device as devices
 from rig import stability as stresses
-from rig.cameras.usb_bus import open_bus, open_network
+from rig.cameras import usb_bus
 from rig.options.camera_addresses import addresses_of
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
@@ -100,9 +100,9 @@ def doctor(
 def _camera_result(which: str, sim: str | None, status: "progress.StatusLine") -> CommandResult:
     """Result of a camera's examination, a line each."""
     named = addresses_of([which], sim) if which.startswith(("gige:", "ptpip:", "gphoto2:")) else []
-    bus = open_bus(sim)
+    bus = usb_bus.open_bus(sim)
     cameras = discovery.find_cameras(
-        bus.backend, bus.clock, open_network(sim, named), network_address.ptpip_places(named)
+        bus.backend, bus.clock, usb_bus.open_network(sim, named), network_address.ptpip_places(named)
     )
     status("looking for cameras", 0, 0)
     silent: list[CameraError] = []

@@ -10,7 +10,7 @@ from drivers import discovery
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.session import records
-from rig.cameras.usb_bus import open_bus, open_network
+from rig.cameras import usb_bus
 from rig.options.camera_addresses import CameraOption, rig_or_addresses
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
@@ -38,7 +38,7 @@ def init(
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} exists already: name another file, or move it away.")
         sim, addresses = rig_or_addresses(context, sim, camera)
-        bus, network = open_bus(sim), open_network(sim, addresses)
+        bus, network = usb_bus.open_bus(sim), usb_bus.open_network(sim, addresses)
         places = network_address.ptpip_places(addresses)
         listed = list(discovery.ask_all(bus.backend, bus.clock, status, network=network, places=places))
         board = None if bus.rig is None else records.Board.model_validate(bus.rig.board.description())

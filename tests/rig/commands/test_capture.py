@@ -58,8 +58,7 @@ class Cameras:
 def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
     """Two cameras are connected to this machine."""
     there = Cameras()
-    for place in ("cameras.usb_bus", "commands.init"):
-        monkeypatch.setattr(f"rig.{place}.open_bus", there)
+    monkeypatch.setattr("rig.cameras.usb_bus.open_bus", there)
     return there
 
 
@@ -102,7 +101,7 @@ def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
     assert path.read_text().count("\n[[camera]]") == 1
     assert f"{path}: 1 camera\n" in out
     clock = VirtualClock()
-    monkeypatch.setattr("rig.commands.init.open_bus", lambda sim: UsbBus(VirtualBus(clock), clock))
+    monkeypatch.setattr("rig.cameras.usb_bus.open_bus", lambda sim: UsbBus(VirtualBus(clock), clock))
     code, out, err = rig("init", str(tmp_path / "other.toml"))
     assert (code, out) == (2, "")
     assert err == "no camera is connected: connect the rig; rig doctor shows what is missing.\n"

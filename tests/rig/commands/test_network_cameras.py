@@ -21,11 +21,10 @@ from tests.drivers.gphoto2.conftest import serve as serve
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The camera; there is nothing on the USB."""
-    for place in ("cameras.usb_bus", "commands.init", "commands.cameras"):
-        monkeypatch.setattr(
-            f"rig.{place}.open_bus",
-            lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
-        )
+    monkeypatch.setattr(
+        "rig.cameras.usb_bus.open_bus",
+        lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
+    )
     with viva_fake() as there:
         yield there
 
@@ -80,11 +79,10 @@ def test_a_camera_that_does_not_answer_is_missing(rig, tmp_path: Path, fake: Any
 def test_libgphoto2_drives_a_camera_that_is_named_so(
     rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serve: Callable[..., Served]
 ) -> None:
-    for place in ("cameras.usb_bus", "commands.init", "commands.cameras"):
-        monkeypatch.setattr(
-            f"rig.{place}.open_bus",
-            lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
-        )
+    monkeypatch.setattr(
+        "rig.cameras.usb_bus.open_bus",
+        lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
+    )
     at = f"gphoto2:ptpip:127.0.0.1:{serve('generic').port}"
     code, out, _ = rig("cameras", "--camera", at)
     assert code == 0

@@ -25,14 +25,11 @@ from rig.facade import find_cameras
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The address of a camera; there is nothing on the USB, and no broadcast."""
-    for place in ("cameras.usb_bus", "commands.init", "commands.cameras", "commands.doctor"):
-        monkeypatch.setattr(
-            f"rig.{place}.open_bus",
-            lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
-        )
-        monkeypatch.setattr(
-            f"rig.{place}.open_network", lambda sim, addresses=(): Network([], []), raising=False
-        )
+    monkeypatch.setattr(
+        "rig.cameras.usb_bus.open_bus",
+        lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
+    )
+    monkeypatch.setattr("rig.cameras.usb_bus.open_network", lambda sim, addresses=(): Network([], []))
     rig = simulate("toy")
     view = rig.radiance(0, 0)
     timeline = LiveTimeline()
