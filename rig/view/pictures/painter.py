@@ -146,26 +146,30 @@ class Painter:
 
     def _reference(self, wanted: Wanted) -> Array32:
         assert wanted.view is not None
-        return self._upright(read_light(self.references[wanted.view]), wanted)
+        return picture_as_held(read_light(self.references[wanted.view]), self._orientation(wanted))
 
     def _layer(self, wanted: Wanted) -> Array32:
         camera = self.scene.record.world.camera_in_world(wanted.camera)
         with self.drawing:
-            return self._upright(self._data.layer(cast(LayerName, wanted.show), camera), wanted)
+            layer = self._data.layer(cast(LayerName, wanted.show), camera)
+        return picture_as_held(layer, self._orientation(wanted))
 
     def _light(self, number: int, wanted: Wanted) -> Array32:
         scene = self.scenes[number]
+        orientation = self._orientation(wanted)
         camera = self.scene.record.world.camera_in_world(wanted.camera)
         if number and wanted.view in {view.name for view in scene.views}:
-            camera = scene.view(str(wanted.view)).splat_camera
+            view = scene.view(str(wanted.view))
+            camera = view.splat_camera
+            if view.shots and self.scene.view(view.name).shots:  # a file of splats states no orientation
+                orientation = view.orientation
         with self.drawing:
             light = in_colour(wanted.parts.of(scene).render(camera), scene.record.bands)
-        return self._upright(light, wanted)
+        return picture_as_held(light, orientation)
 
-    def _upright(self, picture: Array32, wanted: Wanted) -> Array32:
-        """A picture of a view, of either scene, as the first has it held; of a free camera as it is."""
-        orientation = 1 if wanted.view is None else self.scene.view(wanted.view).orientation
-        return picture_as_held(picture, orientation)
+    def _orientation(self, wanted: Wanted) -> int:
+        """Orientation of a view of the first scene; 1 of a free camera, whose picture stays as it is."""
+        return 1 if wanted.view is None else self.scene.view(wanted.view).orientation
 
 
 def compared_with(show: str) -> str:

@@ -42,6 +42,12 @@ def brighter(scene: Scene) -> Scene:
     return replace(scene, record=scene.record.model_copy(update={"normaliser": 2 * scene.record.normaliser}))
 
 
+def changed(scene: Scene, **update: object) -> Scene:
+    """The scene with other values of its views."""
+    views = tuple(view.model_copy(update=update) for view in scene.views)
+    return replace(scene, record=scene.record.model_copy(update={"views": views}))
+
+
 def wanted(painter: Painter, show: str, parts: Parts | None = None) -> Wanted:
     view = next(iter(painter.references))
     return Wanted(show, view, painter.placed(view), parts or Parts())
@@ -84,12 +90,11 @@ def test_a_render_lies_beside_its_reference(scene: Scene) -> None:
 
 
 def test_a_view_is_shown_and_measured_as_it_was_held(scene: Scene, brighter: Scene) -> None:
-    """The left side of the stored picture is up, also of the second scene, whose record states nothing."""
-    views = tuple(view.model_copy(update={"orientation": 6}) for view in scene.views)
-    held = replace(scene, record=scene.record.model_copy(update={"views": views}))
+    """The left side of the stored picture is up, also of the second scene, which has no photographs."""
+    held, unstated = changed(scene, orientation=6), changed(brighter, shots=())
     for scenes, shows in (
         ((held,), (RENDER, REFERENCE, DIFFERENCE, *LAYERS)),
-        ((held, brighter), (SECOND, OVER)),
+        ((held, unstated), (SECOND, OVER)),
     ):
         painter, flat = Painter(*scenes), Painter(scene, *scenes[1:])
         for show in shows:
@@ -109,6 +114,15 @@ def test_a_view_is_shown_and_measured_as_it_was_held(scene: Scene, brighter: Sce
     np.testing.assert_array_equal(split, np.hstack([first[:, :middle], second[:, middle:]]))
     free = replace(wanted(painter, FIRST), view=None)
     np.testing.assert_array_equal(painter.draw(free).light, flat.draw(free).light)
+
+
+def test_each_scene_is_held_as_its_own_photographs_are_stored(scene: Scene, brighter: Scene) -> None:
+    """The second scene has the pictures of the first on their side."""
+    painter = Painter(scene, changed(brighter, orientation=6))
+    first, second = (painter.draw(wanted(painter, show)).light for show in (FIRST, SECOND))
+    np.testing.assert_allclose(second, 2 * first[::-1].swapaxes(0, 1), rtol=1e-5)
+    free = replace(wanted(painter, SECOND), view=None)
+    assert painter.draw(free).light.shape == first.shape
 
 
 def test_parts_of_the_model_are_left_out(scene: Scene) -> None:
