@@ -39,10 +39,10 @@ class _Process:
         if not self._lost:
             try:
                 done, answer = self._ask(function, arguments)
-            except (OSError, EOFError, pickle.UnpicklingError):
+            except Exception:  # of any type, as the classes of answers have them when they are read
                 if self._unwanted:
                     raise
-                self._lost = True  # it was killed, as where memory runs out
+                self._lost = True  # it was killed, as where memory runs out, or its answer cannot be sent
             else:
                 if done:
                     return answer  # type: ignore[no-any-return]

@@ -28,6 +28,25 @@ def marked(folder: Path, number: int) -> int:
     return number
 
 
+class KeptError(Exception):
+    """Error that holds what cannot be pickled."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"{number} is odd", lambda: number)
+
+
+class NamedError(Exception):
+    """Error whose arguments are not those that its class takes."""
+
+    def __init__(self, number: int, *, what: str) -> None:
+        super().__init__(f"{number} is {what}")
+
+
+def raising(kind: str, number: int) -> None:
+    """Raise an error of a kind that no pipe carries."""
+    raise KeptError(number) if kind == "kept" else NamedError(number, what="odd")
+
+
 def unsendable(number: int) -> object:
     """Function that cannot be pickled."""
     return lambda: number

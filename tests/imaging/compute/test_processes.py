@@ -9,7 +9,7 @@ import pytest
 
 from imaging.compute.processes import in_processes
 from imaging.errors import InputError
-from tests.imaging.compute.calls import half, killed_there, marked, unsendable
+from tests.imaging.compute.calls import KeptError, NamedError, half, killed_there, marked, raising, unsendable
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -42,6 +42,15 @@ def test_what_cannot_be_sent_is_found_here() -> None:
     (function,) = in_processes(2, unsendable, [(7,)])
     assert callable(function)
     assert function() == 7
+
+
+@pytest.mark.parametrize(("kind", "error"), [("kept", KeptError), ("named", NamedError)])
+def test_an_error_that_cannot_be_sent_is_raised_as_it_is(
+    kind: str, error: type[Exception], capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(error, match="7 is odd"):
+        list(in_processes(2, raising, [(kind, 7)]))
+    assert capfd.readouterr().err == ""
 
 
 def test_who_ends_early_waits_for_no_more(tmp_path: Path) -> None:
