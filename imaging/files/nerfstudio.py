@@ -16,6 +16,8 @@ from imaging.optics.pose import world_from_opengl
 
 FISHEYE: Final = "OPENCV_FISHEYE"
 """The camera model whose distortion is that of k1, k2, k3 and k4, of the angle from the axis."""
+DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+"""Terms in the order in which nerfstudio's `distortion_params` lists them."""
 _ALL_TERMS = ("p1", "p2", "k3", "k4", "k5", "k6")
 """Terms that not every model has."""
 Number = Callable[[str], float | None]
@@ -51,18 +53,19 @@ def stated_focal(
         Those across and down; None where nothing is stated.
 
     Raises:
-        InputError: A field of view is no angle between 0 and half a turn.
+        InputError: A field of view is no angle between 0 and half a turn, and no focal length stands for it.
     """
+    sure = any(number(f"fl_{axis}") for number in levels for axis in "xy")
     fx, fy = (
-        next(filter(None, (_focal(number, axis, pixels, where, fisheye) for number in levels)), None)
+        next(filter(None, (_focal(number, axis, pixels, where, fisheye, sure) for number in levels)), None)
         for axis, pixels in (("x", width), ("y", height))
     )
     fx, fy = fx or fy, fy or fx
     return None if fx is None or fy is None else (fx, fy)
 
 
-def _focal(number: Number, axis: str, pixels: float, where: str, fisheye: bool) -> float | None:
-    """The focal length along one axis that one level states."""
+def _focal(number: Number, axis: str, pixels: float, where: str, fisheye: bool, sure: bool) -> float | None:
+    """The focal length along one axis that one level states; sure: one in px is stated somewhere."""
     focal = number(f"fl_{axis}")
     if focal or fisheye:
         return focal
@@ -71,9 +74,11 @@ def _focal(number: Number, axis: str, pixels: float, where: str, fisheye: bool) 
         angle = math.radians(degrees)
     if not angle:
         return None
-    if not 0 < angle < math.pi:
-        raise InputError(f"{where} has a field of view of {math.degrees(angle):g} degrees: correct it.")
-    return pixels / 2 / math.tan(angle / 2)
+    if 0 < angle < math.pi:
+        return pixels / 2 / math.tan(angle / 2)
+    if sure:
+        return None
+    raise InputError(f"{where} has a field of view of {math.degrees(angle):g} degrees: correct it.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.nerfstudio import FISHEYE, Number, stated_centre, stated_focal, stated_terms
+from imaging.files.nerfstudio import DISTORTION, FISHEYE, Number, stated_centre, stated_focal, stated_terms
 from imaging.natural_order import natural
 from recon.rendering.camera_paths import CameraPath, lens_of_path
 from recon.rendering.camera_table import read_table
@@ -31,11 +31,12 @@ OFFSET = "world_offset"
 """Key of the coordinates of a transforms.json of `rig export`: those of the calibration are the file's plus
 this. (An `offset` is what they are less than those of a survey, and Instant NGP's.)"""
 _NOT_READ = (
-    "x_fov", "y_fov", "distortion_params", "rolling_shutter", "transform_matrix_start",
-    "transform_matrix_end", "from_mitsuba", "normal_mts_args", "latlong", "equirectangular", "orthographic",
-    "ftheta_p0",
+    "rolling_shutter", "transform_matrix_start", "transform_matrix_end", "from_mitsuba", "normal_mts_args",
+    "latlong", "equirectangular", "orthographic", "ftheta_p0",
 )  # fmt: skip
 """Keys of Instant NGP and nerfstudio by which a camera would be another one."""
+_VIEWERS = {"camera_path": "nerfstudio", "path": "Instant NGP"}
+"""Programs by the key of the cameras in the paths that their viewers write."""
 _MOST = 1e9
 """Bound on the numbers of a lens."""
 _COLMAP_MODELS = {
@@ -112,6 +113,12 @@ def _read(path: Path, usual: SplatCamera, camera: str | None) -> GivenPath:
 def _transforms(path: Path, usual: SplatCamera) -> GivenPath:
     """nerfstudio's; a frame overrides the top, which the first view's lens stands in for."""
     content = store.read_json(path)
+    for key, program in _VIEWERS.items():
+        if isinstance(content, dict) and isinstance(content.get(key), list):
+            raise InputError(
+                f"{path} is a camera path of {program}'s viewer, in coordinates of its own training: give "
+                "cameras as transforms.json, USD or CSV."
+            )
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(f"{path} has no list of frames: export it again.")
@@ -144,7 +151,11 @@ def _numbers(values: Mapping[str, Any], where: str) -> Number:
     """The numbers that keys state; InputError for other values, or too large ones."""
 
     def number(key: str) -> float | None:
-        value = values.get(key)
+        value, terms = values.get(key), values.get("distortion_params")
+        if terms is not None and key in DISTORTION:
+            if not isinstance(terms, list) or len(terms) != len(DISTORTION):
+                raise InputError(f"{where} has a distortion_params that is not 6 numbers: correct it.")
+            value = terms[DISTORTION.index(key)]
         if value is None:
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MOST:
@@ -166,7 +177,8 @@ def _nerfstudio_lens(
     width, height = int(number("w") or usual.width), int(number("h") or usual.height)
     levels = [_numbers(level, where) for level in (frame, top)]
     focal = stated_focal(levels, width, height, where, fisheye=fisheye)
-    if focal is None and fisheye and (number("camera_angle_x") or number("camera_angle_y")):
+    angles = ("camera_angle_x", "camera_angle_y", "x_fov", "y_fov")
+    if focal is None and fisheye and any(map(number, angles)):
         raise InputError(f"{where} has the field of view of a fisheye, not its focal length: write fl_x.")
     stands_in = usual.fx * width / usual.width
     fx, fy = focal or (stands_in, stands_in)

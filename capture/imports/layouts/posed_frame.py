@@ -17,7 +17,7 @@ from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.pictures.read import read_picture
 from imaging.arrays import Array
 from imaging.errors import InputError
-from imaging.files.nerfstudio import FISHEYE, stated_centre, stated_focal, stated_terms
+from imaging.files.nerfstudio import DISTORTION, FISHEYE, stated_centre, stated_focal, stated_terms
 from imaging.optics.exposure import Exposure
 from imaging.optics.lens import Lens, distort
 from imaging.optics.pose import Pose
@@ -26,8 +26,6 @@ KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
 OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular", "orthographic")
 """Keys of Instant NGP that say that a picture was taken by another lens than those above."""
-DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
-"""Terms in the order in which nerfstudio's `distortion_params` lists them."""
 _OPENCV_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Camera axes x left, y up, z forward become x right, y down, z forward."""
 

@@ -98,6 +98,16 @@ def test_transforms_json(tmp_path: Path) -> None:
             assert camera.k1 == (0.1 if number == 1 else 0.0)
 
 
+def test_fields_of_view_in_degrees_and_terms_in_a_list(tmp_path: Path) -> None:
+    frames = [{"transform_matrix": matrices()[0].tolist()}]
+    top = {"x_fov": np.degrees(2 * np.arctan(32 / 60)), "w": 64, "h": 48, "frames": frames}
+    top["distortion_params"] = [0.1, 0.02, 0, 0, 0.001, -0.002]
+    (tmp_path / "a.json").write_text(json.dumps(top))
+    (camera,) = read_camera_path(tmp_path / "a.json", SCENE).cameras
+    check(camera, 0)
+    assert (camera.k1, camera.k2, camera.p1, camera.p2) == (0.1, 0.02, 0.001, -0.002)
+
+
 def test_a_colmap_model(tmp_path: Path) -> None:
     model = pycolmap.Reconstruction()
     lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=64, height=48, params=[60, 32, 24, 0.1], camera_id=1)
@@ -231,7 +241,14 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
         ("a.json", b'{"frames": 3}', "no list of frames"),
         ("a.json", b'{"frames": [{"transform_matrix": [[1, 2], [3]]}]}', "4x4 matrix of finite numbers"),
         ("a.json", b'{"camera_model": "EQUIRECTANGULAR", "frames": [{}]}', "which rig cannot draw"),
-        ("a.json", b'{"x_fov": 50, "frames": [{}]}', "has a x_fov, which rig does not support"),
+        ("a.json", b'{"latlong": true, "frames": [{}]}', "has a latlong, which rig does not support"),
+        (
+            "a.json",
+            b'{"distortion_params": [0.1], "frames": [{}]}',
+            "distortion_params that is not 6 numbers",
+        ),
+        ("a.json", b'{"camera_path": [{}]}', "a camera path of nerfstudio's viewer"),
+        ("a.json", b'{"path": [{}], "time": 0}', "a camera path of Instant NGP's viewer"),
         ("a.json", b'{"rolling_shutter": [0, 0, 1], "frames": [{}]}', "has a rolling_shutter"),
         ("a.json", b'{"frames": [{"transform_matrix_end": [[1]]}]}', "has a transform_matrix_end"),
         ("a.json", b'{"w": "wide", "frames": [{}]}', "not a number"),
@@ -245,6 +262,7 @@ def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, objec
             b'{"is_fisheye": true, "camera_angle_x": 2, "frames": [{}]}',
             "field of view of a fisheye",
         ),
+        ("a.json", b'{"is_fisheye": true, "x_fov": 90, "frames": [{}]}', "field of view of a fisheye"),
         (
             "a.json",
             b'{"camera_angle_x": 4, "frames": [{}]}',

@@ -114,6 +114,16 @@ def test_fields_of_view_in_degrees_and_terms_in_a_list(read):
         read(distortion_params=[0.1])
 
 
+def test_a_focal_length_stands_where_a_field_of_view_cannot_be(read):
+    degrees = {"camera_angle_x": 50.0, "camera_angle_y": 40.0}  # which are taken for radians
+    size = {"w": 64, "h": 48}
+    for frame, lens in (({}, degrees | {"fl_x": 70.0}), (degrees, {"fl_x": 70.0})):
+        given = read(frame, lens=size | lens).photos[0].lens
+        assert (given.fx, given.fy) == (70.0, 70.0)
+    with pytest.raises(InputError, match=r"a field of view of 2864\.79 degrees: correct it"):
+        read(lens=size | degrees)
+
+
 @pytest.mark.parametrize("key", ["ftheta_p0", "latlong", "equirectangular", "orthographic"])
 def test_other_lenses_come_without_poses_and_are_named(read, key):
     given = read(**{key: 0.0 if key == "ftheta_p0" else True})
