@@ -16,6 +16,7 @@ from capture.imports.layouts.nearest_lens import nearest_lens
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.originals import aside_notes, pictures_in, shown
 from capture.imports.sorting.derived import Derived, find_derived
+from capture.pictures.read import kind_of
 from imaging.and_list import and_list
 from imaging.arrays import Array
 from imaging.compute.memory import check
@@ -182,7 +183,7 @@ def _unnamed(
     """The photographs that a model does not name, and sentences on what is left aside.
 
     A file beside a photograph of the model with its name, as the RAW file that it was developed from, is
-    the same view.
+    the same view. RAW+JPEG pairs are one view, too, of which the file counts that is as those of the model.
     """
     posed = set(photos)
     named = {(path.parent, path.stem.casefold()) for path in posed}
@@ -200,6 +201,13 @@ def _unnamed(
         else:
             rest.append(path)
     notes = aside_notes(folder, skipped)
+    second, counts = ("raw", "ldr") if {kind_of(path) for path in posed} == {"ldr"} else ("ldr", "raw")
+    first = {(path.parent, path.stem.casefold()) for path in rest if kind_of(path) == counts}
+    pairs = {p for p in rest if kind_of(p) == second and (p.parent, p.stem.casefold()) in first}
+    if pairs:
+        rest = [path for path in rest if path not in pairs]
+        count = "1 file is" if len(pairs) == 1 else f"{len(pairs)} files are"
+        notes.append(f"{count} left aside beside photos of the same name, which have no poses.")
     if twins:
         count = "1 file is" if twins == 1 else f"{twins} files are"
         notes.append(f"{count} left aside beside photos of the same name, which have poses.")

@@ -11,6 +11,7 @@ from imaging.files.colmap import pycolmap, read_points
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
+from tests.capture.imports.photo_files import dng
 
 PARAMETERS = {
     "SIMPLE_PINHOLE": [70.0, 33.0, 22.5],
@@ -184,6 +185,27 @@ def test_what_other_programs_keep_among_the_photos_is_no_view(project, picture, 
     assert "those of images/@eaDir" in said
     assert "4 files are left aside beside photos of the same name, which have poses." in said
     assert "4 of 4 photos have a mask" in said
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_of_a_pair_without_a_pose_the_file_like_those_of_the_model_counts(project, picture, put, raw):
+    folder, truth = project()
+    images, data = folder / "images", dng(size=(48, 64), time=0.1)
+    if raw:
+        for image in truth.images.values():
+            (images / image.name).unlink()
+            image.name = f"{Path(image.name).stem}.dng"
+            put(images / image.name, dng(image.image_id, size=(48, 64), time=0.1))
+        truth.write(str(folder / "sparse" / "0"))
+    put(images / "later.DNG", data)
+    put(images / "Later.png", picture(99))
+    put(images / "last.png", picture(98))
+    result, _, names = imported(folder)
+    assert (result.shots, result.views) == (6, 4)
+    unposed = {"later.DNG" if raw else "Later.png", "last.png"}
+    assert set(names.values()) == {image.name for image in truth.images.values()} | unposed
+    assert "1 file is left aside beside photos of the same name, which have no poses." in result.guesses
+    assert any(guess.startswith("2 photos that") for guess in result.guesses)
 
 
 def test_pictures_of_half_the_size_get_half_the_focal_length(project, picture, put):
