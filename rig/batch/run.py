@@ -47,9 +47,9 @@ class _Run:
     def elsewhere(self, session: Path, place: Place) -> None:
         """A session in storage, alone, so that the disk here holds one: copied, carried out, and stored."""
         try:
-            stored = place.manifest().rows
-            rows = [scene.made_in(stored) for scene in self.plan.scenes]
-            if None not in rows:
+            stored, shots = place.manifest(), place.shots_sha256()
+            rows = [scene.made_in(stored.rows) for scene in self.plan.scenes]
+            if None not in rows and stored.shots_sha256 == shots:
                 for number, row in enumerate(filter(None, rows)):
                     self.finish(number, row.model_copy(update={"session": session, "already_there": True}))
                 return
@@ -61,16 +61,16 @@ class _Run:
             return
         self.begin(session)
         self.settle()
-        self.store(session, place)
+        self.store(session, place, shots)
 
-    def store(self, session: Path, place: Place) -> None:
+    def store(self, session: Path, place: Place, shots_sha256: str) -> None:
         """Store what is made of a session, whose folder here goes when all scenes are."""
         rows = {key: row for key, row in self.rows.items() if key[0] == session}
         made = {key: _stored_at(row, place.target) for key, row in rows.items() if row.failed is None}
         if not made:
             return
         try:
-            place.store(session, made.values())
+            place.store(session, made.values(), shots_sha256)
         except RigError as error:
             self.say(f"{session}: store failed: {error}")
             failed = {"failed": "store", "says": str(error)}

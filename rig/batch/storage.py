@@ -1,6 +1,7 @@
 """Sessions in object storage: copied here with their hashes checked, and results stored beside a manifest."""
 
 import errno
+import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,11 +26,13 @@ RESULTS = ("calibration", "reconstructions", EXPORTS)
 class Manifest(Record):
     """`manifest.json`: written after all files of a stored session, so that those it names are whole.
 
-    source: URL of the session. files: SHA-256 of each, by its path from the manifest's folder. rows: scenes
-    that are made, with paths from there too.
+    source: URL of the session. shots_sha256: of its shots.jsonl there, as the scenes were made of it; empty
+    where none is made. files: SHA-256 of each, by its path from the manifest's folder. rows: scenes that are
+    made, with paths from there too.
     """
 
     source: str
+    shots_sha256: str = ""
     files: dict[str, str] = Field(default_factory=dict)
     rows: tuple[BatchRow, ...] = ()
 
@@ -65,6 +68,16 @@ class Place:
                 "give this plan an output of its own."
             )
         return manifest
+
+    def shots_sha256(self) -> str:
+        """Hash the session's shots.jsonl in storage.
+
+        Raises:
+            InputError: the storage cannot be read, or has no session there.
+        """
+        with _speaking(self.source):
+            system, root = _opened(self.source)
+            return hashlib.sha256(system.cat_file(f"{root}/shots.jsonl")).hexdigest()
 
     def fetch_records(self, session: Path, names: Sequence[str] = (*RECORDS, CALIBRATION)) -> None:
         """Copy the records of the session, which say how much work it is, into a folder here.
@@ -110,12 +123,14 @@ class Place:
                 if not path.exists() or (sha256 is not None and store.sha256(path) != sha256):
                     _copy(system, f"{root}/{name}", path, sha256, f"{self.source}/{name}")
 
-    def store(self, session: Path, rows: Iterable[BatchRow]) -> None:
+    def store(self, session: Path, rows: Iterable[BatchRow], shots_sha256: str) -> None:
         """Store the session's records and results, without its photographs, and last the manifest.
 
         Args:
             session: folder here.
-            rows: scenes that are made, with paths from that folder; rows of other scenes remain.
+            rows: scenes that are made, with paths from that folder; rows of other scenes that were made of
+                the same shots remain.
+            shots_sha256: of the session's shots.jsonl in storage before it was fetched.
 
         Raises:
             InputError: the storage cannot be written.
@@ -134,9 +149,11 @@ class Place:
                 system.rm_file(f"{root}/{MANIFEST}")
             for name in new:
                 system.put_file(str(session / name), f"{root}/{name}")
-            made = {row.scene: row for row in before.rows}
+            made = {row.scene: row for row in before.rows if before.shots_sha256 == shots_sha256}
             made |= {row.scene: row.model_copy(update={"session": Path(session.name)}) for row in rows}
-            manifest = Manifest(source=self.source, files=files, rows=tuple(made.values()))
+            manifest = Manifest(
+                source=self.source, shots_sha256=shots_sha256, files=files, rows=tuple(made.values())
+            )
             system.pipe_file(f"{root}/{MANIFEST}", manifest.model_dump_json(indent=1).encode())
 
 

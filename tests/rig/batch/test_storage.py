@@ -182,6 +182,27 @@ def test_a_damaged_photograph_fails_its_session_alone(bucket: str, tmp_path: Pat
     assert outcomes(carry_out(plan, Writer()))[0] == ("a", "one", None)
 
 
+@pytest.mark.parametrize("bucket", ["memory"], indirect=True)
+def test_scenes_of_other_photographs_are_not_those_that_are_there(bucket: str, tmp_path: Path) -> None:
+    """A shot of `a` has another hash than when its scenes were made, as `rig check --repair` writes it."""
+    carry_out(planned(tmp_path, bucket), Writer())
+    system, root = fsspec.core.url_to_fs(f"{bucket}/scans/a")
+    lines = system.cat_file(f"{root}/shots.jsonl").splitlines()
+    shot = json.loads(lines[0])
+    data = system.cat_file(f"{root}/{shot['file']}") + b"\0"
+    system.pipe_file(f"{root}/{shot['file']}", data)
+    lines[0] = json.dumps(shot | {"sha256": hashlib.sha256(data).hexdigest()}).encode()
+    system.pipe_file(f"{root}/shots.jsonl", b"\n".join(lines) + b"\n")
+    writer = Writer()
+    other = planned(tmp_path, bucket, '[[scene]]\nname = "two"\n')
+    carry_out(other, Writer())  # scene one is not of the photographs that this one is made of
+    carry_out(planned(tmp_path, bucket), writer)
+    assert writer.commands == [("reconstruct", "a"), ("export", "one")]
+    writer = Writer()
+    assert all(row.already_there for row in carry_out(planned(tmp_path, bucket), writer).rows)
+    assert writer.commands == []
+
+
 def test_a_damaged_result_is_named_and_never_built_on(bucket: str, tmp_path: Path) -> None:
     carry_out(planned(tmp_path, bucket), Writer())
     system, _ = storage._opened(bucket)
