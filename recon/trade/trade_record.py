@@ -83,10 +83,10 @@ class Trade(Record):
     code: str
     """Hash of the source that trains and measures."""
     calibration_sha256: str
-    photographs_sha256: str = ""
-    """Hash of the shots of all views, with their masks; empty where it is not recorded."""
-    depths_sha256: str = ""
-    """Hash of their depth maps; empty without any, or where it is not recorded."""
+    photographs_sha256: str
+    """Hash of the shots of all views, with their masks."""
+    depths_sha256: str
+    """Hash of their depth maps; empty without any."""
     method: str
     seed: int
     measure: Measure

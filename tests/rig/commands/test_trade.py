@@ -39,7 +39,8 @@ def point(
 def made(*points: Point, **change: object) -> Trade:
     return Trade(
         created=datetime(2026, 1, 1, tzinfo=UTC), versions={}, code="c", calibration_sha256="0",
-        method="nh-3dgs", seed=0, measure="raw_psnr", width=1280, points=points,
+        photographs_sha256="1", depths_sha256="", method="nh-3dgs", seed=0, measure="raw_psnr", width=1280,
+        points=points,
     ).model_copy(update=change)  # fmt: skip
 
 
