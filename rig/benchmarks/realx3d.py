@@ -1,5 +1,6 @@
 """RealX3D's scenes (Liu et al., arXiv 2512.23437): photographs in bad conditions, clean ones to test on."""
 
+import os
 from pathlib import Path
 
 from capture.imports.layouts import realx3d as layout
@@ -11,9 +12,17 @@ from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     imported(scene, session, "realx3d", progress)
     folder = trained(session, "auto", choices, progress)
-    place = scene.resolve()
-    laser = place.parents[2] / "pointclouds" / place.name
-    return realx3d.measure(folder, laser if laser.is_dir() else None, progress)
+    return realx3d.measure(folder, _laser(scene), progress)
+
+
+def _laser(scene: Path) -> Path | None:
+    """Folder of a scene's laser in its data set; None without one.
+
+    The path as it is named goes first: a scene may be a link to another disk.
+    """
+    places = Path(os.path.abspath(scene)), scene.resolve()
+    lasers = [place.parent.parent.parent / "pointclouds" / place.name for place in places]
+    return next(filter(Path.is_dir, lasers), None)
 
 
 REALX3D = Protocol(

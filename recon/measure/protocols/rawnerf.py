@@ -17,6 +17,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files.raw import read_raw
 from imaging.sensor.cfa import Cfa, bilinear, mosaic
 from imaging.session.falloff import falloff
+from imaging.session.paths import session_of
 from imaging.session.session import Session
 from recon.data.load import lens_of_pixels
 from recon.result.model import read_own_calibration
@@ -124,7 +125,7 @@ def measure(folder: Path, merged: Path) -> dict[str, float]:
     of the training, its last one that of the burst which was merged to `merged`. InputError or
     ReconstructionError if any of that is missing or damaged.
     """
-    scene, session = open_scene(folder), Session.open(folder.resolve().parent.parent)
+    scene, session = open_scene(folder), Session.open(session_of(folder) or folder.parent.parent)
     tested = [view for view in scene.views if view.use != "training"]
     if len(tested) != 1:
         raise ReconstructionError(

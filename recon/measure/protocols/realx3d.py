@@ -44,7 +44,7 @@ def measure(folder: Path, laser: Path | None, progress: Progress = unreported) -
             codes = observation.predict(opened.render(view.lens), view, view.shots[0].k)
         rendered.append(codes.clamp(0, 1).numpy())
     figures = score(rendered, [view.shots[0].pixels for view in views])
-    return figures if laser is None else figures | _depth_l1(opened, folder, laser)
+    return figures if laser is None else figures | _depth_l1(opened, laser)
 
 
 def score(rendered: Sequence[Array32], photographs: Sequence[Array32]) -> dict[str, float]:
@@ -118,10 +118,10 @@ def _figures(rendered: Sequence[Array32], photographs: Sequence[Array32], suffix
     return {f"psnr{suffix}": float(psnr), f"ssim{suffix}": float(ssim)}
 
 
-def _depth_l1(opened: Opened, folder: Path, laser: Path) -> dict[str, float]:
+def _depth_l1(opened: Opened, laser: Path) -> dict[str, float]:
     """Mean over the test views that the laser has a map of."""
     metres = metres_of(laser / "colmap2world.npy")
-    session = Session.open(folder.resolve().parent.parent)
+    session = Session.open(opened.dataset.session)
     sources = {shot.file: Path(shot.source or shot.file).stem for shot in session.shots("scene")}
     errors = []
     for view in opened.dataset.reported:

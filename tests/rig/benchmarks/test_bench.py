@@ -33,6 +33,12 @@ def test_rawnerf_is_measured_against_the_clean_mosaic_once(rig, tmp_path, monkey
     assert figures["rgb_psnr"] > 25
     assert figures["rgb_ssim"] > 0.8
     assert result["published"]["Raw3DGS (Li et al., arXiv 2406.08300)"]["raw_psnr"] == 59.49
+    place = tmp_path / "out" / "wall"
+    scenes = place / "session" / "reconstructions"
+    scenes.symlink_to(scenes.rename(tmp_path / "disk"))
+    (place / "draft-0.json").unlink()
+    code, again, err = bench(rig, "rawnerf", scene, "--out", tmp_path / "out")
+    assert (code, again["scenes"], err) == (0, result["scenes"], "")
     monkeypatch.setattr("rig.benchmarks.protocol.reconstruct", None)  # nothing is trained again
     code, again, _ = bench(rig, "rawnerf", scene, "--out", tmp_path / "out")
     assert (code, again["scenes"]) == (0, result["scenes"])

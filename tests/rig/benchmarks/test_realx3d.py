@@ -36,6 +36,13 @@ def test_dark_photographs_are_measured_against_clean_ones_and_the_laser(rig, tmp
     assert (len(split.train), len(split.test)) == (6, 3)
     model = json.loads((session.folder / "reconstructions" / "draft-0" / "model.json").read_text())
     assert sum(view["use"] == "training" for view in model["views"]) == 6
+    # links to another disk, which has neither the laser nor the session
+    (tmp_path / "disk").mkdir()
+    for folder in (scene, session.folder / "reconstructions"):
+        folder.symlink_to(folder.rename(tmp_path / "disk" / folder.name))
+    (place / "Wall" / "draft-0.json").unlink()
+    _, out, err = rig("bench", "realx3d", str(scene), "--out", str(place), "--quality", "draft", "--json")
+    assert (json.loads(out)["scenes"]["Wall"], err) == (figures, "")
 
 
 def test_without_a_laser_there_is_no_depth(rig, tmp_path):
